@@ -1,0 +1,204 @@
+"""What a device can do, as its callers need it. A driver implements these; nothing above a driver knows its bytes.
+
+All waiting is in the cell's time. Joint readings are the controller's own A1…An in degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol, final, runtime_checkable
+
+from cellctl.clock import Clock
+
+JointReadings = tuple[float, ...]
+"""A1…An in degrees, as the controller shows them: `(0.0, -90.0, 90.0, 0.0, 45.0, 0.0)`."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who a device says it is. `simulated` is true where its serial or name says so."""
+
+    device: str
+    serial: str
+    model: str
+    firmware: str
+    simulated: bool
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Health:
+    """One look at a device: is it well, and the figures worth showing (`{"late": 0, "loop_mV": 1650}`)."""
+
+    ok: bool
+    text: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Device(Protocol):
+    """What every device can do."""
+
+    name: str
+
+    async def connect(self) -> Identity:
+        """Open the line and ask who is there. Raises DeviceUnreachable; nothing moves."""
+
+    async def health(self) -> Health:
+        """How it is. Raises DeviceLost."""
+
+    async def stop(self) -> None:
+        """Bring it to its safe state (robot held, probe disarmed). Never raises for a device that is already there."""
+
+    async def close(self) -> None:
+        """Stop, and let go of the line. Never raises."""
+
+
+@runtime_checkable
+class Listener(Protocol):
+    """A device that waits for the other side to call, on a port that it bound itself."""
+
+    def listening(self) -> tuple[str, int]:
+        """Host and port on which it waits, once connected to its own process: `("127.0.0.1", 49152)`."""
+
+
+class SearchEnd(StrEnum):
+    """Why a search ended. In every case the robot is held and RSI is off."""
+
+    STOPPED = "stopped"
+    """`stop_now` was called: contact."""
+    TRAVEL = "travel"
+    """The end of the line was reached without a stop."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """A search as it went, sampled every interpolation cycle.
+
+    `times_ns`: the cell's time of each sample, through the IPOC → cell clock fit; `ipoc`: the controller's own count;
+    `joints`: A1…An actual (AIPos) in degrees, a row per sample; `resting`: the joints after the stop.
+    `stop_cycles`: telegrams from the first one answered with the stop known to the first whose set-point stood still;
+    `late`, `lost`, `skipped`: telegrams so counted during this search.
+    """
+
+    end: SearchEnd
+    times_ns: tuple[int, ...]
+    ipoc: tuple[int, ...]
+    joints: tuple[JointReadings, ...]
+    resting: JointReadings
+    stop_cycles: int
+    late: int
+    lost: int
+    skipped: int
+
+    def joints_at(self, time_ns: int) -> JointReadings:
+        """Actual joints at `time_ns`, interpolated linearly between the samples around it.
+
+        Raises ValueError where `time_ns` lies outside the samples.
+        """
+        times = self.times_ns
+        if len(times) < 2 or not times[0] <= time_ns <= times[-1]:
+            raise ValueError(f"time {time_ns} ns lies outside the search's samples")
+        after = next(i for i in range(1, len(times)) if times[i] >= time_ns)
+        t0, t1 = times[after - 1], times[after]
+        share = (time_ns - t0) / (t1 - t0)
+        before_row, after_row = self.joints[after - 1], self.joints[after]
+        return tuple(a + share * (b - a) for a, b in zip(before_row, after_row, strict=True))
+
+
+class Guard(Protocol):
+    """Proof of life of another device: the robot holds by itself when the last beat is older than the guard allows."""
+
+    def beat(self, time_ns: int) -> None:
+        """The device was alive at `time_ns` of the cell's clock. Safe from any thread; never blocks."""
+
+
+@runtime_checkable
+class SearchingRobot(Device, Protocol):
+    """A robot that moves from point to point and searches for contact."""
+
+    @property
+    def axes(self) -> int:
+        """Number of joints."""
+
+    async def joints(self) -> JointReadings:
+        """Actual joint readings now. Raises DeviceLost."""
+
+    async def move(self, target: JointReadings, speed_percent: float) -> JointReadings:
+        """Point to point, planned by the controller; returns the actual joints on arrival.
+
+        Raises LimitExceeded, DeviceFault (the controller stopped), DeviceLost. Held in every case.
+        Cancelling it stops the robot.
+        """
+
+    async def search(
+        self, end: JointReadings, speed_deg_s: float, guards: dict[str, float] | None = None
+    ) -> SearchResult:
+        """Go along the joint-space line from here to `end` until `stop_now`, the end, or trouble.
+
+        `speed_deg_s`: rate of the Euclidean norm of the joint vector, deg/s. `guards`: name → oldest allowed beat in
+        seconds; the robot holds by itself when one is older. Raises LimitExceeded (nothing moved), DeviceFault
+        (controller fault, late count), DeviceLost (no telegram, a guard too old). The robot is held in every case.
+        Cancelling it stops and holds the robot.
+        """
+
+    def stop_now(self) -> None:
+        """Stop the running search within the next cycle. Safe from any thread; never blocks."""
+
+    def guard(self, name: str) -> Guard:
+        """The slot in which another device's proof of life is left for the cyclic process."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A contact as the probe saw it.
+
+    `time_ns`: the cell's time of the first edge, through the tick → cell clock fit, with its 1 σ; `tick`: the raw
+    hardware count; `confirmed`: the level held; `bounces`: further edges within the debounce time.
+    """
+
+    time_ns: int
+    sigma_ns: int
+    tick: int
+    confirmed: bool
+    bounces: int
+
+
+@runtime_checkable
+class ContactProbe(Device, Protocol):
+    """A probe that closes a loop when its tip touches."""
+
+    async def arm(self, on_edge: Callable[[], None], on_alive: Callable[[int], None]) -> None:
+        """Verify that the loop is open and whole, and arm.
+
+        `on_edge` is called from the probe's own thread at the first edge, and on a wire break, a reset or a fault,
+        *before* the line is acknowledged; `on_alive` at every sign of life, with the cell's time. Neither may block.
+        Raises ProbeNotOpen, DeviceFault (wire break), DeviceLost.
+        """
+
+    async def contact(self) -> Contact:
+        """Wait for the contact after `arm`, confirmed or refuted. Raises DeviceFault, DeviceLost."""
+
+    async def disarm(self) -> None:
+        """Disarm. Raises DeviceLost."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a driver is given besides its address.
+
+    `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
+    `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
+    defaults, which are low.
+    """
+
+    clock: Clock
+    folder: Path
+    limits: dict[str, float] = field(default_factory=dict)

@@ -1,0 +1,41 @@
+"""Mistakes in what a person wrote, as data: all at once, each with its place and its cure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import final
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake: where it stands, what is wrong, what to do about it.
+
+    `line` and `column` count from 1; 0 says that the mistake is the whole file's (or the whole line's).
+    """
+
+    file: str
+    line: int
+    column: int
+    what: str
+    cure: str = ""
+
+    def __str__(self) -> str:
+        place = self.file
+        if self.line:
+            place += f":{self.line}"
+            if self.column:
+                place += f":{self.column}"
+        cure = f"\n    {self.cure}" if self.cure else ""
+        return f"{place}: {self.what}{cure}"
+
+
+@final
+class InputError(Exception):
+    """What the user gave cannot be used; nothing was moved or written. The command line ends with exit code 2."""
+
+    def __init__(self, problems: Iterable[Problem] | Problem) -> None:
+        found = [problems] if isinstance(problems, Problem) else list(problems)
+        self.problems = sorted(found, key=lambda p: (p.file, p.line, p.column))
+        super().__init__("\n".join(str(p) for p in self.problems))

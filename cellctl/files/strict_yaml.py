@@ -1,0 +1,138 @@
+"""YAML that means what it says: no duplicate keys, no tags, no aliases, `on` is a word; every value knows its place."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+from dataclasses import dataclass
+from typing import Any, final
+
+import yaml
+
+from cellctl.files.problems import InputError, Problem
+
+Path = tuple[str | int, ...]
+"""Where a value stands in a document: keys and list indices from the root, `("steps", 3, "speed")`."""
+
+_PLAIN = (
+    ("null", re.compile(r"~|null|Null|NULL|")),
+    ("bool", re.compile(r"true|false|True|False|TRUE|FALSE")),
+    ("int", re.compile(r"[-+]?[0-9]+")),
+    ("float", re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")),
+)
+"""YAML 1.2 core schema: what an unquoted scalar is, the first that matches whole."""
+
+
+@final
+@dataclass(frozen=True)
+class Document:
+    """A loaded file: plain Python values, the text that they came from, and each value's line and column."""
+
+    file: str
+    text: str
+    data: Any
+    marks: dict[Path, tuple[int, int]]
+    keys: dict[Path, tuple[int, int]]
+
+    def place(self, path: Path, *, key: bool = False) -> tuple[int, int]:
+        """Line and column (from 1) of the value at `path`, or of its key; of the nearest parent where it is missing."""
+        table = self.keys if key else self.marks
+        while path and path not in table:
+            path = path[:-1]
+            table = self.marks
+        return table.get(path, (1, 1))
+
+    def problem(self, path: Path, what: str, cure: str = "", *, key: bool = False) -> Problem:
+        """A problem at the place of the value (or key) at `path`."""
+        line, column = self.place(path, key=key)
+        return Problem(self.file, line, column, what, cure)
+
+
+def load_yaml(path: pathlib.Path) -> Document:
+    """Load a YAML file strictly. Raises InputError where it cannot be read, decoded or parsed, with all duplicates."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+    except UnicodeDecodeError as error:
+        cure = "save the file as UTF-8"
+        raise InputError(Problem(str(path), 0, 0, f"is not UTF-8 text (byte {error.start})", cure)) from error
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, file: str) -> Document:
+    """Parse YAML `text` strictly; `file` names it in errors. Raises InputError."""
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
+        what = f"is not valid YAML: {error.problem or error.context}"
+        raise InputError(Problem(file, line, column, what, "check indentation, colons and quotes here")) from error
+    except yaml.YAMLError as error:
+        raise InputError(Problem(file, 0, 0, f"is not valid YAML: {error}")) from error
+    reader = _Reader(file)
+    data = reader.value(root, ()) if root is not None else None
+    if reader.problems:
+        raise InputError(reader.problems)
+    return Document(file, text, data, reader.marks, reader.keys)
+
+
+class _Reader:
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.marks: dict[Path, tuple[int, int]] = {}
+        self.keys: dict[Path, tuple[int, int]] = {}
+        self.problems: list[Problem] = []
+        self._seen: set[int] = set()
+
+    def value(self, node: yaml.Node, path: Path) -> Any:
+        self.marks[path] = _mark(node)
+        if id(node) in self._seen:
+            self._report(node, "an alias (*name) is not allowed here", "write the value out")
+            return None
+        self._seen.add(id(node))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, path)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.value(child, (*path, index)) for index, child in enumerate(node.value)]
+        return self._scalar(node)
+
+    def _mapping(self, node: yaml.MappingNode, path: Path) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                self._report(key_node, "a key has to be a plain word")
+                continue
+            key = key_node.value
+            if key in result:
+                first = self.keys[(*path, key)][0]
+                self._report(key_node, f"'{key}' stands twice (first on line {first})", "remove one of them")
+            self.keys[(*path, key)] = _mark(key_node)
+            result[key] = self.value(value_node, (*path, key))
+        return result
+
+    def _scalar(self, node: yaml.Node) -> Any:
+        text = str(node.value)
+        if getattr(node, "style", None) is not None:  # quoted, or a block: always text
+            return text
+        for kind, pattern in _PLAIN:
+            if pattern.fullmatch(text):
+                return _CONVERT[kind](text)
+        return text
+
+    def _report(self, node: yaml.Node, what: str, cure: str = "") -> None:
+        line, column = _mark(node)
+        self.problems.append(Problem(self.file, line, column, what, cure))
+
+
+_CONVERT: dict[str, Any] = {
+    "null": lambda _: None,
+    "bool": lambda text: text.lower() == "true",
+    "int": int,
+    "float": lambda text: float(re.sub(r"\.(?=[a-zA-Z])", "", text)),
+}
+
+
+def _mark(node: yaml.Node) -> tuple[int, int]:
+    return node.start_mark.line + 1, node.start_mark.column + 1

@@ -1,0 +1,70 @@
+"""From a YAML document to a typed model: every mistake at once, each where it stands."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from cellctl.files.problems import InputError, Problem
+from cellctl.files.strict_yaml import Document, Path
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validated(document: Document, model: type[Model], at: Path = ()) -> Model:
+    """The part of `document` at `at` as `model`. Raises InputError with all mistakes, placed in the file."""
+    value = document.data
+    for key in at:
+        value = value[key]
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        raise InputError(problems_of(error, document, at, model)) from error
+
+
+def problems_of(
+    error: ValidationError, document: Document, at: Path = (), model: type[BaseModel] | None = None
+) -> list[Problem]:
+    """The mistakes in a pydantic error as problems placed in `document`, whose part at `at` was validated."""
+    found: dict[tuple[Path, str], Problem] = {}
+    for detail in error.errors(include_url=False):
+        path = _known_part(document, (*at, *detail["loc"]))
+        unknown = detail["type"] == "extra_forbidden"
+        what, cure = _words(detail, path, model)
+        found[(path, what)] = document.problem(path, what, cure, key=unknown)
+    return list(found.values())
+
+
+def _known_part(document: Document, path: tuple[Any, ...]) -> Path:
+    """`path` without the parts that only pydantic knows (names of union members and validators)."""
+    known: Path = ()
+    for index, part in enumerate(path):
+        if (*known, part) in document.marks or index == len(path) - 1:
+            known = (*known, part)
+    return known
+
+
+def _words(detail: Any, path: Path, model: type[BaseModel] | None) -> tuple[str, str]:
+    name = ".".join(str(part) for part in path) or "the file"
+    match detail["type"]:
+        case "extra_forbidden":
+            near = difflib.get_close_matches(str(path[-1]), sorted(_field_names(model)), n=1)
+            return f"'{path[-1]}' is not known here", f"did you mean '{near[0]}'?" if near else "remove it"
+        case "missing":
+            return f"'{path[-1]}' is missing", f"add '{path[-1]}:'"
+        case "value_error":
+            return f"{name}: {detail['ctx']['error']}", ""
+        case _:
+            given = detail["input"]
+            shown = f" (here: {given!r})" if not isinstance(given, dict | list) else ""
+            return f"{name}: {detail['msg']}{shown}", ""
+
+
+def _field_names(model: type[BaseModel] | None) -> set[str]:
+    if model is None:
+        return set()
+    schema = model.model_json_schema()
+    parts = [schema, *schema.get("$defs", {}).values()]
+    return {name for part in parts for name in part.get("properties", {})}

@@ -1,0 +1,1 @@
+"""Drivers: one package per device, the production codec of its wire."""

@@ -1,0 +1,1 @@
+"""Campaigns, their steps, cells and robots."""
