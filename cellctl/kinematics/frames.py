@@ -1,0 +1,80 @@
+"""Frames as 4×4 matrices (mm), and KUKA's way to write them: X, Y, Z and A, B, C with R = Rz(A) Ry(B) Rx(C), degrees.
+
+A pose "of the tool in the base" takes points given in the tool's frame to the base's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from cellctl.kinematics.arrays import Floats
+
+
+def pose_from_xyz_abc(xyz: ArrayLike, abc: ArrayLike) -> Floats:
+    """Pose (..., 4, 4) from position (..., 3), mm, and KUKA angles A, B, C (..., 3), degrees."""
+    return pose(rotation_from_abc(abc), xyz)
+
+
+def pose(rotation: ArrayLike, xyz: ArrayLike) -> Floats:
+    """Pose (..., 4, 4) from rotation matrices (..., 3, 3) and positions (..., 3), mm; leading axes broadcast."""
+    turn, place = np.asarray(rotation, float), np.asarray(xyz, float)
+    batch = np.broadcast_shapes(turn.shape[:-2], place.shape[:-1])
+    result = np.zeros((*batch, 4, 4))
+    result[..., :3, :3] = turn
+    result[..., :3, 3] = place
+    result[..., 3, 3] = 1.0
+    return result
+
+
+def rotation_from_abc(abc: ArrayLike) -> Floats:
+    """Rotation matrices (..., 3, 3) from KUKA angles A, B, C (..., 3), degrees."""
+    angles = np.asarray(abc, float)
+    matrices: Floats = Rotation.from_euler("ZYX", angles.reshape(-1, 3), degrees=True).as_matrix()
+    return matrices.reshape((*angles.shape[:-1], 3, 3))
+
+
+def abc_from_rotation(rotation: ArrayLike) -> Floats:
+    """KUKA angles A, B, C (..., 3), degrees, of rotation matrices (..., 3, 3); B in −90…90, at ±90 C is 0."""
+    turn = np.asarray(rotation, float)
+    b = np.arctan2(-turn[..., 2, 0], np.hypot(turn[..., 0, 0], turn[..., 1, 0]))
+    level = np.hypot(turn[..., 0, 0], turn[..., 1, 0]) > 1e-9
+    a = np.where(level, np.arctan2(turn[..., 1, 0], turn[..., 0, 0]), np.arctan2(-turn[..., 0, 1], turn[..., 1, 1]))
+    c = np.where(level, np.arctan2(turn[..., 2, 1], turn[..., 2, 2]), 0.0)
+    return np.asarray(np.rad2deg(np.stack([a, b, c], axis=-1)))
+
+
+def rotation_from_quaternion(wxyz: ArrayLike) -> Floats:
+    """Rotation matrices (..., 3, 3) from quaternions W, X, Y, Z (..., 4), of any length but zero (ValueError)."""
+    quaternion = np.asarray(wxyz, float)
+    matrices = Rotation.from_quat(quaternion.reshape(-1, 4), scalar_first=True).as_matrix()
+    return matrices.reshape(*quaternion.shape[:-1], 3, 3)
+
+
+def inverse_pose(matrix: ArrayLike) -> Floats:
+    """The inverse of poses (..., 4, 4)."""
+    forward = np.asarray(matrix, float)
+    back = np.swapaxes(forward[..., :3, :3], -1, -2)
+    return pose(back, -np.einsum("...ij,...j->...i", back, forward[..., :3, 3]))
+
+
+def rotation_vector(rotation: ArrayLike) -> Floats:
+    """Axis times angle (..., 3), rad, of rotation matrices (..., 3, 3), through the skew part.
+
+    Exact for angles below π and quick in batches; at π itself, where the skew part vanishes, the result is 0:
+    meant for differences between nearly equal orientations.
+    """
+    turn = np.asarray(rotation, float)
+    skew = 0.5 * np.stack(
+        [
+            turn[..., 2, 1] - turn[..., 1, 2],
+            turn[..., 0, 2] - turn[..., 2, 0],
+            turn[..., 1, 0] - turn[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.linalg.norm(skew, axis=-1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=-2, axis2=-1) - 1.0))
+    factor = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
+    return np.asarray(skew * factor[..., None])
