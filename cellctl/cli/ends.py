@@ -1,0 +1,70 @@
+"""Exit codes, and the one block on stderr that says what, where, and what to do."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from enum import IntEnum
+from typing import final
+
+import typer
+
+from cellctl.devices.errors import DeviceError
+from cellctl.files.problems import InputError
+
+
+@final
+class Exit(IntEnum):
+    """How a call of `cellctl` ends."""
+
+    GOOD = 0
+    NOT_BETTER = 1
+    BAD_INPUT = 2
+    DEVICE_FAILED = 3
+    UNCERTAIN = 4
+    ABORTED = 130
+
+
+def exit_code_of(call: Callable[[], object]) -> int:
+    """Run `call`; what goes wrong is said on stderr and becomes an exit code."""
+    try:
+        result = call()
+        return result if isinstance(result, int) else Exit.GOOD
+    except typer.Exit as end:
+        return end.exit_code
+    except typer.Abort:
+        return _said("aborted", Exit.ABORTED)
+    except KeyboardInterrupt:
+        return _said("aborted by the operator", Exit.ABORTED)
+    except InputError as error:
+        count = len(error.problems)
+        return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
+    except DeviceError as error:
+        return _said(str(error), Exit.DEVICE_FAILED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return Exit.GOOD
+    except Exception as error:
+        return _other(error)
+
+
+def _other(error: Exception) -> int:
+    show = getattr(error, "format_message", None)  # click's usage errors
+    if show:
+        context = getattr(error, "ctx", None)
+        usage = f"\n    {context.get_usage()}" if context else ""
+        return _said(show() + usage, Exit.BAD_INPUT)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return _said(f"{where}{error.strerror or error}", Exit.BAD_INPUT)
+    if os.environ.get("CELLCTL_DEBUG"):
+        traceback.print_exc()
+    what = f"a mistake in cellctl itself: {type(error).__name__}: {error}"
+    return _said(f"{what}\n    run again with --debug and report the traceback", Exit.DEVICE_FAILED)
+
+
+def _said(text: str, code: Exit) -> int:
+    print(f"cellctl: {text}", file=sys.stderr)
+    return code

@@ -1,0 +1,53 @@
+"""`cellctl`: the verbs, and how every failure ends: one block on stderr, a fixed exit code, no traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+import typer
+
+from cellctl import __version__
+from cellctl.cli import ends
+from cellctl.cli.check import check
+from cellctl.cli.fit import fit
+from cellctl.cli.predict import predict
+from cellctl.cli.run import run
+from cellctl.cli.runs import runs, show
+from cellctl.cli.sim import sim
+
+app = typer.Typer(
+    name="cellctl",
+    help="Robot-calibration cell controller: runs measurement campaigns, identifies the robot, proves the result.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"cellctl {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    debug: bool = typer.Option(False, "--debug", help="Show tracebacks."),
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+) -> None:
+    if debug:
+        os.environ["CELLCTL_DEBUG"] = "1"
+
+
+_VERBS: tuple[Callable[..., None], ...] = (run, check, sim, fit, predict, runs, show)
+for _verb in _VERBS:
+    app.command(_verb.__name__)(_verb)
+
+
+def main() -> None:
+    """The console script."""
+    sys.exit(ends.exit_code_of(lambda: app(standalone_mode=False)))

@@ -1,0 +1,35 @@
+"""`cellctl sim`: a cell's simulators until Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+
+def sim(
+    cell: Annotated[Path, typer.Argument(help="Cell file with a `simulate:` section.")],
+    clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="How its time runs.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Which robot: the seed of all its errors.", min=0)] = None,
+    ready: Annotated[Path | None, typer.Option(help="Write device addresses here once all listen.")] = None,
+) -> None:
+    """Run a cell's simulators until Ctrl-C.
+
+    Example: cellctl sim procedures/cells/sphere_cell.yaml --clock realtime --ready /tmp/ready.json
+    """
+    from cellctl.cli.simulated import simulator_command
+    from cellctl.devices.cell import Cell
+    from cellctl.devices.registry import DriverRegistry
+    from cellctl.files import InputError
+
+    loaded = Cell.load(cell, DriverRegistry())
+    if not loaded.simulated:
+        cure = "add it, or run against the real cell"
+        raise InputError(loaded.document.problem((), "this cell has no `simulate:` section", cure))
+    process = subprocess.Popen(simulator_command(cell, seed, clock, ready), start_new_session=True)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: process.terminate())
+    raise typer.Exit(process.wait())

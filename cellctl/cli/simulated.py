@@ -1,0 +1,124 @@
+"""A simulated cell in a process of its own: started, waited for, told where the drivers listen, ended."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, final
+
+from cellctl.clock import Clock, LockstepClock, WallClock
+from cellctl.devices import Address, DeviceError, DeviceUnreachable
+from cellctl.devices.cell import Cell, ClockMode
+from cellctl.files import InputError, Problem
+
+_START_SECONDS = 20.0
+
+
+@final
+@dataclass(frozen=True)
+class SimulatedCell:
+    """A running simulator process and what its ready file says."""
+
+    process: subprocess.Popen[bytes]
+    folder: tempfile.TemporaryDirectory[str]
+    ready: dict[str, Any]
+
+    @classmethod
+    async def start(
+        cls, cell: Cell, seed: int | None, clock: ClockMode | None, extra: tuple[str, ...] = ()
+    ) -> Self:
+        """Start the simulators of `cell` and wait until they listen.
+
+        Raises InputError where the simulators refuse the cell file, DeviceUnreachable where they do not start.
+        """
+        folder = tempfile.TemporaryDirectory(prefix="cellctl-")
+        ready = Path(folder.name) / "ready.json"
+        command = simulator_command(cell.path, seed, clock, ready, extra)
+        with (Path(folder.name) / "stderr").open("wb") as errors:
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True
+            )
+        try:
+            await _until_ready(process, ready)
+        except BaseException:
+            process.kill()
+            process.wait()
+            _explain(process, Path(folder.name) / "stderr", cell)
+            folder.cleanup()
+            raise
+        return cls(process, folder, json.loads(ready.read_text()))
+
+    def address(self, device: str) -> Address:
+        """Where `device` is to be found."""
+        return Address.parse(self.ready[device])
+
+    async def clock(self) -> Clock:
+        """The cell's clock; in lockstep its time waits for this loop from here on."""
+        kind, _, value = str(self.ready["time"]["source"]).partition(":")
+        if kind == "wall":
+            return WallClock(int(value))
+        host, port = self._control()
+        return await LockstepClock.attach(value, host, port)
+
+    async def tell(self, message: dict[str, Any]) -> dict[str, Any]:
+        """Say something on the control port. Raises DeviceError where the simulator refuses or is gone."""
+        try:
+            reader, writer = await asyncio.open_connection(*self._control())
+            writer.write(json.dumps(message).encode() + b"\n")
+            answer: dict[str, Any] = json.loads(await asyncio.wait_for(reader.readline(), 10.0))
+            writer.close()
+        except (OSError, ValueError, TimeoutError) as error:
+            raise DeviceError("simulator", f"no answer on the control port: {error}") from error
+        if not answer.get("ok"):
+            raise DeviceError("simulator", f"refused {message['op']}: {answer.get('error')}")
+        return answer
+
+    def stop(self) -> None:
+        """End the process and wait for it."""
+        self.process.terminate()
+        try:
+            self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.folder.cleanup()
+
+    def _control(self) -> tuple[str, int]:
+        host, _, port = str(self.ready["control"]).rpartition(":")
+        return host, int(port)
+
+
+def simulator_command(
+    cell: Path, seed: int | None, clock: ClockMode | None, ready: Path | None, extra: tuple[str, ...] = ()
+) -> list[str]:
+    """The command that runs the simulators of the cell file `cell`, to die with this process."""
+    command = [sys.executable, "-m", "sims", "run", str(cell), "--parent", str(os.getpid()), *extra]
+    if ready:
+        command += ["--ready", str(ready)]
+    if seed is not None:
+        command += ["--seed", str(seed)]
+    if clock is not None:
+        command += ["--clock", clock]
+    return command
+
+
+async def _until_ready(process: subprocess.Popen[bytes], ready: Path) -> None:
+    async with asyncio.timeout(_START_SECONDS):
+        while not ready.exists():
+            if process.poll() is not None:
+                raise DeviceUnreachable("simulator", f"ended at its start with code {process.returncode}")
+            await asyncio.sleep(0.01)
+
+
+def _explain(process: subprocess.Popen[bytes], errors: Path, cell: Cell) -> None:
+    text = errors.read_text(errors="replace").strip()
+    if process.returncode == 2 and text:
+        raise InputError(Problem(str(cell.path), 0, 0, f"the simulators refuse this cell:\n{text}"))
+    if text:
+        raise DeviceUnreachable("simulator", f"did not start:\n{text}")

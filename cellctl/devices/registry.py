@@ -1,0 +1,63 @@
+"""Drivers by URL scheme, found through the entry point group `cellctl.devices`, loaded when first needed."""
+
+from __future__ import annotations
+
+import difflib
+import sys
+import typing
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import final
+
+from cellctl.clock import WallClock
+from cellctl.devices.addresses import Address
+from cellctl.devices.protocols import Device, Surroundings
+
+OpenDevice = Callable[[str, Address, Surroundings], Device]
+"""A driver's entry point: makes the device of that name at that address; opens nothing. Raises ValueError."""
+
+
+@final
+class DriverRegistry:
+    """The installed drivers."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, EntryPoint] = {entry.name: entry for entry in entry_points(group="cellctl.devices")}
+
+    def schemes(self) -> list[str]:
+        """The URL schemes that a cell file may use."""
+        return sorted(self._entries)
+
+    def driver(self, scheme: str) -> OpenDevice:
+        """The driver for `scheme`. Raises ValueError where there is none, or where it cannot be loaded."""
+        entry = self._entries.get(scheme)
+        if entry is None:
+            near = difflib.get_close_matches(scheme, self.schemes(), n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"installed: {', '.join(self.schemes())}"
+            raise ValueError(f"no driver for '{scheme}://' ({hint})")
+        try:
+            opener: OpenDevice = entry.load()
+        except Exception as error:
+            raise ValueError(f"the driver for '{scheme}://' ({entry.value}) cannot be loaded: {error}") from error
+        return opener
+
+    def kind(self, scheme: str) -> type:
+        """What the driver's devices can do: the class or Protocol that it says it returns."""
+        hints = typing.get_type_hints(self.driver(scheme))
+        kind = hints.get("return", Device)
+        return kind if isinstance(kind, type) else Device
+
+    def open(self, name: str, address: Address, surroundings: Surroundings) -> Device:
+        """The device `name` at `address`; opens nothing. Raises ValueError."""
+        return self.driver(address.scheme)(name, address, surroundings)
+
+    def mistakes(self, name: str, address: Address, folder: Path, limits: dict[str, float]) -> list[str]:
+        """What is wrong with an address, its settings and limits, found without opening anything."""
+        try:
+            self.open(name, address, Surroundings(WallClock(), folder, limits))
+        except ValueError as error:
+            return [str(error)]
+        module = sys.modules[self._entries[address.scheme].module]
+        check = getattr(module, "check_address", None)
+        return list(check(address, folder)) if check else []

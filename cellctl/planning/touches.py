@@ -1,0 +1,255 @@
+"""Touches on spheres: from where, with which wrist, and by which way, so that nothing but the tip meets a sphere.
+
+Contact normals lie quasi-randomly (Sobol) on the reachable cap of each sphere, wrist orientations in a cone about them,
+spun about the tool's own axis; a touch is kept only where its whole way is within joint limits and clear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from cellctl.kinematics import JointMap, SerialChain, inverse
+from cellctl.planning.ways import Reach, Ways
+
+Array = NDArray[np.float64]
+
+_BATCH, _BATCHES = 512, 16
+"""Quasi-random wishes solved at a time, and how often before a sphere counts as out of reach."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SphereTarget:
+    """A sphere to touch: where it stands by and large (base frame, mm) and its diameter with the tip's on it."""
+
+    name: str
+    centre: tuple[float, float, float]
+    contact_radius: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class TouchOptions:
+    """How to touch; mm and degrees.
+
+    `guard`: distance to the expected surface at which a search starts; `depth`: how far inside the expected surface it
+    ends without contact; `cap`: largest angle of the contact normal from straight up; `tilt`: largest angle between
+    the tool's shaft and the normal; `clear`: distance from the surface at which the tool turns; `clearance`: the least
+    distance from tool to any sphere on the way; `search_joints`: the longest search, as norm of the joint vector;
+    `wrist_bend`: the least |A5| (the wrist's singularity is at 0); `turn`: the most that a joint turns between guard
+    distance and clear. `home`: where a campaign begins and ends; `starts`: postures from which the inverse kinematics
+    sets out, A1 turned towards the sphere.
+    """
+
+    guard: float = 10.0
+    depth: float = 8.0
+    cap: float = 100.0
+    tilt: float = 55.0
+    clear: float = 110.0
+    clearance: float = 15.0
+    search_joints: float = 4.5
+    wrist_bend: float = 12.0
+    turn: float = 60.0
+    home: tuple[float, ...] = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
+    starts: tuple[tuple[float, ...], ...] = field(
+        default=(
+            (0.0, -60.0, 90.0, 0.0, 60.0, 0.0),
+            (0.0, -60.0, 90.0, 120.0, -60.0, 0.0),
+            (0.0, -60.0, 90.0, -120.0, -60.0, 0.0),
+            (0.0, -45.0, 60.0, 60.0, 60.0, 0.0),
+            (0.0, -45.0, 60.0, -60.0, 60.0, 0.0),
+        )
+    )
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class PlannedTouch:
+    """One touch: joint readings in degrees.
+
+    `approach`: from where the last touch ended to clear of the sphere; `start`, `end`: of the search; `search_mm`: the
+    tip's way between them by the nominal model; `retreat`: back to clear of the sphere.
+    """
+
+    sphere: str
+    approach: tuple[tuple[float, ...], ...]
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    search_mm: float
+    retreat: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    sphere: int
+    clear: Array
+    start: Array
+    end: Array
+    search_mm: float
+
+
+def plan_touches(
+    chain: SerialChain,
+    joints: JointMap,
+    reach: Reach,
+    spheres: list[SphereTarget],
+    counts: list[int],
+    seed: int,
+    options: TouchOptions | None = None,
+) -> list[PlannedTouch]:
+    """Plan `counts[i]` touches on `spheres[i]`, in an order whose ways are clear, beginning and ending at home.
+
+    The first touch's approach begins at `options.home`; the last one's retreat ends there. The same seed gives the same
+    touches. Raises ValueError naming the sphere on which too few touches are reachable.
+    """
+    options = options or TouchOptions()
+    ways = Ways(chain, joints, reach, spheres_of(spheres), options.clearance)
+    chosen: list[_Candidate] = []
+    for index, count in enumerate(counts):
+        found = _candidates(chain, joints, ways, spheres[index], index, count, seed, options)
+        if len(found) < count:
+            raise ValueError(
+                f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
+                f"limits and clear of the spheres"
+            )
+        chosen += found
+    return _ordered(chosen, spheres, ways, np.array(options.home))
+
+
+def spheres_of(targets: list[SphereTarget]) -> Array:
+    """Centres and contact radii, shape (n, 4), mm."""
+    return np.array([[*target.centre, target.contact_radius] for target in targets])
+
+
+def _candidates(
+    chain: SerialChain,
+    joints: JointMap,
+    ways: Ways,
+    sphere: SphereTarget,
+    index: int,
+    count: int,
+    seed: int,
+    options: TouchOptions,
+) -> list[_Candidate]:
+    """The first `count` feasible touches of the sphere's quasi-random sequence, or fewer where it runs out."""
+    sampler = qmc.Sobol(6, rng=np.random.default_rng([seed, index]))
+    home = np.array(options.home)
+    found: list[_Candidate] = []
+    for _ in range(_BATCHES):
+        samples = sampler.random(_BATCH)
+        normals, rotations = _wishes(samples, chain, options)
+        for readings in _solved(chain, joints, ways, sphere, normals, rotations, samples[:, 5], options):
+            candidate = _feasible(ways, index, readings, home, options)
+            if candidate:
+                found.append(candidate)
+                if len(found) == count:
+                    return found
+    return found
+
+
+def _wishes(samples: Array, chain: SerialChain, options: TouchOptions) -> tuple[Array, Array]:
+    """Contact normals (k, 3) and tool rotations (k, 3, 3) in the base frame from quasi-random `samples` (k, ≥ 5)."""
+    height, heading, tilt, direction, spin = samples.T[:5]
+    normal = _on_sphere(1.0 - height * (1.0 - np.cos(np.radians(options.cap))), heading)
+    away = _on_sphere(1.0 - tilt * (1.0 - np.cos(np.radians(options.tilt))), direction)
+    shaft_away = (_frames(normal) @ away[..., None])[..., 0]
+    shaft_in_flange = _frames(_unit(chain.tool_now[:3, 3])[None])
+    flange = _frames(-shaft_away) @ _about_z(spin) @ np.swapaxes(shaft_in_flange, -1, -2)
+    return normal, flange @ chain.tool_now[:3, :3]
+
+
+def _solved(
+    chain: SerialChain,
+    joints: JointMap,
+    ways: Ways,
+    sphere: SphereTarget,
+    normals: Array,
+    rotations: Array,
+    choice: Array,
+    options: TouchOptions,
+) -> Array:
+    """Joint readings (m, 3, n), deg, at guard distance, inside and clear of the sphere, where all three exist."""
+    distances = sphere.contact_radius + np.array([options.guard, -options.depth, options.clear])
+    poses = np.tile(np.eye(4), (len(normals), 3, 1, 1))
+    poses[..., :3, :3] = rotations[:, None]
+    poses[..., :3, 3] = np.array(sphere.centre) + distances[:, None] * normals[:, None]
+    starts = np.array(options.starts)[(choice * len(options.starts)).astype(int)]
+    starts[:, 0] = np.degrees(np.arctan2(-sphere.centre[1], sphere.centre[0]))
+    first = inverse(chain, poses[:, 0], joints.model(starts))
+    poses, q = poses[first.converged], first.q[first.converged]
+    solved = inverse(chain, poses, np.repeat(q[:, None], 3, axis=1))
+    readings = ways.wrapped(joints.readings(solved.q[solved.converged.all(axis=1)]))
+    return readings[ways.within_limits(readings).all(axis=1)]
+
+
+def _feasible(ways: Ways, index: int, readings: Array, home: Array, options: TouchOptions) -> _Candidate | None:
+    at_guard, inside, clear = readings
+    if (
+        np.linalg.norm(inside - at_guard) > options.search_joints
+        or np.abs(readings[:, 4]).min() < options.wrist_bend
+        or np.abs(clear - at_guard).max() > options.turn
+        or not ways.shaft_clear(at_guard, inside, index)
+        or not ways.clear(clear, at_guard, spare=index)
+        or not ways.clear(home, clear)
+    ):
+        return None
+    return _Candidate(index, clear, at_guard, inside, ways.tip_path(at_guard, inside))
+
+
+def _ordered(chosen: list[_Candidate], spheres: list[SphereTarget], ways: Ways, home: Array) -> list[PlannedTouch]:
+    planned: list[PlannedTouch] = []
+    here = home
+    left = list(chosen)
+    while left:
+        left.sort(key=lambda c: float(np.abs(c.clear - here).max()))
+        near = next((i for i, c in enumerate(left[:8]) if ways.clear(here, c.clear)), None)
+        touch = left.pop(near or 0)
+        approach = [home, touch.clear] if near is None else [touch.clear]
+        retreat = [touch.start, touch.clear] if left else [touch.start, touch.clear, home]
+        planned.append(
+            PlannedTouch(
+                spheres[touch.sphere].name,
+                tuple(_row(q) for q in approach),
+                _row(touch.start),
+                _row(touch.end),
+                touch.search_mm,
+                tuple(_row(q) for q in retreat),
+            )
+        )
+        here = touch.clear
+    return planned
+
+
+def _row(readings: Array) -> tuple[float, ...]:
+    return tuple(round(float(a), 4) for a in readings)
+
+
+def _unit(vector: Array) -> Array:
+    unit: Array = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return unit
+
+
+def _on_sphere(cosine: Array, turn: Array) -> Array:
+    """Unit vectors (k, 3) at polar angle arccos `cosine` and azimuth `turn` (of a whole turn)."""
+    sine = np.sqrt(np.maximum(0.0, 1.0 - cosine * cosine))
+    angle = 2.0 * np.pi * turn
+    return np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], axis=-1)
+
+
+def _frames(z: Array) -> Array:
+    """Rotations (k, 3, 3) whose third columns are the unit vectors `z` (k, 3)."""
+    helper = np.eye(3)[np.abs(z).argmin(axis=-1)]
+    x = _unit(np.cross(helper, z))
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _about_z(turn: Array) -> Array:
+    """Rotations (k, 3, 3) about z by `turn` (of a whole turn)."""
+    c, s, nought = np.cos(2.0 * np.pi * turn), np.sin(2.0 * np.pi * turn), np.zeros_like(turn)
+    one = np.ones_like(turn)
+    return np.stack([c, -s, nought, s, c, nought, nought, nought, one], axis=-1).reshape(-1, 3, 3)
