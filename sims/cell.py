@@ -1,0 +1,203 @@
+"""The cell file, as far as its simulators need it. A reader of its own: `cellctl` has another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, final
+
+import yaml
+
+from sims.faults import FaultError, FaultSetting, read_fault
+from sims.robot_file import RobotFile, Triple, read_robot
+from sims.section import Section
+
+ERRORS = ("geometry", "joint_zero", "tool", "deflection", "repeatability", "encoder", "placement", "servo")
+"""The kinds of error of the simulated cell, each 1 unless the cell file says otherwise."""
+
+
+class CellError(Exception):
+    """The cell cannot be simulated as its files stand; the text is one block that names every mistake."""
+
+    def __init__(self, path: Path, problems: list[str]) -> None:
+        self.problems = problems
+        super().__init__("\n".join([f"{path}: this cell cannot be simulated", *(f"  {text}" for text in problems)]))
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A calibration sphere: diameter and rough centre in the robot's base frame, mm."""
+
+    id: str
+    diameter: float
+    centre: Triple
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """A certified distance between two spheres' centres, with its 1 σ, mm."""
+
+    between: tuple[str, str]
+    mm: float
+    sigma: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Artefact:
+    """What the tip touches; `tip_radius` in mm."""
+
+    tip_radius: float
+    spheres: tuple[Sphere, ...]
+    distances: tuple[Distance, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RsiSettings:
+    """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset)."""
+
+    cycle_ms: int
+    precision: int
+    timeout_cycles: int
+    counter: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ProbeSettings:
+    """Grid of the USB polls, ms (0: none), and the further edges of a contact that bounces."""
+
+    usb_delay_ms: float
+    bounce: int
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Simulate:
+    """The `simulate:` section. `errors`: kind → scale, all of `ERRORS`."""
+
+    seed: int
+    clock: Literal["lockstep", "realtime"]
+    errors: dict[str, float]
+    rsi: RsiSettings
+    probe: ProbeSettings
+    faults: tuple[FaultSetting, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SimCell:
+    """A cell to simulate. `addresses`: device → address as written; `folder`: where the cell file's paths start."""
+
+    name: str
+    folder: Path
+    robot: RobotFile
+    addresses: dict[str, str]
+    artefact: Artefact
+    simulate: Simulate
+
+
+def read_cell(path: Path) -> SimCell:
+    """The cell of a cell file that has a `simulate:` section. Raises CellError, with every mistake of both files."""
+    problems: list[str] = []
+    entries = _load(path)
+    cell = Section(entries, "", problems)
+    if "simulate" not in cell.entries:
+        problems.append("it has no 'simulate:' section: it is a real cell")
+    model = cell.word("model")
+    found = SimCell(
+        name=cell.word("name", path.stem),
+        folder=path.parent,
+        robot=read_robot(Section(_load_model(path, model, problems), model, problems)),
+        addresses={key: value for key, value in cell.entries.items() if isinstance(value, str) and "://" in value},
+        artefact=_artefact(cell.below("artefact")),
+        simulate=_simulate(cell.below("simulate")),
+    )
+    if problems:
+        raise CellError(path, problems)
+    return found
+
+
+def _load(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CellError(path, [f"cannot be read: {error.strerror}"]) from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CellError(path, [f"is not YAML: {error}"]) from None
+
+
+def _load_model(cell: Path, model: str, problems: list[str]) -> Any:
+    """The robot file's content; what keeps it from being read is a mistake of the cell like another."""
+    if not model:
+        return None
+    try:
+        return _load(cell.parent / model)
+    except CellError as error:
+        problems.extend(f"model: {model} {text}" for text in error.problems)
+        return None
+
+
+def _artefact(section: Section) -> Artefact:
+    section.only(["tip_radius", "spheres", "distances"])
+    spheres = tuple(
+        Sphere(sphere.word("id"), sphere.number("diameter", least=0.1), sphere.triple("centre"))
+        for sphere in section.each("spheres")
+    )
+    names = {sphere.id for sphere in spheres}
+    distances = tuple(_distance(distance, names) for distance in section.each("distances"))
+    return Artefact(section.number("tip_radius", 0.0, 0.0), spheres, distances)
+
+
+def _distance(section: Section, names: set[str]) -> Distance:
+    between = section.entries.get("between")
+    if not isinstance(between, list) or len(between) != 2 or not set(between) <= names:
+        section.note("between", f"two of the spheres {', '.join(sorted(names))} are expected, not {between!r}")
+        between = ["", ""]
+    first, second = between
+    return Distance((first, second), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0))
+
+
+def _simulate(section: Section) -> Simulate:
+    section.only(["seed", "clock", "errors", "rsi", "probe", "faults"])
+    errors = section.below("errors")
+    errors.only(ERRORS)
+    lockstep = section.word("clock", "lockstep", ["lockstep", "realtime"]) != "realtime"
+    return Simulate(
+        seed=section.whole("seed", 1),
+        clock="lockstep" if lockstep else "realtime",
+        errors={kind: errors.scale(kind, 1.0) for kind in ERRORS},
+        rsi=_rsi(section.below("rsi")),
+        probe=_probe(section.below("probe")),
+        faults=tuple(_faults(section)),
+    )
+
+
+def _rsi(section: Section) -> RsiSettings:
+    section.only(["cycle_ms", "precision", "timeout_cycles", "counter"])
+    cycle = section.whole("cycle_ms", 4, 1)
+    if cycle not in {4, 12}:
+        section.note("cycle_ms", f"4 or 12 is expected, not {cycle}")
+    counter = section.word("counter", "total", ["total", "reset"])
+    return RsiSettings(cycle, section.whole("precision", 4), section.whole("timeout_cycles", 100, 1), counter)
+
+
+def _probe(section: Section) -> ProbeSettings:
+    section.only(["usb_delay_ms", "bounce"])
+    bounce = section.whole("bounce", 2)
+    if bounce % 2:
+        section.note("bounce", f"an even number is expected (it opens and closes again), not {bounce}")
+    return ProbeSettings(section.number("usb_delay_ms", 1.0, 0.0), bounce)
+
+
+def _faults(section: Section) -> list[FaultSetting]:
+    found = []
+    for entry in section.each("faults"):
+        try:
+            found.append(read_fault(entry.entries))
+        except FaultError as error:
+            entry.problems.append(f"{entry.where}: {error}")
+    return found

@@ -1,0 +1,99 @@
+"""The robot file, as far as the simulated robot needs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from sims.section import Section
+
+Triple = tuple[float, float, float]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One row of the geometry, mm and deg: T = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
+
+    theta: float
+    d: float
+    a: float
+    alpha: float
+    beta: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Controller reading → model angle: sign · reading + offset (deg); limits of the reading, deg; deg/s."""
+
+    sign: int
+    offset: float
+    min: float
+    max: float
+    max_speed: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A place (mm) and KUKA angles A, B, C (deg): Rz(A) Ry(B) Rx(C)."""
+
+    xyz: Triple
+    abc: Triple
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """The taught tool in the flange frame, and its mass in kg."""
+
+    xyz: Triple
+    abc: Triple
+    mass: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RobotFile:
+    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    base: Frame
+    tool: Tool
+    repeatability: float
+
+
+def read_robot(section: Section) -> RobotFile:
+    """The robot of a robot file; mistakes are noted in the section's problems."""
+    section.word("convention", among=["mdh-hayati"])
+    links = tuple(_link(link) for link in section.each("links", required=True))
+    joints = tuple(_joint(joint) for joint in section.each("joints", required=True))
+    if len(links) != len(joints):
+        section.note("joints", f"{len(joints)} joints for {len(links)} links")
+    base, tool = section.below("base"), section.below("tool")
+    zero = (0.0, 0.0, 0.0)
+    return RobotFile(
+        name=section.word("name"),
+        links=links,
+        joints=joints,
+        base=Frame(base.triple("xyz", zero), base.triple("abc", zero)),
+        tool=Tool(tool.triple("xyz", zero), tool.triple("abc", zero), tool.number("mass", 0.0, 0.0)),
+        repeatability=section.number("repeatability", 0.0, 0.0),
+    )
+
+
+def _link(link: Section) -> Link:
+    return Link(*(link.number(key, 0.0) for key in ("theta", "d", "a", "alpha", "beta")))
+
+
+def _joint(joint: Section) -> Joint:
+    sign = joint.number("sign", 1.0)
+    if sign not in {1.0, -1.0}:
+        joint.note("sign", f"1 or -1 is expected, not {sign:g}")
+    low, high = joint.number("min"), joint.number("max")
+    if not low < high:
+        joint.note("max", f"{high:g} is not above min, {low:g}")
+    return Joint(int(sign), joint.number("offset", 0.0), low, high, joint.number("max_speed", least=1e-3))
