@@ -1,1 +1,56 @@
-"""TODO"""
+"""Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
+
+from cellctl.procedure.check import Devices, check, checked_parameters
+from cellctl.procedure.context import Row, StepContext
+from cellctl.procedure.inputs import inputs_of
+from cellctl.procedure.loader import load_procedure, read_procedure
+from cellctl.procedure.model import (
+    Action,
+    Loop,
+    OnResume,
+    Parameter,
+    ParameterType,
+    Procedure,
+    Retry,
+    Step,
+    step_path,
+    walk,
+)
+from cellctl.procedure.parameters import resolve_parameters
+from cellctl.procedure.references import Reference, UnresolvedReference, resolve
+from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
+from cellctl.procedure.steps import AnyStepKind, NoInputs, StepInputs, StepKind, StepResult, step
+
+__all__ = [
+    "Action",
+    "AnyStepKind",
+    "BrokenSteps",
+    "Devices",
+    "Loop",
+    "NoInputs",
+    "OnResume",
+    "Parameter",
+    "ParameterType",
+    "Procedure",
+    "Reference",
+    "Retry",
+    "Row",
+    "Step",
+    "StepContext",
+    "StepInputs",
+    "StepKind",
+    "StepRegistry",
+    "StepResult",
+    "UnknownStep",
+    "UnresolvedReference",
+    "check",
+    "checked_parameters",
+    "inputs_of",
+    "load_procedure",
+    "read_procedure",
+    "resolve",
+    "resolve_parameters",
+    "step",
+    "step_path",
+    "walk",
+]

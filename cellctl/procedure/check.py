@@ -1,0 +1,171 @@
+"""All mistakes of a procedure before anything moves: structure, names, references, steps, inputs, devices, settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, final
+
+from pydantic import ValidationError
+
+from cellctl.files import InputError, Path, Problem
+from cellctl.procedure.abilities import missing_abilities
+from cellctl.procedure.fields import Findings
+from cellctl.procedure.inputs import input_problems
+from cellctl.procedure.model import Action, Loop, Procedure, Step
+from cellctl.procedure.parameters import read_settings
+from cellctl.procedure.references import Reference, known_part, references_in
+from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
+from cellctl.procedure.scope import Scope, Unreachable
+from cellctl.procedure.shapes import NoSuchPart, Shape, element_of
+from cellctl.procedure.steps import AnyStepKind
+from cellctl.procedure.suggest import did_you_mean
+
+Devices = Mapping[str, type | None]
+"""The cell's devices: name → the driver's class, or None where it is not known before opening."""
+
+
+def check(
+    procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, devices: Devices
+) -> list[Problem]:
+    """Every mistake in `procedure`, those of reading it included, sorted by place; empty where it can be run.
+
+    `parameters`: name → value; one that is missing is taken as not known yet. Opens nothing.
+    """
+    checker = _Checker(procedure, registry, devices)
+    checker.actions(procedure.steps, Scope.of_parameters(procedure, parameters))
+    checker.actions(procedure.cleanup, Scope.of_parameters(procedure, parameters))
+    checker.names()
+    found = {*procedure.problems, *checker.findings.problems}
+    return sorted(found, key=lambda problem: (problem.line, problem.column, problem.what))
+
+
+def checked_parameters(
+    procedure: Procedure, settings: Sequence[str], registry: StepRegistry, devices: Devices
+) -> dict[str, Any]:
+    """The parameters of a procedure that is good to run, `settings` (`name=value`) included.
+
+    Raises InputError with every mistake in settings and procedure at once.
+    """
+    values, problems = read_settings(procedure, settings)
+    problems += check(procedure, values, registry, devices)
+    if problems:
+        raise InputError(problems)
+    return values
+
+
+@final
+class _Checker:
+    def __init__(self, procedure: Procedure, registry: StepRegistry, devices: Devices) -> None:
+        self.findings = Findings(procedure.document)
+        self._procedure = procedure
+        self._registry = registry
+        self._devices = devices
+        self._devices_named: set[str] = set()
+
+    def names(self) -> None:
+        first: dict[str, Action] = {}
+        for action in self._procedure.actions():
+            at = (*action.at, "id")
+            if action.id in self._procedure.parameters:
+                self.findings.report(at, f"'{action.id}' is also a parameter", "give the step another name")
+            elif action.id in first:
+                what = f"'{action.id}' names two steps (the first on line {first[action.id].line})"
+                self.findings.report(at, what, "give each its own name")
+            elif action.id:
+                first[action.id] = action
+
+    def actions(self, actions: tuple[Action, ...], scope: Scope) -> None:
+        for action in actions:
+            if isinstance(action, Loop):
+                self._loop(action, scope)
+            else:
+                self._step(action, scope)
+
+    def _loop(self, loop: Loop, scope: Scope) -> None:
+        inner = scope.within()
+        if loop.variable and loop.variable in scope:
+            what = f"the loop's variable '{loop.variable}' hides a {scope.what(loop.variable)} of that name"
+            self.findings.report((*loop.at, "as"), what, "give it another name")
+        inner.add_variable(loop, self._elements(loop, scope))
+        self.actions(loop.steps, inner)
+
+    def _elements(self, loop: Loop, scope: Scope) -> Shape:
+        at = (*loop.at, "for_each")
+        if not isinstance(loop.for_each, Reference):
+            self._references(loop.for_each, at, scope)
+            return Any
+        shape = self._shape(loop.for_each, at, scope)
+        try:
+            return element_of(shape)
+        except NoSuchPart as error:
+            self.findings.report(at, f"'for_each' takes a list; {loop.for_each} is {error.what}", "name a list")
+            return Any
+
+    def _step(self, step: Step, scope: Scope) -> None:
+        self._references(step.inputs, (*step.at, "with"), scope)
+        kind = self._kind(step)
+        if kind:
+            self._inputs(step, kind, scope)
+            self._needs(step, kind)
+            self._retry(step, kind)
+        if step.id and step.at[0] != "cleanup":
+            scope.add_step(step, kind.result if kind else Any)
+
+    def _kind(self, step: Step) -> AnyStepKind | None:
+        if not step.do:  # reported when it was read
+            return None
+        try:
+            return self._registry.find(step.do)
+        except UnknownStep as error:
+            self.findings.report((*step.at, "do"), f"there is no step '{step.do}'", error.cure)
+        except BrokenSteps as error:
+            self.findings.report((*step.at, "do"), str(error), "mend that package, or install what it misses")
+        return None
+
+    def _references(self, value: Any, at: Path, scope: Scope) -> None:
+        for place, reference in references_in(value, at):
+            self._shape(reference, place, scope)
+
+    def _shape(self, reference: Reference, at: Path, scope: Scope) -> Shape:
+        if not reference.name:  # reported when it was read
+            return Any
+        try:
+            return scope.look_up(reference, at).shape
+        except Unreachable as error:
+            self.findings.report(at, error.what, error.cure)
+            return Any
+
+    def _inputs(self, step: Step, kind: AnyStepKind, scope: Scope) -> None:
+        at = (*step.at, "with")
+        known, unknown = known_part(step.inputs, lambda reference: scope.value_of(reference, at))
+        try:
+            kind.read_inputs(known)
+        except ValidationError as error:
+            self.findings.problems += input_problems(error, self._procedure.document, at, kind, unknown)
+
+    def _needs(self, step: Step, kind: AnyStepKind) -> None:
+        for name, protocol in kind.needs.items():
+            what = self._lacking(name, protocol)
+            if what and name not in self._devices_named:  # once is enough: every touch needs the probe
+                self._devices_named.add(name)
+                cure = (
+                    f"add '{name}: <address>' to the cell file; what it has: {', '.join(sorted(self._devices)) or '-'}"
+                )
+                self.findings.report((*step.at, "do"), f"step {kind.name} needs {what}", cure)
+
+    def _lacking(self, name: str, protocol: type) -> str:
+        if name not in self._devices:
+            return f"a device '{name}' ({protocol.__name__}), and the cell has none"
+        driver = self._devices[name]
+        missing = missing_abilities(driver, protocol) if driver else []
+        return f"'{name}' to be a {protocol.__name__}; its driver lacks {', '.join(missing)}" if missing else ""
+
+    def _retry(self, step: Step, kind: AnyStepKind) -> None:
+        known = kind.retryable()
+        for index, name in enumerate(step.retry.on):
+            if name not in known:
+                what = f"there is no error '{name}' that {kind.name} could be tried again after"
+                self.findings.report((*step.at, "retry", "on", index), what, did_you_mean(name, known))
+        if step.retry.attempts > 1 and not step.retry.on:
+            cure = "add 'on: [NoContact]' to retry, or remove attempts"
+            self.findings.report((*step.at, "retry"), "attempts without an error to try again after", cure)

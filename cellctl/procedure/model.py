@@ -1,0 +1,134 @@
+"""A procedure as data: what is done, in which order, with what; nothing of it has been run or looked up."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, final
+
+from cellctl.files import Document, Path, Problem
+from cellctl.procedure.references import Reference
+
+Value = Any
+"""JSON with `Reference`s as leaves, as it stands under `with:`."""
+
+
+class ParameterType(StrEnum):
+    """What kind of value a parameter takes."""
+
+    INTEGER = "integer"
+    NUMBER = "number"
+    TEXT = "text"
+    FLAG = "flag"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A value that the operator may set. `default` None: it has to be given. `at`: its place in the document."""
+
+    name: str
+    type: ParameterType
+    default: int | float | str | bool | None = None
+    min: float | None = None
+    max: float | None = None
+    choices: tuple[str, ...] = ()
+    unit: str = ""
+    help: str = ""
+    at: Path = ()
+
+
+class OnResume(StrEnum):
+    """What becomes of a finished step when its run is resumed."""
+
+    SKIP = "skip"
+    ALWAYS = "always"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Retry:
+    """How often a step is tried in all (`attempts` ≥ 1), and after which errors (their class names)."""
+
+    attempts: int = 1
+    on: tuple[str, ...] = ()
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step: `do` names its kind, `inputs` are the values under `with:`, references unresolved.
+
+    `timeout_s` in seconds of the cell's time, None for none. `at`, `line`, `column`: where it stands in the file.
+    """
+
+    id: str
+    do: str
+    inputs: dict[str, Value]
+    timeout_s: float | None
+    retry: Retry
+    on_resume: OnResume
+    at: Path
+    line: int
+    column: int
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Steps done once for each element of a list (`for_each`: a reference or the list), named `variable` inside."""
+
+    id: str
+    for_each: Reference | list[Value]
+    variable: str
+    steps: tuple[Step | Loop, ...]
+    at: Path
+    line: int
+    column: int
+
+
+Action = Step | Loop
+
+
+@final
+@dataclass(frozen=True)
+class Procedure:
+    """A procedure file. `cell` is its default cell's path, joined to the procedure's folder.
+
+    `problems` are the mistakes that reading it met; the part that could be read is here all the same, so that `check`
+    can name the other mistakes with them. A procedure with problems must not be run.
+    """
+
+    document: Document
+    name: str
+    title: str
+    cell: pathlib.Path | None
+    parameters: dict[str, Parameter]
+    steps: tuple[Action, ...]
+    cleanup: tuple[Action, ...]
+    problems: tuple[Problem, ...] = field(default=())
+
+    @property
+    def text(self) -> str:
+        """The file as it was read."""
+        return self.document.text
+
+    def actions(self) -> Iterator[Action]:
+        """All steps and loops, clean-up too, each loop before its steps, in the order of the file."""
+        return walk((*self.steps, *self.cleanup))
+
+
+def walk(actions: tuple[Action, ...]) -> Iterator[Action]:
+    """`actions` and all that stand inside their loops, depth first."""
+    for action in actions:
+        yield action
+        if isinstance(action, Loop):
+            yield from walk(action.steps)
+
+
+def step_path(outer: str, name: str, index: int | None = None) -> str:
+    """A step's identity inside `outer`: `step_path("", "points", 17)` is `points[17]`, and in it `points[17].touch`."""
+    place = f"{outer}.{name}" if outer else name
+    return place if index is None else f"{place}[{index}]"

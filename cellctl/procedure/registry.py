@@ -1,0 +1,106 @@
+"""Where kinds of steps are found: in modules named by entry points, each loaded when first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
+from typing import Self, final
+
+from cellctl.procedure.steps import AnyStepKind, StepKind
+from cellctl.procedure.suggest import did_you_mean
+
+GROUP = "cellctl.steps"
+"""The entry point group: name = the family of steps, value = the module that holds them."""
+
+
+class UnknownStep(LookupError):
+    """No kind of step has that name. `cure` says which one may be meant."""
+
+    def __init__(self, name: str, cure: str) -> None:
+        self.name = name
+        self.cure = cure
+        super().__init__(f"there is no step '{name}'\n    {cure}")
+
+
+class BrokenSteps(Exception):
+    """A module of steps cannot be used: it does not import, or says something else than its entry point."""
+
+    def __init__(self, source: str, why: str) -> None:
+        self.source = source
+        self.why = why
+        super().__init__(f"the steps of {source} cannot be loaded: {why}")
+
+
+@final
+class StepRegistry:
+    """Kinds of steps by name. `families`: family → what loads its module."""
+
+    def __init__(
+        self, kinds: Iterable[AnyStepKind] = (), families: Mapping[str, Callable[[], ModuleType]] | None = None
+    ) -> None:
+        self._kinds = {kind.name: kind for kind in kinds}
+        self._families = dict(families or {})
+        self._loaded: dict[str, BrokenSteps | None] = {}
+
+    @classmethod
+    def installed(cls) -> Self:
+        """All installed families of steps, none imported yet. Raises BrokenSteps for a family claimed twice."""
+        points: dict[str, EntryPoint] = {}
+        for point in entry_points(group=GROUP):
+            if point.name in points and points[point.name].value != point.value:
+                why = f"the family '{point.name}' is also claimed by {_source(points[point.name])}"
+                raise BrokenSteps(_source(point), why)
+            points[point.name] = point
+        return cls(families={name: _loader(point) for name, point in points.items()})
+
+    def find(self, name: str) -> AnyStepKind:
+        """The kind of that name. Raises UnknownStep, BrokenSteps."""
+        family = name.partition(".")[0]
+        if name not in self._kinds and (broken := self._load(family)):
+            raise broken
+        if name not in self._kinds:
+            raise UnknownStep(name, did_you_mean(name, self.names(), "no steps are installed"))
+        return self._kinds[name]
+
+    def names(self) -> list[str]:
+        """Every name, sorted; families that cannot be loaded are left out."""
+        for family in self._families:
+            self._load(family)
+        return sorted(self._kinds)
+
+    def _load(self, family: str) -> BrokenSteps | None:
+        if family not in self._families:
+            return None
+        if family not in self._loaded:
+            self._loaded[family] = None
+            try:
+                self._take(family, self._families[family]())
+            except BrokenSteps as error:
+                self._loaded[family] = error
+        return self._loaded[family]
+
+    def _take(self, family: str, module: ModuleType) -> None:
+        found = {kind.name: kind for kind in vars(module).values() if isinstance(kind, StepKind)}
+        for name in found:
+            if name.partition(".")[0] != family:
+                raise BrokenSteps(f"{module.__name__} (family '{family}')", f"step '{name}' is not of this family")
+        self._kinds.update(found)
+
+
+def _loader(point: EntryPoint) -> Callable[[], ModuleType]:
+    def load() -> ModuleType:
+        try:
+            module = point.load()
+        except Exception as error:  # whatever a plug-in's import raises, the operator has to hear whose it was
+            raise BrokenSteps(_source(point), f"{type(error).__name__}: {error}") from error
+        if not isinstance(module, ModuleType):
+            raise BrokenSteps(_source(point), f"'{point.value}' is no module")
+        return module
+
+    return load
+
+
+def _source(point: EntryPoint) -> str:
+    package = f", package {point.dist.name} {point.dist.version}" if point.dist else ""
+    return f"{point.value} (family '{point.name}'{package})"

@@ -1,0 +1,132 @@
+"""Which names a step can refer to, and what is known of them before the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from cellctl.files import Path
+from cellctl.procedure.model import Action, Loop, Parameter, ParameterType, Procedure, Step
+from cellctl.procedure.references import UNKNOWN, Reference
+from cellctl.procedure.shapes import NoSuchPart, Shape, part_of
+from cellctl.procedure.suggest import did_you_mean
+
+_SHAPES = {
+    ParameterType.INTEGER: int,
+    ParameterType.NUMBER: float,
+    ParameterType.TEXT: str,
+    ParameterType.FLAG: bool,
+}
+
+
+class Unreachable(Exception):
+    """A reference that cannot hold. `cure` says what to do."""
+
+    def __init__(self, what: str, cure: str = "") -> None:
+        self.what = what
+        self.cure = cure
+        super().__init__(what)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Name:
+    """What a name stands for: its type, its value where that is known, and what kind of thing it is."""
+
+    shape: Shape
+    what: str
+    value: Any = UNKNOWN
+
+
+@final
+class Scope:
+    """The names known at one place of a procedure. `within` gives a loop its own, which end with it."""
+
+    def __init__(self, procedure: Procedure, names: Mapping[str, Name]) -> None:
+        self._procedure = procedure
+        self._names = dict(names)
+
+    @classmethod
+    def of_parameters(cls, procedure: Procedure, values: Mapping[str, Any]) -> Scope:
+        """The scope in which a procedure, and its clean-up, begins."""
+        return cls(procedure, {p.name: _parameter(p, values) for p in procedure.parameters.values()})
+
+    def within(self) -> Scope:
+        """A scope that begins with the same names."""
+        return Scope(self._procedure, self._names)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._names
+
+    def what(self, name: str) -> str:
+        """What kind of thing `name` is: `parameter`, `step`, `variable of loop 'points'`."""
+        return self._names[name].what
+
+    def add_variable(self, loop: Loop, shape: Shape) -> None:
+        """From here on the loop's variable is known."""
+        self._names[loop.variable] = Name(shape, f"variable of loop '{loop.id}'")
+
+    def add_step(self, step: Step, result: Shape) -> None:
+        """From here on the step's result is known. Where a loop variable has its name, the name means neither."""
+        before = self._names.get(step.id)
+        doubtful = before is not None and before.what.startswith("variable")
+        self._names[step.id] = Name(result, "ambiguous" if doubtful else "step")
+
+    def look_up(self, reference: Reference, at: Path) -> Name:
+        """What `reference`, standing at `at`, stands for. Raises Unreachable."""
+        name = self._names.get(reference.name)
+        if name is None:
+            raise self._why_not(reference, at)
+        if name.what == "ambiguous":
+            what = f"{reference} could be the loop's variable or the result of step '{reference.name}'"
+            raise Unreachable(what, "give one of them another name")
+        if name.shape is None:
+            raise Unreachable(f"step '{reference.name}' gives no result", "remove the reference")
+        return _follow(name, reference)
+
+    def value_of(self, reference: Reference, at: Path) -> Any:
+        """The value of `reference`, or UNKNOWN."""
+        try:
+            return self.look_up(reference, at).value
+        except Unreachable:
+            return UNKNOWN
+
+    def _why_not(self, reference: Reference, at: Path) -> Unreachable:
+        name = reference.name
+        if at[:1] == ("cleanup",) and name in {action.id for action in self._procedure.actions()}:
+            what = f"clean-up cannot use the result of '{name}': it may begin before that step has run"
+            return Unreachable(what, "use parameters only")
+        for action in self._procedure.actions():
+            if action.id == name:
+                return _hidden(action, reference, at)
+            if isinstance(action, Loop) and action.variable == name:
+                what = f"'{name}' is the variable of loop '{action.id}' and is known only inside it"
+                return Unreachable(what, "move the step into the loop, or refer to something else")
+        return Unreachable(f"{reference}: nothing here is called '{name}'", did_you_mean(name, self._names))
+
+
+def _hidden(action: Action, reference: Reference, at: Path) -> Unreachable:
+    name, around = action.id, action.at[:-1]
+    if isinstance(action, Loop):
+        return Unreachable(f"'{name}' is a loop and has no result", "refer to a step before it, or record rows in it")
+    if at[: len(action.at)] == action.at:
+        return Unreachable(f"step '{name}' refers to its own result", "refer to an earlier step")
+    if at[: len(around)] == around:
+        what = f"{reference} refers to step '{name}', which comes later (line {action.line})"
+        return Unreachable(what, f"move step '{name}' before this one")
+    return Unreachable(f"the result of '{name}' stays inside its loop", "record rows there, and read them in the step")
+
+
+def _parameter(parameter: Parameter, values: Mapping[str, Any]) -> Name:
+    return Name(_SHAPES[parameter.type], "parameter", values.get(parameter.name, UNKNOWN))
+
+
+def _follow(name: Name, reference: Reference) -> Name:
+    shape = name.shape
+    for part in reference.way:
+        try:
+            shape = part_of(shape, part)
+        except NoSuchPart as error:
+            raise Unreachable(f"{reference}: {error.what}", error.cure) from error
+    return Name(shape, name.what, UNKNOWN if reference.way else name.value)

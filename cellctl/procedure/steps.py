@@ -1,0 +1,144 @@
+"""Kinds of steps: an async function, with what it takes, gives and needs, known before it runs."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import typing
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from types import NoneType
+from typing import Any, Generic, TypeVar, final
+
+from pydantic import BaseModel, ConfigDict
+
+from cellctl.devices import errors as device_errors
+from cellctl.files import canonical_json
+from cellctl.procedure.context import StepContext
+
+Inputs = TypeVar("Inputs", bound=BaseModel)
+Result = TypeVar("Result", bound="BaseModel | None")
+
+_KIND = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
+
+
+class StepInputs(BaseModel):
+    """The base of what a step takes: unknown inputs are mistakes, nothing is guessed from text."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+@final
+class NoInputs(StepInputs):
+    """A step that takes nothing."""
+
+
+class StepResult(BaseModel):
+    """The base of what a step gives to later ones; kept in the journal as JSON."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepKind(Generic[Inputs, Result]):
+    """A kind of step, callable as the function that it was made of.
+
+    `needs`: device name → the Protocol that it has to follow. `moves`: it moves or writes, so that a crash in it leaves
+    an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name.
+    """
+
+    name: str
+    summary: str
+    inputs: type[Inputs]
+    result: type[BaseModel] | None
+    needs: Mapping[str, type]
+    moves: bool
+    function: Callable[[StepContext, Inputs], Awaitable[Result]]
+    errors: Mapping[str, type[Exception]] = field(default_factory=dict)
+
+    async def __call__(self, context: StepContext, inputs: Inputs) -> Result:
+        """Do the step."""
+        return await self.function(context, inputs)
+
+    def read_inputs(self, values: Mapping[str, Any]) -> Inputs:
+        """The step's inputs from JSON values, strictly. Raises pydantic.ValidationError.
+
+        They go through JSON, so that a value computed in this run and one read back from the journal are the same.
+        """
+        return self.inputs.model_validate_json(canonical_json(dict(values)), strict=True)
+
+    def dump_result(self, result: BaseModel | None) -> dict[str, Any] | None:
+        """A result as JSON, for the journal and for references of later steps."""
+        return None if result is None else result.model_dump(mode="json")
+
+    def retryable(self) -> dict[str, type[Exception]]:
+        """Every error that `retry.on` may name, by name: the devices' errors, a time-out, and the step's own."""
+        return {**_DEVICE_ERRORS, "TimeoutError": TimeoutError, **self.errors}
+
+
+AnyStepKind = StepKind[Any, Any]
+
+_DEVICE_ERRORS: dict[str, type[Exception]] = {
+    name: value
+    for name, value in vars(device_errors).items()
+    if isinstance(value, type) and issubclass(value, device_errors.DeviceError)
+}
+
+
+def step(
+    name: str,
+    *,
+    needs: Mapping[str, type] | None = None,
+    moves: bool = False,
+    errors: tuple[type[Exception], ...] = (),
+) -> Callable[[Callable[[StepContext, Inputs], Awaitable[Result]]], StepKind[Inputs, Result]]:
+    """Make a kind of step of `async def name(context, inputs: Model) -> Result | None`.
+
+    `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of the module it stands in.
+    The docstring's first line is its summary. Raises TypeError where the function does not fit.
+    """
+
+    def make(function: Callable[[StepContext, Inputs], Awaitable[Result]]) -> StepKind[Inputs, Result]:
+        inputs, result = _signature(name, function)
+        return StepKind(
+            name=name,
+            summary=_summary(name, function),
+            inputs=inputs,
+            result=result,
+            needs=dict(needs or {}),
+            moves=moves,
+            function=function,
+            errors={error.__name__: error for error in errors},
+        )
+
+    return make
+
+
+def _signature(name: str, function: Callable[..., Any]) -> tuple[type[Any], type[BaseModel] | None]:
+    if not _KIND.fullmatch(name):
+        raise TypeError(f"'{name}' is no name for a kind of step (family.verb)")
+    if not inspect.iscoroutinefunction(function):
+        raise TypeError(f"step '{name}' has to be an async function")
+    hints = typing.get_type_hints(function)
+    parameters = list(inspect.signature(function).parameters)
+    inputs = hints.get(parameters[1]) if len(parameters) == 2 else None
+    if not _is_model(inputs) or inputs.model_config.get("extra") != "forbid":
+        raise TypeError(f"step '{name}' has to take (context, inputs: a model derived from StepInputs)")
+    result = hints.get("return", Any)
+    if result is NoneType:
+        return inputs, None
+    if not _is_model(result):
+        raise TypeError(f"step '{name}' has to return a model derived from StepResult, or None")
+    return inputs, result
+
+
+def _is_model(value: Any) -> typing.TypeGuard[type[BaseModel]]:
+    return isinstance(value, type) and issubclass(value, BaseModel)
+
+
+def _summary(name: str, function: Callable[..., Any]) -> str:
+    text = inspect.getdoc(function)
+    if not text:
+        raise TypeError(f"step '{name}' has no docstring; its first line is what the operator reads")
+    return text.splitlines()[0]
