@@ -1,4 +1,4 @@
-"""Kinematics of serial robots: link tables, forward and inverse, closed-form Jacobians, frames. mm, rad, batches first."""
+"""Kinematics of serial robots: link tables, forward and inverse, closed-form Jacobians, frames. mm and rad."""
 
 from cellctl.kinematics.arrays import Bools, Floats
 from cellctl.kinematics.chain import SerialChain

@@ -16,7 +16,7 @@ from cellctl.kinematics.frames import rotation_vector
 @final
 @dataclass(frozen=True)
 class InverseResult:
-    """q (..., n), rad: the best angles found; converged (...): within tolerance; error_mm, error_rad (...): the rest."""
+    """q (..., n), rad: the best angles found; converged (...): within tolerance; error_mm, error_rad (...)."""
 
     q: Floats
     converged: Bools

@@ -1,0 +1,105 @@
+"""Artefacts: the spheres that a robot touches, how large they are, roughly where, and what is certified about them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellctl.files import Document, InputError, Problem, load_yaml
+from cellctl.files import Path as Place
+from cellctl.files.validated import validated
+from cellctl.formats.robot import Positive, Triple
+
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+Name = Annotated[str, Field(min_length=1)]
+
+
+@final
+class Sphere(BaseModel):
+    """A calibration sphere; diameter in mm, centre roughly, mm, in the robot's base frame."""
+
+    model_config = _STRICT
+    id: Name
+    diameter: Annotated[float, Field(allow_inf_nan=False, gt=0, le=2000)]
+    centre: Triple
+
+
+@final
+class Distance(BaseModel):
+    """A certified distance between two sphere centres, mm, and its standard deviation, mm."""
+
+    model_config = _STRICT
+    between: Annotated[list[Name], Field(min_length=2, max_length=2)]
+    mm: Positive
+    sigma: Positive
+
+
+@final
+class Artefact(BaseModel):
+    """Spheres and certified distances; tip_radius of what touches them, mm."""
+
+    model_config = _STRICT
+    tip_radius: Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)] = 0.0
+    spheres: Annotated[list[Sphere], Field(min_length=1)]
+    distances: list[Distance] = []
+
+    def sphere(self, name: str) -> Sphere | None:
+        """The sphere called `name`, or None."""
+        return next((sphere for sphere in self.spheres if sphere.id == name), None)
+
+
+def load_artefact(path: Path) -> Artefact:
+    """Read an artefact from its own file, or from a cell file's `artefact:` section. Raises InputError, all at once."""
+    document = load_yaml(path)
+    whole = document.data
+    if not isinstance(whole, dict):
+        raise InputError(document.problem((), "is no mapping", "write tip_radius, spheres and distances"))
+    return artefact_of(document, ("artefact",) if "artefact" in whole else ())
+
+
+def artefact_of(document: Document, at: Place) -> Artefact:
+    """The artefact at `at` of a loaded document. Raises InputError with every mistake."""
+    artefact = validated(document, Artefact, at)
+    problems = [*_doubles(document, artefact, at), *_distances(document, artefact, at)]
+    if problems:
+        raise InputError(problems)
+    return artefact
+
+
+def _doubles(document: Document, artefact: Artefact, at: Place) -> list[Problem]:
+    counts = Counter(sphere.id for sphere in artefact.spheres)
+    return [
+        document.problem((*at, "spheres", index, "id"), f"sphere '{sphere.id}' is there twice")
+        for index, sphere in enumerate(artefact.spheres)
+        if counts[sphere.id] > 1
+    ]
+
+
+def _distances(document: Document, artefact: Artefact, at: Place) -> list[Problem]:
+    problems = []
+    for index, distance in enumerate(artefact.distances):
+        place = (*at, "distances", index, "between")
+        unknown = [name for name in distance.between if artefact.sphere(name) is None]
+        if unknown:
+            known = ", ".join(sphere.id for sphere in artefact.spheres)
+            problems.append(document.problem(place, f"no sphere '{unknown[0]}'", f"known are {known}"))
+        elif distance.between[0] == distance.between[1]:
+            problems.append(document.problem(place, "a distance is between two different spheres"))
+        else:
+            problems += _far_from_rough(document, artefact, distance, (*at, "distances", index, "mm"))
+    return problems
+
+
+def _far_from_rough(document: Document, artefact: Artefact, distance: Distance, place: Place) -> list[Problem]:
+    """A certified distance that the rough places deny (metres, a typing error) would bend the whole robot."""
+    first, second = (artefact.sphere(name) for name in distance.between)
+    assert first is not None
+    assert second is not None
+    rough = sum((a - b) ** 2 for a, b in zip(first.centre, second.centre, strict=True)) ** 0.5
+    if abs(rough - distance.mm) <= max(20.0, 0.1 * rough):
+        return []
+    what = f"{distance.mm:g} mm, but the rough places of {first.id} and {second.id} are {rough:.1f} mm apart"
+    return [document.problem(place, what, "mm? the right spheres? correct the distance or the centres")]
