@@ -1,1 +1,54 @@
-"""TODO"""
+"""The only truth about a run: an append-only journal, committed event by event, and what it folds to."""
+
+from cellctl.journal.errors import JournalError
+from cellctl.journal.events import (
+    DevicesConnected,
+    Entry,
+    Event,
+    KnownEvent,
+    OperatorAction,
+    Outcome,
+    RawEvent,
+    Recorded,
+    RunEnded,
+    RunResumed,
+    RunStarted,
+    Said,
+    SourceFile,
+    StateChanged,
+    StepEnded,
+    StepFailure,
+    StepStarted,
+)
+from cellctl.journal.reader import is_being_written, journal_in, read_journal
+from cellctl.journal.state import RecordedRow, RunState, StepState, fold
+from cellctl.journal.writer import Journal
+
+__all__ = [
+    "DevicesConnected",
+    "Entry",
+    "Event",
+    "Journal",
+    "JournalError",
+    "KnownEvent",
+    "OperatorAction",
+    "Outcome",
+    "RawEvent",
+    "Recorded",
+    "RecordedRow",
+    "RunEnded",
+    "RunResumed",
+    "RunStarted",
+    "RunState",
+    "Said",
+    "SourceFile",
+    "StateChanged",
+    "StepEnded",
+    "StepFailure",
+    "StepStarted",
+    "StepState",
+    "fold",
+    "is_being_written",
+    "journal_in",
+    "read_journal",
+]

@@ -1,0 +1,48 @@
+"""Events to rows of the journal and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from functools import cache
+from typing import Any, get_args
+
+from pydantic import TypeAdapter
+
+from cellctl.files import canonical_json
+from cellctl.journal.events import Event, KnownEvent, RawEvent
+
+Columns = tuple[str, str, int, str]
+"""kind, step, attempt, data: the event's other fields as canonical JSON."""
+
+
+def encode(event: KnownEvent) -> Columns:
+    """The row of `event`. Raises ValueError, naming event and step, for NaN and whatever else JSON cannot hold."""
+    fields = asdict(event)
+    step, attempt = fields.pop("step", ""), fields.pop("attempt", 0)
+    try:
+        data = canonical_json(fields)
+        data.encode()
+    except (ValueError, TypeError) as error:
+        where = f" of step '{step}'" if step else ""
+        raise ValueError(f"event '{event.kind}'{where} cannot be recorded: {error}") from error
+    return event.kind, step, attempt, data
+
+
+def decode(columns: Columns) -> Event:
+    """The event in a row. A kind not known here gives a RawEvent; fields not known here are passed over.
+
+    Raises ValueError where the row does not hold what its kind has.
+    """
+    kind, step, attempt, text = columns
+    data: dict[str, Any] = json.loads(text)
+    reader = _readers().get(kind)
+    if reader is None:
+        return RawEvent(kind, data, step, attempt)
+    event: Event = reader.validate_python({**data, "step": step, "attempt": attempt})
+    return event
+
+
+@cache
+def _readers() -> dict[str, TypeAdapter[Any]]:
+    return {event.kind: TypeAdapter(event) for event in get_args(KnownEvent)}

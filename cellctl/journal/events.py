@@ -1,0 +1,200 @@
+"""What happens in a run, as typed events. A kind may gain fields with defaults; nothing is renamed or taken away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, ClassVar, final
+
+Json = Any
+"""What JSON can hold; NaN and infinities it cannot."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SourceFile:
+    """A file as it was when the run began: its path, its text, SHA-256 (hex) of the text."""
+
+    path: str
+    text: str
+    sha256: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RunStarted:
+    """The first event: all that is needed to know what was run, and to tell whether it has changed since.
+
+    `versions`: package → version, `python` among them. `clock`: `realtime` or `lockstep`. `calendar`: UTC, ISO 8601.
+    """
+
+    kind: ClassVar[str] = "run_started"
+    procedure: SourceFile
+    cell: SourceFile
+    parameters: Mapping[str, Json]
+    seed: int
+    clock: str
+    operator: str
+    calendar: str
+    code_sha256: str
+    versions: Mapping[str, str]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RunResumed:
+    """A new process goes on with the run; the cell's time may begin anew. `acknowledged`: a person saw to the cell."""
+
+    kind: ClassVar[str] = "run_resumed"
+    operator: str
+    calendar: str
+    code_sha256: str
+    versions: Mapping[str, str]
+    acknowledged: bool = False
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class DevicesConnected:
+    """Who the devices say they are: name in the cell → serial, model, firmware, simulated."""
+
+    kind: ClassVar[str] = "devices_connected"
+    identities: Mapping[str, Mapping[str, Json]]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """The engine went from one state to another. `before` and `after` are its words (`running`, `paused`)."""
+
+    kind: ClassVar[str] = "state_changed"
+    before: str
+    after: str
+    reason: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepStarted:
+    """An attempt (from 1) at a step begins. `moves`: cut off in it, the cell is in an uncertain state."""
+
+    kind: ClassVar[str] = "step_started"
+    step: str
+    attempt: int
+    moves: bool
+    do: str = ""
+
+
+class Outcome(StrEnum):
+    """How an attempt at a step ended. `interrupted`: it never did, since the process died; said by `fold` alone."""
+
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    TIMED_OUT = "timed_out"
+    INTERRUPTED = "interrupted"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepFailure:
+    """Why an attempt failed: the error's class name, its text, and the cure."""
+
+    error: str
+    text: str
+    cure: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepEnded:
+    """The attempt ended; `result` (JSON) where it is done, `failure` where it is not."""
+
+    kind: ClassVar[str] = "step_ended"
+    step: str
+    attempt: int
+    outcome: Outcome
+    result: Json = None
+    failure: StepFailure | None = None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A row of measurement of the given `row_kind` (`touch`), by a step's attempt, or by the engine (empty, 0)."""
+
+    kind: ClassVar[str] = "recorded"
+    row_kind: str
+    data: Mapping[str, Json]
+    step: str = ""
+    attempt: int = 0
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A line of progress for the operator."""
+
+    kind: ClassVar[str] = "said"
+    text: str
+    step: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class OperatorAction:
+    """What the operator did to the run: `pause`, `resume`, `abort`, `acknowledge`."""
+
+    kind: ClassVar[str] = "operator_action"
+    action: str
+    operator: str = ""
+    text: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RunEnded:
+    """The run came to its end, in `state`; `verdict` empty where it never got to one, `result` as `--json` gives it."""
+
+    kind: ClassVar[str] = "run_ended"
+    state: str
+    verdict: str = ""
+    reason: str = ""
+    result: Mapping[str, Json] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RawEvent:
+    """An event of a kind that this version does not know; kept, shown, and otherwise passed over."""
+
+    kind: str
+    data: Mapping[str, Json]
+    step: str = ""
+    attempt: int = 0
+
+
+KnownEvent = (
+    RunStarted
+    | RunResumed
+    | DevicesConnected
+    | StateChanged
+    | StepStarted
+    | StepEnded
+    | Recorded
+    | Said
+    | OperatorAction
+    | RunEnded
+)
+Event = KnownEvent | RawEvent
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A committed event: its number in the journal (from 1, no gaps) and the cell's time in nanoseconds."""
+
+    seq: int
+    time_ns: int
+    event: Event

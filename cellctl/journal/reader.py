@@ -1,0 +1,66 @@
+"""Reading a journal, while it is written, after a crash, or years later. Reading changes nothing."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from cellctl.journal.codec import decode
+from cellctl.journal.errors import JournalError, named_errors
+from cellctl.journal.events import Entry
+from cellctl.journal.lock import is_locked
+from cellctl.journal.schema import APPLICATION_ID, FILE_NAME, LOCK_NAME, SELECT, VERSION
+
+
+def journal_in(run: Path) -> Path:
+    """The journal's file, from a run folder or from the file itself."""
+    return run / FILE_NAME if run.is_dir() else run
+
+
+def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
+    """The committed events of a run (its folder or its journal) with numbers above `after`, in order.
+
+    What is committed while this reads may be missing at the end; ask again with the last number seen.
+    Raises JournalError where there is none, where it is damaged, of another program or of a newer version.
+    """
+    path = journal_in(run)
+    with closing(_opened(path)) as connection:
+        _refuse(path, connection)
+        with named_errors(path):
+            for seq, time_ns, *columns in connection.execute(SELECT, (after,)):
+                try:
+                    event = decode(tuple(columns))
+                except (ValueError, TypeError) as error:
+                    raise JournalError(path, f"event {seq} is damaged: {error}", "restore it from a copy") from error
+                yield Entry(seq, time_ns, event)
+
+
+def is_being_written(run: Path) -> bool:
+    """Whether a process writes this run now; without one, a run without its end has been cut off."""
+    return is_locked(journal_in(run).parent / LOCK_NAME)
+
+
+def refuse_foreign(path: Path) -> None:
+    """Raise JournalError where `path` is no journal that this version reads."""
+    with closing(_opened(path)) as connection:
+        _refuse(path, connection)
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    if not path.exists():
+        raise JournalError(path, "there is no journal", "check the path; `cellctl runs` lists what there is")
+    with named_errors(path):
+        return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+
+
+def _refuse(path: Path, connection: sqlite3.Connection) -> None:
+    with named_errors(path):
+        application = connection.execute("PRAGMA application_id").fetchone()[0]
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if application != APPLICATION_ID:
+        raise JournalError(path, "it is no journal", "name a run folder with a journal.sqlite written by cellctl")
+    if version > VERSION:
+        cure = "read it with the cellctl that wrote it, or a later one"
+        raise JournalError(path, f"it was written by a newer cellctl (format {version}, known here: {VERSION})", cure)

@@ -1,0 +1,156 @@
+"""What a run has come to, folded from its events: the basis of resume, show and runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+from cellctl.journal.events import (
+    DevicesConnected,
+    Entry,
+    Event,
+    Outcome,
+    Recorded,
+    RunEnded,
+    RunResumed,
+    RunStarted,
+    StateChanged,
+    StepEnded,
+    StepFailure,
+    StepStarted,
+)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepState:
+    """A step's latest attempt: its number, whether it moves, and how it ended (`outcome` None: it is in flight)."""
+
+    step: str
+    attempt: int
+    moves: bool
+    outcome: Outcome | None = None
+    result: Any = None
+    failure: StepFailure | None = None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RecordedRow:
+    """A row as it was recorded: the event's number, the cell's time, its kind, its data, and whose it is."""
+
+    seq: int
+    time_ns: int
+    kind: str
+    data: Mapping[str, Any]
+    step: str
+    attempt: int
+
+
+@final
+@dataclass(slots=True)
+class RunState:
+    """A run so far. `apply` takes it one event further; an engine may keep one beside its journal.
+
+    Of each step the latest attempt counts, and of its rows those of that attempt, if it is done or in flight: a row of
+    an attempt that failed or was cut off stays in the journal and is not counted twice.
+    """
+
+    started: RunStarted | None = None
+    ended: RunEnded | None = None
+    state: str = "idle"
+    resumed: int = 0
+    identities: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    steps: dict[str, StepState] = field(default_factory=dict)
+    rows: list[RecordedRow] = field(default_factory=list)
+    last_seq: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The run's parameters; empty before it began."""
+        return self.started.parameters if self.started else {}
+
+    @property
+    def finished(self) -> dict[str, Any]:
+        """The steps that are done, each with its result."""
+        return {step.step: step.result for step in self.steps.values() if step.outcome is Outcome.DONE}
+
+    @property
+    def in_flight(self) -> tuple[StepState, ...]:
+        """The steps that have begun and not ended."""
+        return tuple(step for step in self.steps.values() if step.outcome is None)
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether the engine said so, or a step that moves has begun and not ended.
+
+        While a process writes the run that is its daily work; where none does, a person has to look at the cell.
+        """
+        return self.state == "uncertain" or any(step.moves for step in self.in_flight)
+
+    def next_attempt(self, step: str) -> int:
+        """The number of the step's next attempt, from 1."""
+        return self.steps[step].attempt + 1 if step in self.steps else 1
+
+    def recorded(self, kind: str) -> list[Mapping[str, Any]]:
+        """The rows of `kind` that count, in the order of recording."""
+        return [row.data for row in self.rows if row.kind == kind and self.counts(row)]
+
+    def counts(self, row: RecordedRow) -> bool:
+        """Whether `row` counts: the engine's own always, a step's if it is of the latest attempt, done or in flight."""
+        step = self.steps.get(row.step)
+        if step is None:
+            return not row.step
+        return step.attempt == row.attempt and step.outcome in (None, Outcome.DONE)
+
+    def apply(self, entry: Entry) -> None:
+        """Take in the next event."""
+        self.first_ns = self.first_ns if self.last_seq else entry.time_ns
+        self.last_seq, self.last_ns = entry.seq, entry.time_ns
+        if isinstance(entry.event, Recorded):
+            event = entry.event
+            row = RecordedRow(entry.seq, entry.time_ns, event.row_kind, event.data, event.step, event.attempt)
+            self.rows.append(row)
+        else:
+            self._apply(entry.event)
+
+    def _apply(self, event: Event) -> None:
+        match event:
+            case RunStarted():
+                self.started = event
+            case RunResumed():
+                self._resume()
+            case DevicesConnected(identities):
+                self.identities = identities
+            case StateChanged(after=after):
+                self.state = after
+            case StepStarted(step, attempt, moves):
+                self.steps[step] = StepState(step, attempt, moves)
+            case StepEnded():
+                self._end(event)
+            case RunEnded(state):
+                self.ended, self.state = event, state
+            case _:  # said, operator actions and what newer versions write change nothing here
+                pass
+
+    def _end(self, event: StepEnded) -> None:
+        moves = self.steps[event.step].moves if event.step in self.steps else False
+        outcome, failure = event.outcome, event.failure
+        self.steps[event.step] = StepState(event.step, event.attempt, moves, outcome, event.result, failure)
+
+    def _resume(self) -> None:
+        self.ended, self.state = None, "idle"
+        self.resumed += 1
+        for step in self.in_flight:
+            self.steps[step.step] = replace(step, outcome=Outcome.INTERRUPTED)
+
+
+def fold(entries: Iterable[Entry]) -> RunState:
+    """The state that `entries`, a whole journal or the beginning of one, lead to."""
+    state = RunState()
+    for entry in entries:
+        state.apply(entry)
+    return state

@@ -1,0 +1,116 @@
+"""Writing a run's journal: every event is on the disk when `append` returns."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Self, final
+
+from cellctl.journal.codec import encode
+from cellctl.journal.errors import JournalError, named_errors
+from cellctl.journal.events import Entry, KnownEvent
+from cellctl.journal.lock import WriterLock
+from cellctl.journal.reader import refuse_foreign
+from cellctl.journal.schema import CREATE, FILE_NAME, INSERT, LOCK_NAME
+
+_BUSY_S = 0.5
+"""How long a commit waits for a foreign program that has locked the file; the engine's loop stands still meanwhile."""
+
+
+@final
+class Journal:
+    """The journal of one run, open for writing by this process alone.
+
+    One transaction an event, synchronous FULL: what `append` returned from survives a crash and a power cut.
+    Use it from one thread. It is a context manager: leaving it closes the journal.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock, now_ns: Callable[[], int]) -> None:
+        self.path = path
+        self._connection = connection
+        self._lock = lock
+        self._now_ns = now_ns
+
+    @classmethod
+    def create(cls, run_folder: Path, now_ns: Callable[[], int]) -> Self:
+        """Begin the journal of a new run in `run_folder`, made if need be; `now_ns` gives the cell's time.
+
+        Raises JournalError where there is one already, where it cannot be written, or on a full disk.
+        """
+        path = run_folder / FILE_NAME
+        with named_errors(run_folder):
+            run_folder.mkdir(parents=True, exist_ok=True)
+            lock = WriterLock.take(run_folder / LOCK_NAME)
+        try:
+            if path.exists():
+                raise JournalError(path, "there is a journal already", "resume that run, or take another run folder")
+            return cls(path, _created(path), lock, now_ns)
+        except BaseException:
+            lock.release()
+            raise
+
+    @classmethod
+    def reopen(cls, run_folder: Path, now_ns: Callable[[], int]) -> Self:
+        """Go on with the journal in `run_folder`, to resume its run.
+
+        Raises JournalError where there is none, where another process writes it, or where it cannot be written.
+        """
+        path = run_folder / FILE_NAME
+        refuse_foreign(path)
+        with named_errors(run_folder):
+            lock = WriterLock.take(run_folder / LOCK_NAME)
+        try:
+            return cls(path, _connected(path), lock, now_ns)
+        except BaseException:
+            lock.release()
+            raise
+
+    def append(self, event: KnownEvent) -> Entry:
+        """Commit `event`; it is on the disk when this returns. Takes a few milliseconds on a common disk.
+
+        Raises JournalError (nothing of the event is kept then, all before it is), ValueError for what JSON cannot hold.
+        """
+        kind, step, attempt, data = encode(event)
+        time_ns = self._now_ns()
+        with named_errors(self.path):
+            cursor = self._connection.execute(INSERT, (time_ns, kind, step, attempt, data))
+        return Entry(cursor.lastrowid or 0, time_ns, event)
+
+    def close(self) -> None:
+        """Fold the write-ahead log into the file, so that a finished run is one file; let go of it. Never raises."""
+        with suppress(sqlite3.Error):  # a reader may hold it, the disk may be full: the log then stays beside it
+            self._connection.execute("PRAGMA busy_timeout = 0")
+            self._connection.execute("PRAGMA journal_mode = DELETE")
+        with suppress(sqlite3.Error):
+            self._connection.close()
+        self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _created(path: Path) -> sqlite3.Connection:
+    try:
+        return _connected(path, CREATE)
+    except JournalError:
+        path.unlink(missing_ok=True)  # half a journal would only be in the way of the next try
+        raise
+
+
+def _connected(path: Path, script: str = "") -> sqlite3.Connection:
+    with named_errors(path):
+        connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
+    try:
+        with named_errors(path):
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.executescript(f"BEGIN; {script} COMMIT;" if script else "")
+            connection.execute("PRAGMA journal_mode = WAL")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
