@@ -1,0 +1,103 @@
+"""The simulated controller, put together: arm, program, EKI server, RSI client."""
+
+from __future__ import annotations
+
+import random
+from typing import TextIO, final
+from urllib.parse import parse_qs, urlsplit
+
+from sims.cell import SimCell
+from sims.contact_loop import ContactLoop
+from sims.faults import Faults
+from sims.kernel import Kernel
+from sims.krc.contact_log import ContactLog
+from sims.krc.currents import MotorCurrents
+from sims.krc.eki_messages import print_ident
+from sims.krc.eki_server import EkiServer
+from sims.krc.ethernet_config import BadConfig, EthernetConfig, read_config
+from sims.krc.program import Program
+from sims.krc.robot import Robot
+from sims.krc.rsi_link import RsiLink
+from sims.krc.rsi_session import RsiContext
+from sims.krc.servo import Servo
+from sims.krc.signal_flow import AxisCorrection, LateCounter
+from sims.krc.telegram import TelegramFormat, Value
+from sims.world.world import World
+
+SCHEME = "kuka+rsi"
+KSS = "V8.6.11"
+START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
+
+
+@final
+class KrcServers:
+    """The controller's ends on the wire. `eki_port`: where its EKI server listens, on 127.0.0.1."""
+
+    def __init__(self, eki: EkiServer, link: RsiLink) -> None:
+        self._eki = eki
+        self._link = link
+        self.eki_port = eki.port
+
+    def set_rsi_target(self, host: str, port: int) -> None:
+        """Where the PC waits for telegrams. Raises OSError where the host is unknown."""
+        self._link.set_target(host, port)
+
+    def close(self) -> None:
+        """Hang up, and let go of the ports."""
+        self._eki.close()
+        self._link.close()
+
+
+def start(kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, truth_log: TextIO | None) -> KrcServers:
+    """Start the controller of the cell's robot, which stands bent and clear. Raises BadConfig."""
+    config = _config(cell)
+    settings, joints = cell.simulate.rsi, cell.robot.joints
+    speeds = [joint.max_speed for joint in joints]
+    world = World(cell, cell.simulate.seed)
+    log = ContactLog(truth_log)
+    robot = Robot(kernel, world, loop, log, START, speeds)
+    currents = MotorCurrents(kernel, robot, world, cell.robot.tool.mass)
+    late = LateCounter(settings.timeout_cycles, settings.counter)
+    draw = random.Random(f"{cell.simulate.seed} controller")
+    context = RsiContext(
+        kernel=kernel,
+        robot=robot,
+        link=RsiLink(kernel),
+        faults=faults,
+        config=config,
+        telegram=TelegramFormat(config, settings.precision, _values(robot, world, currents, late)),
+        settings=settings,
+        late=late,
+        servo=Servo(speeds, settings.cycle_ms * 1e-3, cell.simulate.errors["servo"]),
+        correction=AxisCorrection(),
+        limits=tuple((joint.min, joint.max) for joint in joints),
+        ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
+    )
+    ident = print_ident(f"SIM-{draw.randrange(10**6):06d}", cell.robot.name, KSS)
+    return KrcServers(EkiServer(kernel, Program(context, log, ident)), context.link)
+
+
+def _config(cell: SimCell) -> EthernetConfig:
+    """The Ethernet configuration that the robot's address names."""
+    if len(cell.robot.joints) != len(START):
+        raise BadConfig(f"this controller drives six axes; the robot file has {len(cell.robot.joints)}")
+    address = next((text for text in cell.addresses.values() if urlsplit(text).scheme == SCHEME), None)
+    named = parse_qs(urlsplit(address or "").query).get("ethernet")
+    if not named:
+        raise BadConfig(f"{cell.name}: no {SCHEME}:// address with '?ethernet=FILE', the RSI Ethernet configuration")
+    return read_config(cell.folder / named[0])
+
+
+def _values(robot: Robot, world: World, currents: MotorCurrents, late: LateCounter) -> dict[str, Value]:
+    """What each tag shows. Under correction only the actual values move: the program stands where it was."""
+    return {
+        "RIst": lambda: world.shown_pose(robot.readings()),
+        "RSol": lambda: world.shown_pose(robot.commanded),
+        "AIPos": robot.readings,
+        "ASPos": lambda: robot.commanded,
+        "EIPos": lambda: (0.0,) * 6,
+        "ESPos": lambda: (0.0,) * 6,
+        "MACur": currents.now,
+        "MECur": lambda: (0.0,) * 6,
+        "Delay": lambda: (late.count,),
+    }

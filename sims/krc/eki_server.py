@@ -1,0 +1,96 @@
+"""The controller's TCP end of the transfer channel: one PC at a time, documents in, documents out."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import suppress
+from typing import final
+
+from sims.kernel import Event, Kernel
+from sims.krc.eki_stream import DocumentStream
+from sims.krc.program import Program
+
+STATE_EVERY_NS = 100_000_000
+MOST_UNSENT = 262_144
+
+
+@final
+class EkiServer:
+    """Listens on a free port of 127.0.0.1, `port`; hands documents to the program."""
+
+    def __init__(self, kernel: Kernel, program: Program) -> None:
+        self._kernel = kernel
+        self._program = program
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=4)
+        self._listener.setblocking(False)
+        self.port: int = self._listener.getsockname()[1]
+        self._peer: socket.socket | None = None
+        self._stream = DocumentStream()
+        self._unsent = bytearray()
+        self._timer: Event | None = None
+        kernel.watch(self._listener, self._accept)
+
+    def close(self) -> None:
+        """Hang up and stop listening."""
+        self._hang_up()
+        self._kernel.unwatch(self._listener)
+        self._listener.close()
+
+    def _accept(self) -> None:
+        with suppress(BlockingIOError):
+            peer, _ = self._listener.accept()
+            if self._peer:
+                self._receive()  # its end may be waiting to be read: then the line is free
+            if self._peer:
+                peer.close()
+                return
+            self._welcome(peer)
+
+    def _welcome(self, peer: socket.socket) -> None:
+        peer.setblocking(False)
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer, self._stream = peer, DocumentStream()
+        self._unsent.clear()
+        self._kernel.watch(peer, self._receive)
+        self._program.connected(self._send)
+        self._timer = self._kernel.after(STATE_EVERY_NS, self._tell)
+
+    def _receive(self) -> None:
+        while self._peer:
+            try:
+                data = self._peer.recv(65536)
+            except BlockingIOError:
+                return
+            except ConnectionError:
+                data = b""
+            if not data:
+                self._hang_up()
+                return
+            for document in self._stream.feed(data):
+                self._program.execute(document)
+
+    def _tell(self) -> None:
+        self._program.tell()
+        if self._peer:
+            self._timer = self._kernel.after(STATE_EVERY_NS, self._tell)
+
+    def _send(self, document: bytes) -> None:
+        """Never blocks: what TCP does not take waits, and who does not read for long is taken for lost."""
+        self._unsent += document
+        try:
+            while self._peer and self._unsent:
+                del self._unsent[: self._peer.send(self._unsent)]
+        except BlockingIOError:
+            if len(self._unsent) > MOST_UNSENT:
+                self._kernel.at(self._kernel.now, self._hang_up)
+        except ConnectionError:
+            self._kernel.at(self._kernel.now, self._hang_up)
+
+    def _hang_up(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+        if self._peer:
+            self._kernel.unwatch(self._peer)
+            self._peer.close()
+            self._peer = None
+            self._program.disconnected()

@@ -1,0 +1,93 @@
+"""The person's RSI Ethernet configuration: which tags go and come, in which order, of which type."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+TYPES = frozenset({"BOOL", "LONG", "DOUBLE", "STRING"})
+AXES = tuple(f"A{i}" for i in range(1, 7))
+
+
+class BadConfig(ValueError):
+    """The configuration is not one that RSI_CREATE takes; the text names file and cause."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One ELEMENT: `tag` as on the wire (without `DEF_`), its type, and whether it keeps its value when missed."""
+
+    tag: str
+    type: str
+    hold_on: bool
+
+    @property
+    def name(self) -> str:
+        """The XML element, `AK` of `AK.A1`."""
+        return self.tag.partition(".")[0]
+
+    @property
+    def attribute(self) -> str:
+        """The XML attribute, `A1` of `AK.A1`; empty where the value is the element's text."""
+        return self.tag.partition(".")[2]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class EthernetConfig:
+    """CONFIG, SEND (robot → PC) and RECEIVE (PC → robot) of the file, in its order.
+
+    `correction`: the six RECEIVE tags wired to AXISCORR; `stop`: the one wired to STOP, or None.
+    """
+
+    sentype: str
+    only_send: bool
+    send: tuple[Element, ...]
+    receive: tuple[Element, ...]
+    correction: tuple[str, ...]
+    stop: str | None
+
+
+def read_config(path: Path) -> EthernetConfig:
+    """Read the file. Raises BadConfig."""
+    try:
+        root = ET.fromstring(path.read_bytes())
+    except OSError as error:
+        raise BadConfig(f"{path}: {error.strerror}") from None
+    except ET.ParseError as error:
+        raise BadConfig(f"{path}: not XML: {error}") from None
+    sentype = (root.findtext("CONFIG/SENTYPE") or "").strip()
+    if not sentype:
+        raise BadConfig(f"{path}: CONFIG/SENTYPE is missing")
+    only_send = (root.findtext("CONFIG/ONLYSEND") or "").strip().upper() == "TRUE"
+    send, receive = _elements(path, root, "SEND"), _elements(path, root, "RECEIVE")
+    correction = () if only_send else _correction(path, receive)
+    stop = next((e.tag for e in receive if e.type == "BOOL" and e.tag.upper() == "STOP"), None)
+    return EthernetConfig(sentype, only_send, send, receive, correction, stop)
+
+
+def _elements(path: Path, root: ET.Element, section: str) -> tuple[Element, ...]:
+    return tuple(_element(path, section, entry) for entry in root.iterfind(f"{section}/ELEMENTS/ELEMENT"))
+
+
+def _element(path: Path, section: str, entry: ET.Element) -> Element:
+    tag, type_ = entry.get("TAG", ""), entry.get("TYPE", "")
+    if not tag:
+        raise BadConfig(f"{path}: {section}: an ELEMENT without TAG")
+    if type_ not in TYPES:
+        raise BadConfig(f"{path}: {section}: {tag}: TYPE is one of {', '.join(sorted(TYPES))}, not '{type_}'")
+    return Element(tag.removeprefix("DEF_"), type_, entry.get("HOLDON", "0").strip() == "1")
+
+
+def _correction(path: Path, receive: tuple[Element, ...]) -> tuple[str, ...]:
+    tags = {element.tag for element in receive if element.type == "DOUBLE"}
+    for name in dict.fromkeys(element.name for element in receive):
+        if f"{name}.E1" in tags:
+            raise BadConfig(f"{path}: RECEIVE: {name}.E1: AXISCORREXT on a robot without external axes (RSIBad)")
+        group = tuple(f"{name}.{axis}" for axis in AXES)
+        if tags.issuperset(group):
+            return group
+    raise BadConfig(f"{path}: RECEIVE: no six DOUBLE tags NAME.A1 … NAME.A6 to wire to AXISCORR")

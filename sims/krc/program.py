@@ -1,0 +1,197 @@
+"""The KRL program on the controller: one command at a time, its state, and the message that stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import final
+
+from sims.kernel import Event
+from sims.krc.contact_log import ContactLog
+from sims.krc.eki_messages import Code, Command, Unreadable, print_reply, print_state, read_command
+from sims.krc.rsi_session import MS, RsiContext, RsiSession
+
+Send = Callable[[bytes], object]
+
+
+@final
+class Prog(StrEnum):
+    """What the program does, as `Stat` shows it."""
+
+    READY = "READY"
+    MOVING = "MOVING"
+    RSI = "RSI"
+    STOPPED = "STOPPED"
+    ERROR = "ERROR"
+
+
+@final
+@dataclass(slots=True)
+class _Running:
+    command: Command
+    outcome: tuple[Code, str] = (Code.DONE, "")
+
+
+@final
+class Program:
+    """Takes commands as documents, answers through the connection's `send`, tells every change of state."""
+
+    def __init__(self, rsi: RsiContext, log: ContactLog, ident: str) -> None:
+        self._rsi = rsi
+        self._kernel = rsi.kernel
+        self._robot = rsi.robot
+        self._faults = rsi.faults
+        self._log = log
+        self._ident = ident
+        self._prog = Prog.READY
+        self._message = ""
+        self._running: _Running | None = None
+        self._braking = False
+        self._halts: list[str] = []
+        self._session: RsiSession | None = None
+        self._rsi_on: Event | None = None
+        self._send: Send | None = None
+        self._sequence = 0
+        rsi.faults.on_start("robot.stop", lambda: self.fail("KSS00001 EMERGENCY STOP"))
+        self._robot.on_collision = lambda: self.fail("KSS15065 Collision detection: the tool has struck an obstacle")
+
+    def connected(self, send: Send) -> None:
+        """A PC has connected; the state is its greeting."""
+        self._send = send
+        self.tell()
+
+    def disconnected(self) -> None:
+        """The connection is lost: what moves is stopped, and nobody is left to answer."""
+        self._send = None
+        self._halts.clear()
+        if self._running:
+            self._stop(Code.STOPPED, "the connection was lost")
+
+    def tell(self) -> None:
+        """Send the state."""
+        self._sequence += 1
+        self._put(print_state(self._sequence, self._prog, self._message, self._robot.readings()))
+
+    def execute(self, document: bytes) -> None:
+        """Do what a document asks for, or say why not."""
+        try:
+            command = read_command(document, len(self._rsi.limits))
+        except Unreadable as error:
+            self._reply(error.id, Code.UNREADABLE, str(error))
+            return
+        if command.op == "HELLO":
+            self._reply(command.id, Code.DONE, "", self._ident)
+        elif command.op == "HALT":
+            self._halt(command)
+        elif self._running or self._braking:
+            self._reply(command.id, Code.BUSY, "busy with another command")
+        elif command.op == "RESET":
+            self._change(Prog.READY, "")
+            self._reply(command.id, Code.DONE)
+        else:
+            self._begin(command)
+
+    def fail(self, message: str) -> None:
+        """The controller stops by itself and shows a message, which stands until RESET."""
+        self._change(Prog.ERROR, message)
+        if self._running:
+            self._stop(Code.CONTROLLER_STOP, message)
+
+    def _begin(self, command: Command) -> None:
+        refusal = self._refusal(command)
+        if refusal:
+            self._reply(command.id, *refusal)
+            return
+        self._running = _Running(command)
+        self._change(Prog.MOVING, "")
+        if command.op == "PTP":
+            self._robot.move(command.target, command.percent, self._arrived)
+            return
+        cycle = self._rsi.settings.cycle_ms * MS
+        self._rsi_on = self._kernel.at((self._kernel.now // cycle + 1) * cycle, self._start_rsi)
+
+    def _refusal(self, command: Command) -> tuple[Code, str] | None:
+        if self._prog == Prog.ERROR:
+            return Code.NOT_READY, self._message
+        if command.op == "RSI":
+            return None
+        if not 0.0 < command.percent <= 100.0:
+            return Code.BAD_SPEED, f"speed {command.percent} % is outside 0 … 100 %"
+        for i, (angle, (low, high)) in enumerate(zip(command.target, self._rsi.limits, strict=True), 1):
+            if not low <= angle <= high:
+                return Code.OUTSIDE_LIMIT, f"A{i} {angle:.4f} is outside {low} … {high}"
+        return None
+
+    def _start_rsi(self) -> None:
+        running, self._rsi_on = self._running, None
+        if not running:
+            return
+        if not self._rsi.link.has_target:
+            self.fail("RSI_CREATE General error: ETHERNET1")
+            return
+        self._log.begin(self._faults.search_begins(), self._robot.attempt)
+        self._session = RsiSession(self._rsi, self._rsi_ended)
+        self._change(Prog.RSI, "")
+        self._reply(running.command.id, Code.RSI_ON)
+        self._session.start()
+
+    def _rsi_ended(self, message: str) -> None:
+        if message:
+            self.fail(message)
+            return
+        self._robot.take_measured()
+        self._arrived()
+
+    def _halt(self, command: Command) -> None:
+        if not self._running:
+            self._reply(command.id, Code.DONE)
+            return
+        self._halts.append(command.id)
+        self._stop(Code.STOPPED, "stopped by HALT")
+
+    def _stop(self, code: Code, text: str) -> None:
+        """Brake; the running command ends with `code` when the robot stands. A controller's message has precedence."""
+        if self._running and self._running.outcome[0] != Code.CONTROLLER_STOP:
+            self._running.outcome = code, text
+        if self._rsi_on:
+            self._rsi_on.cancel()
+        if self._session:
+            self._session.abort()
+        if not self._braking:
+            self._braking = True
+            self._robot.brake(self._stands)
+
+    def _stands(self) -> None:
+        self._braking = False
+        self._robot.take_measured()
+        self._change(Prog.ERROR if self._message else Prog.STOPPED, self._message)
+        self._finish()
+
+    def _arrived(self) -> None:
+        self._change(Prog.READY, "")
+        self._finish()
+
+    def _finish(self) -> None:
+        """The last replies: to the command that ran, to those that halted it."""
+        running, self._running = self._running, None
+        searched, self._session = self._session is not None, None
+        if running:
+            self._reply(running.command.id, *running.outcome)
+        for command_id in self._halts:
+            self._reply(command_id, Code.DONE)
+        self._halts.clear()
+        if searched:
+            self._faults.search_ends()
+
+    def _change(self, prog: Prog, message: str) -> None:
+        if (prog, message) != (self._prog, self._message):
+            self._prog, self._message = prog, message
+            self.tell()
+
+    def _reply(self, command_id: str, code: Code, text: str = "", ident: str = "") -> None:
+        self._put(print_reply(command_id, code, text, self._robot.readings(), ident))
+
+    def _put(self, document: bytes) -> None:
+        if self._send:
+            self._send(document)

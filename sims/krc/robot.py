@@ -1,0 +1,190 @@
+"""The arm in motion: where it is at any time, and the contacts and collisions on its way."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import radians
+from typing import final
+
+from sims.contact_loop import ContactLoop
+from sims.kernel import Event, Kernel
+from sims.krc.contact_log import ContactLog
+from sims.krc.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
+from sims.world.crossings import crossings
+from sims.world.screws import Vector
+from sims.world.world import World
+
+LOOK_AHEAD_NS = 10_000_000
+COLLISION_MM = 3.0
+_SWING = 0.15
+"""A cubic leaves the stretch between its ends by no more than this × duration × the speeds at its ends (4/27)."""
+
+Then = Callable[[], object]
+
+
+@final
+class Robot:
+    """Follows one motion after another; looks 10 ms ahead for contact, and opens and closes the loop at the exact time.
+
+    `on_collision` is called where a point-to-point motion pushes the tip over 3 mm deep into a sphere. In a search the
+    torch's spring mount gives way instead: there a missed contact ends with the travel.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        world: World,
+        loop: ContactLoop,
+        log: ContactLog,
+        start: Joints,
+        max_speeds: Sequence[float],
+    ) -> None:
+        self._kernel = kernel
+        self._world = world
+        self._loop = loop
+        self._log = log
+        self.on_collision: Then = lambda: None
+        self._speeds = tuple(max_speeds)
+        self._accelerations = tuple(speed / FULL_SPEED_AFTER_S for speed in max_speeds)
+        self._attempts: Counter[tuple[int, ...]] = Counter()
+        self._motion: Motion = Standing(start, kernel.now)
+        self._then: Then | None = None
+        self._events: list[Event] = []
+        self._clear_mm = 0.0
+        self._deepest_mm: float | None = None
+        self.attempt = 0
+        self.commanded = start
+        self._scatter = self._draw(start)
+        self._scatter_before = self._scatter
+        self._sense()
+
+    def joints(self) -> Joints:
+        """Actual joints now, degrees, as they really are (no encoder)."""
+        return self._motion.at(self._kernel.now)
+
+    def state(self) -> State:
+        """Joints and velocities now."""
+        now = self._kernel.now
+        return State(self._motion.at(now), self._motion.velocity(now))
+
+    def readings(self) -> Joints:
+        """Actual joints now as the encoders show them."""
+        return tuple(self._world.encoder(self.joints()))
+
+    def move(self, target: Joints, percent: float, then: Then) -> None:
+        """Point to point at `percent` of the highest speeds; `then` is called on arrival."""
+        speeds = [speed * percent / 100.0 for speed in self._speeds]
+        motion = PointToPoint(self.joints(), target, speeds, self._accelerations, self._kernel.now)
+        before = self._scatter_now(self._kernel.now)
+        self.commanded = target
+        self._scatter_before, self._scatter = before, self._draw(target)
+        gap, _ = self._world.gap(motion.at(motion.start_ns), before)
+        self._follow(motion, then)
+        self._deepest_mm = min(gap, -COLLISION_MM)
+        self._look_ahead()
+
+    def brake(self, then: Then) -> None:
+        """Stop from whatever goes on; `then` is called when the robot stands."""
+        now = self._kernel.now
+        state = self.state()
+        self._scatter = self._scatter_before = self._scatter_now(now)
+        self._follow(Braking(state.joints, state.velocity, self._accelerations, now), then)
+        self._look_ahead()
+
+    def follow_cycle(self, motion: Motion) -> None:
+        """One interpolation cycle as told by a sensor; the next motion must begin where it ends."""
+        self._follow(motion, None)
+        self._look_ahead()
+
+    def stand(self) -> None:
+        """The robot has come to rest where it is."""
+        now = self._kernel.now
+        self._follow(Standing(self.joints(), now), None)
+        self._log.rest(now)
+
+    def take_measured(self) -> None:
+        """`PTP $AXIS_ACT_MEAS`: the programmed position becomes the measured one; nothing moves."""
+        self.commanded = self.readings()
+
+    def _draw(self, target: Joints) -> Vector:
+        key = tuple(round(joint * 1e4) for joint in target)
+        self.attempt = self._attempts[key]
+        self._attempts[key] += 1
+        return self._world.scatter(target, self.attempt)
+
+    def _follow(self, motion: Motion, then: Then | None) -> None:
+        for event in self._events:
+            event.cancel()
+        self._events.clear()
+        if self._log.waiting:
+            self._log.passed(self._world.tcp(self.joints(), self._scatter_now(self._kernel.now)))
+        self._motion, self._then, self._deepest_mm = motion, then, None
+
+    def _look_ahead(self) -> None:
+        """Schedule what happens on the next stretch of the motion, and its end."""
+        start, motion = self._kernel.now, self._motion
+        end = min(start + LOOK_AHEAD_NS, motion.end_ns)
+        if end > start and self._may_touch(start, end):
+            self._sense()
+            for time, closed in crossings(self._gap, (start, (start + end) // 2, end)):
+                self._events.append(self._kernel.at(time, partial(self._touch, closed)))
+            self._clear_mm = self._gap(end)
+            if self._deepest_mm is not None and self._clear_mm < self._deepest_mm:
+                self._events.append(self._kernel.at(end, self.on_collision))
+                return
+        if end < motion.end_ns or self._then:
+            self._events.append(self._kernel.at(end, self._go_on))
+
+    def _go_on(self) -> None:
+        self._events.clear()
+        if self._log.waiting:
+            self._log.passed(self._world.tcp(self.joints(), self._scatter_now(self._kernel.now)))
+        if self._kernel.now < self._motion.end_ns:
+            self._look_ahead()
+            return
+        then = self._then
+        self._scatter_before = self._scatter
+        self.stand()
+        self._sense()
+        if then:
+            then()
+
+    def _may_touch(self, start: int, end: int) -> bool:
+        """Whether the tip could reach a sphere in this stretch; keeps the lower bound of the gap up to date."""
+        motion = self._motion
+        swing = _SWING * (end - start) * 1e-9
+        way = sum(
+            abs(b - a) + swing * (abs(v) + abs(w))
+            for a, b, v, w in zip(
+                motion.at(start), motion.at(end), motion.velocity(start), motion.velocity(end), strict=True
+            )
+        )
+        bound = self._clear_mm - radians(way) * self._world.reach_mm - 0.1  # 0.1: the scatter's change on the way
+        if bound <= 0.0:
+            return True
+        self._clear_mm = bound
+        return False
+
+    def _sense(self) -> None:
+        self._clear_mm = self._gap(self._kernel.now)
+        self._loop.set_closed(self._clear_mm <= 0.0)
+
+    def _touch(self, closed: bool) -> None:
+        if closed and not self._loop.closed:
+            now = self._kernel.now
+            joints, scatter = self.joints(), self._scatter_now(now)
+            _, which = self._world.gap(joints, scatter)
+            self._log.touched(now, joints, self._world.tcp(joints, scatter), self._world.spheres[which])
+        self._loop.set_closed(closed)
+
+    def _gap(self, time_ns: int) -> float:
+        return self._world.gap(self._motion.at(time_ns), self._scatter_now(time_ns))[0]
+
+    def _scatter_now(self, time_ns: int) -> Vector:
+        if self._scatter_before is self._scatter:
+            return self._scatter
+        share = self._motion.share(time_ns)
+        (a, b, c), (x, y, z) = self._scatter_before, self._scatter
+        return a + share * (x - a), b + share * (y - b), c + share * (z - c)

@@ -1,0 +1,82 @@
+"""The controller's UDP end: it calls the PC from a port of its own, and in lockstep T waits for the answer."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from typing import final
+
+from sims.kernel import Hold, Kernel
+
+PEER = "rsi"
+_RECEIVE = 65535
+
+
+@final
+class RsiLink:
+    """Sends telegrams to the target, hands its datagrams to `on_datagram`, and holds T from `send` to `answered`."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self.on_datagram: Callable[[bytes], object] = lambda data: None
+        self._kernel = kernel
+        self._socket: socket.socket | None = None
+        self._hold: Hold | None = None
+
+    @property
+    def has_target(self) -> bool:
+        """Whether the controller knows where the PC is."""
+        return self._socket is not None
+
+    def set_target(self, host: str, port: int) -> None:
+        """Where the PC listens (`<IP_NUMBER>` and `<PORT>` of its configuration)."""
+        self.close()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.connect((host, port))
+        self._kernel.watch(self._socket, self._receive)
+
+    def drain(self) -> None:
+        """Throw away what has come so far: it belongs to an earlier RSI_ON."""
+        callback, self.on_datagram = self.on_datagram, lambda data: None
+        self._receive()
+        self.on_datagram = callback
+
+    def send(self, telegram: bytes, *, awaits_answer: bool) -> None:
+        """One telegram; T stands still until `answered` where an answer is awaited."""
+        if self._socket is None:
+            return
+        self.answered()
+        with suppress(BlockingIOError, ConnectionRefusedError):
+            self._socket.send(telegram)
+        if awaits_answer:
+            self._hold = self._kernel.hold(PEER)
+
+    def answered(self) -> None:
+        """The answer has come, or is no longer awaited."""
+        if self._hold:
+            self._hold.release()
+            self._hold = None
+
+    def alive(self) -> None:
+        """The PC keeps step: T waits for it."""
+        self._kernel.alive(PEER)
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.answered()
+        if self._socket:
+            self._kernel.unwatch(self._socket)
+            self._socket.close()
+            self._socket = None
+
+    def _receive(self) -> None:
+        while self._socket is not None:
+            try:
+                data = self._socket.recv(_RECEIVE)
+            except BlockingIOError:
+                return
+            except ConnectionRefusedError:  # nobody is bound there: no answer will come
+                self.answered()
+                continue
+            self.on_datagram(data)

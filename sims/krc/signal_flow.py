@@ -1,0 +1,78 @@
+"""The RSI context behind the ETHERNET object: held outputs, the late counter, AXISCORR and its monitor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import final
+
+from sims.krc.ethernet_config import Element
+from sims.krc.motions import Joints
+
+
+@final
+class EthernetOutputs:
+    """The ETHERNET object's outputs, zero at first; a missed answer resets those without HOLDON."""
+
+    def __init__(self, receive: Sequence[Element]) -> None:
+        self._values = {element.tag: 0.0 for element in receive}
+        self._reset = [element.tag for element in receive if not element.hold_on]
+
+    def __getitem__(self, tag: str) -> float:
+        return self._values[tag]
+
+    def answered(self, values: Mapping[str, float]) -> None:
+        """A valid answer came; a tag that it left out counts as missed."""
+        self.missed()
+        self._values.update(values)
+
+    def missed(self) -> None:
+        """No valid answer came in this cycle."""
+        for tag in self._reset:
+            self._values[tag] = 0.0
+
+
+@final
+class LateCounter:
+    """Cycles without a valid answer; more than `tolerated` and the ETHERNET object gives up.
+
+    Whether a valid answer resets the count is not published, so both are here: counter `total` never does, `reset`
+    does. `count` is what the telegram's Delay shows: all of them.
+    """
+
+    def __init__(self, tolerated: int, counter: str) -> None:
+        self.count = 0
+        self._against = 0
+        self._tolerated = tolerated
+        self._resets = counter == "reset"
+
+    def begin(self) -> None:
+        """RSI_ON: counting begins anew."""
+        self.count = self._against = 0
+
+    def answered(self) -> None:
+        """A cycle with a valid answer."""
+        if self._resets:
+            self._against = 0
+
+    def missed(self) -> bool:
+        """A cycle without one. True where that was one too many."""
+        self.count += 1
+        self._against += 1
+        return self._against > self._tolerated
+
+
+@final
+class AxisCorrection:
+    """AXISCORR and AXISCORRMON: each axis clamped without a word, a greater total stops RSI. Degrees from RSI_ON."""
+
+    def __init__(self, limit_deg: float = 5.0, monitor_deg: float = 6.0) -> None:
+        self._limit = limit_deg
+        self._monitor = monitor_deg
+
+    def clamp(self, asked: Sequence[float]) -> Joints:
+        """What is passed on."""
+        return tuple(max(-self._limit, min(self._limit, angle)) for angle in asked)
+
+    def exceeded(self, correction: Joints) -> bool:
+        """Whether the overall correction is over its ceiling (KSS29000)."""
+        return any(abs(angle) > self._monitor for angle in correction)

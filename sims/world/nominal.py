@@ -1,0 +1,70 @@
+"""The robot as its file says: joint axes and home pose of the flange, from the link table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sims.robot_file import Link, RobotFile
+from sims.world.screws import Axis, Vector
+
+Matrix = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Axes and flange of a robot at model zero. `flange`: 4×4, base ← flange, mm."""
+
+    axes: tuple[Axis, ...]
+    flange: Matrix
+
+
+def nominal_geometry(robot: RobotFile) -> Geometry:
+    """Axis i is z of frame i − 1 of the link table at model zero; the flange is the last frame."""
+    frame = pose(robot.base.xyz, robot.base.abc)
+    axes = []
+    for link in robot.links:
+        axes.append(Axis(point=vector(frame[:3, 3]), direction=vector(frame[:3, 2])))
+        frame = frame @ link_transform(link)
+    return Geometry(tuple(axes), frame)
+
+
+def link_transform(link: Link) -> Matrix:
+    """One row of the table, Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β), 4×4, mm; the row's angles in degrees."""
+    along_z, along_x = np.eye(4), np.eye(4)
+    along_z[:3, :3] = turn([0.0, 0.0, link.theta])
+    along_z[2, 3] = link.d
+    along_x[:3, :3] = turn([link.alpha, 0.0, 0.0]) @ turn([0.0, link.beta, 0.0])
+    along_x[0, 3] = link.a
+    return np.asarray(along_z @ along_x, dtype=float)
+
+
+def pose(xyz: Sequence[float], abc: Sequence[float]) -> Matrix:
+    """4×4 of a place (mm) and KUKA angles A, B, C (degrees): Rz(A) Ry(B) Rx(C)."""
+    a, b, c = abc
+    out = np.eye(4)
+    out[:3, :3] = turn([0.0, 0.0, a]) @ turn([0.0, b, 0.0]) @ turn([c, 0.0, 0.0])
+    out[:3, 3] = xyz
+    return out
+
+
+def turn(rotation_vector_deg: Sequence[float] | Matrix) -> Matrix:
+    """3×3 rotation about the vector's direction by its length in degrees (Rodrigues)."""
+    vector_rad = np.radians(rotation_vector_deg)
+    angle = float(np.linalg.norm(vector_rad))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector_rad / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross, dtype=float)
+
+
+def vector(values: Sequence[float] | Matrix) -> Vector:
+    """Three numbers as plain floats, which the cyclic code is fastest with."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,123 @@
+"""The simulated truth: where the tool centre point of this one robot really is, and what it touches."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from collections.abc import Sequence
+from itertools import pairwise
+from math import asin, atan2, degrees, radians, sqrt
+from typing import final
+
+import numpy as np
+
+from sims.cell import SimCell
+from sims.world.errors import joint_zero_errors, tool_error, true_geometry
+from sims.world.nominal import nominal_geometry, pose, vector
+from sims.world.plate import TrueSphere, true_spheres
+from sims.world.screws import Arm, Vector
+
+GRAVITY_M_S2 = 9.80665
+TOOL_COMPLIANCE = 0.00036
+"""c_t = 1/(E·I) of the torch, 1/(N·m²); Wang et al. 2024, identified."""
+ENCODER_DEG = 0.0005
+NO_SCATTER: Vector = (0.0, 0.0, 0.0)
+
+
+@final
+class World:
+    """One robot, its tool and the spheres around it, all errors drawn from `seed`.
+
+    Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
+    file's `base`), mm. The true chain is a product of perturbed screws, not a link table.
+    """
+
+    def __init__(self, cell: SimCell, seed: int) -> None:
+        robot, errors = cell.robot, cell.simulate.errors
+        nominal = nominal_geometry(robot)
+        true = true_geometry(nominal, seed, errors["geometry"])
+        zeros = joint_zero_errors(len(robot.joints), seed, errors["joint_zero"])
+        taught = np.array(robot.tool.xyz, dtype=float)
+        offset = taught + tool_error(seed, errors["tool"])
+        self._seed = seed
+        self._repeatability = errors["repeatability"] * robot.repeatability
+        self._resolution = errors["encoder"] * ENCODER_DEG
+        self._signs = [float(joint.sign) for joint in robot.joints]
+        self._offsets = [float(joint.offset) for joint in robot.joints]
+        self._true_offsets = [a + zero for a, zero in zip(self._offsets, zeros, strict=True)]
+        self._true = Arm(true.axes)
+        self._tcp = vector(true.flange[:3, :3] @ offset + true.flange[:3, 3])
+        self._flange_z = vector(true.flange[:3, 2])
+        self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
+        tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
+        self._nominal = Arm(nominal.axes)
+        self._tool = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
+        self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
+        self.reach_mm = _reach(self._nominal, self._tool[0])
+
+    def true_tcp(self, readings: Sequence[float]) -> Vector:
+        """The mean tool centre point, deflection included, without the robot's scatter."""
+        return self.tcp(readings, NO_SCATTER)
+
+    def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
+        """The tool centre point now, `scatter` being what `scatter()` drew for this approach."""
+        angles = [
+            radians(sign * reading + offset)
+            for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
+        ]
+        (x, y, z), (ux, uy, uz) = self._true.carry(angles, self._tcp, self._flange_z)
+        # ĝ = (0, 0, −1): the load bends the tool by what of it is across the flange's z
+        across = self._sag_mm * uz
+        return x + across * ux + scatter[0], y + across * uy + scatter[1], z + across * uz - self._sag_mm + scatter[2]
+
+    def gap(self, readings: Sequence[float], scatter: Vector) -> tuple[float, int]:
+        """From the tip to the nearest sphere's surface, mm (negative inside), and which sphere; infinity without."""
+        x, y, z = self.tcp(readings, scatter)
+        nearest, which = float("inf"), -1
+        for i, sphere in enumerate(self.spheres):
+            cx, cy, cz = sphere.centre
+            gap = sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2) - sphere.touch_mm
+            if gap < nearest:
+                nearest, which = gap, i
+        return nearest, which
+
+    def scatter(self, target: Sequence[float], attempt: int) -> Vector:
+        """Where the tool ends up beside its mean at the `attempt`-th (from 0) move to `target`, mm.
+
+        A function of seed, target (to 1e-4°) and attempt alone: time plays no part. Its 3-D RMS is the robot file's
+        repeatability.
+        """
+        key = f"{self._seed}|{attempt}|" + ",".join(str(round(reading * 1e4)) for reading in target)
+        draw = random.Random(hashlib.sha256(key.encode()).digest())
+        sigma = self._repeatability / sqrt(3.0)
+        return draw.gauss(0.0, sigma), draw.gauss(0.0, sigma), draw.gauss(0.0, sigma)
+
+    def encoder(self, joints: Sequence[float]) -> list[float]:
+        """What the controller reads where the joints are at `joints`, degrees."""
+        step = self._resolution
+        return [round(joint / step) * step for joint in joints] if step else list(joints)
+
+    def shown_pose(self, readings: Sequence[float]) -> tuple[float, float, float, float, float, float]:
+        """What the controller, which knows the nominal model and the taught tool only, shows as X Y Z A B C."""
+        angles = [
+            radians(sign * reading + offset)
+            for sign, reading, offset in zip(self._signs, readings, self._offsets, strict=True)
+        ]
+        place, (xx, xy, xz), (zx, zy, zz) = self._nominal.carry(angles, *self._tool)
+        return (
+            *place,
+            degrees(atan2(xy, xx)),
+            degrees(asin(max(-1.0, min(1.0, -xz)))),
+            degrees(atan2(zx * xy - zy * xx, zz)),  # z of y = z × x
+        )
+
+
+def _sag_mm(length_mm: float, mass_kg: float) -> float:
+    """c_t · l³/3 · G, how far the tool's tip sinks held level."""
+    return TOOL_COMPLIANCE * (length_mm * 1e-3) ** 3 / 3.0 * mass_kg * GRAVITY_M_S2 * 1e3
+
+
+def _reach(arm: Arm, tip: Vector) -> float:
+    """An upper bound of the tip's distance from any axis, mm: the way along the axes' points, stretched."""
+    points = [np.array(axis.point) for axis in arm.axes] + [np.array(tip)]
+    return float(sum(np.linalg.norm(b - a) for a, b in pairwise(points)))
