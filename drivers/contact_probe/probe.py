@@ -1,0 +1,156 @@
+"""The contact probe as its callers know it: connect, arm, wait for the contact, disarm."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from typing import final
+
+from cellctl.clock import Clock
+from cellctl.devices import (
+    Contact,
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+    DeviceRefused,
+    DeviceUnreachable,
+    Health,
+    Identity,
+    ProbeNotOpen,
+)
+from drivers.contact_probe.messages import Introduction
+from drivers.contact_probe.search import Search, fault_of
+from drivers.contact_probe.session import Session
+
+_CLOSE_BOUND_S = 2.0
+"""Wall time: a simulated cell whose time stands still must not keep the probe open."""
+
+
+@final
+class SerialProbe:
+    """A ContactProbe on a serial line; docs/reference/probe-protocol.md says how it speaks."""
+
+    def __init__(self, name: str, path: str, baud: int, clock: Clock) -> None:
+        self.name = name
+        self._path, self._baud, self._clock = path, baud, clock
+        self._session: Session | None = None
+
+    async def connect(self) -> Identity:
+        """Open the port, ask who is there, and fit its count to the cell's clock (about 1 s of heartbeats)."""
+        await self.close()
+        session = self._session = Session(self.name, self._path, self._baud, self._clock)
+        try:
+            return self._identity(await session.meet())
+        except BaseException as error:
+            await self._let_go()
+            if isinstance(error, DeviceLost):
+                raise DeviceUnreachable(self.name, error.what, error.cure) from error
+            raise
+
+    async def arm(self, on_edge: Callable[[], None], on_alive: Callable[[int], None]) -> None:
+        """Arm, with the loop verified open by the probe itself; once more after disarming where it is not idle."""
+        session = self._connected()
+        session.check()
+        ticks = await session.settled()
+        session.end_search()
+        search = session.search = Search(self.name, self._clock, ticks, on_edge, on_alive)
+        try:
+            await self._armed(session)
+        except BaseException:
+            session.end_search()
+            raise
+        search.armed()
+        session.watch(search)
+
+    async def contact(self) -> Contact:
+        """Wait for the contact. An edge whose level did not hold, or that is never confirmed, is not `confirmed`."""
+        search = self._session.search if self._session else None
+        if search is None:
+            raise DeviceRefused(self.name, "is not armed, so no contact can come", "arm it first")
+        return await search.outcome()
+
+    async def disarm(self) -> None:
+        """Disarm. A probe whose fault is still there stays in FAULT, which is as safe."""
+        session = self._connected()
+        if await session.command("DISARM") == "UNKNOWN":
+            raise DeviceRefused(self.name, "does not know DISARM", "load firmware that speaks protocol version 1")
+        session.end_search()
+
+    async def health(self) -> Health:
+        """The state and the loop, from the last heartbeat; the round trip, measured now; counts since connecting."""
+        session = self._connected()
+        session.check()
+        round_trip_ns = await session.round_trip_ns()
+        beat = session.last_beat
+        if beat is None:
+            raise DeviceLost(self.name, "sends no heartbeats", "check the probe's firmware")
+        figures = {"loop_mV": beat.loop_mv, "round_trip_ms": round_trip_ns * 1e-6, **_figures(session)}
+        return Health(beat.state != "FAULT", f"{beat.state}, loop at {beat.loop_mv} mV", figures)
+
+    async def stop(self) -> None:
+        """Disarm, where there is a connection."""
+        if self._session:
+            await self.disarm()
+
+    async def close(self) -> None:
+        """Disarm, end the port's thread and let go of the port."""
+        if self._session:
+            with suppress(DeviceError, TimeoutError):
+                async with asyncio.timeout(_CLOSE_BOUND_S):
+                    await self.disarm()
+        await self._let_go()
+
+    async def _armed(self, session: Session) -> None:
+        code = await session.command("ARM")
+        if code == "STATE":  # tripped, or at fault, since some earlier search
+            self._judge(await session.command("DISARM"))
+            code = await session.command("ARM")
+        self._judge(code)
+
+    def _judge(self, code: str) -> None:
+        match code:
+            case "OK":
+                return
+            case "CLOSED":
+                cure = "move the tip clear of what it touches; if it touches nothing, free and clean it"
+                raise ProbeNotOpen(self.name, "the loop is closed, so it cannot be armed", cure)
+            case "WIRE":
+                raise fault_of(self.name, code)
+            case "STATE":
+                cure = "its fault is still there; its health says what the loop is like"
+                raise DeviceFault(self.name, "stays in FAULT after DISARM", cure)
+            case _:
+                raise DeviceFault(self.name, f"cannot be armed (answer '{code}')", "check the probe's firmware")
+
+    def _identity(self, who: Introduction) -> Identity:
+        simulated = any(text.upper().startswith("SIM") for text in (who.serial, who.name))
+        return Identity(self.name, who.serial, who.name, who.firmware, simulated)
+
+    def _connected(self) -> Session:
+        if self._session is None:
+            raise DeviceLost(self.name, "is not connected", "connect it first")
+        self._session.link.check()
+        return self._session
+
+    async def _let_go(self) -> None:
+        session, self._session = self._session, None
+        if session:
+            await session.close()
+
+
+def _figures(session: Session) -> dict[str, float]:
+    counts, ticks = session.link.counts, session.ticks
+    figures: dict[str, float] = {
+        "heartbeat_age_ms": session.link.silent_ns() * 1e-6,
+        "lines": counts.lines,
+        "crc_errors": counts.crc_errors,
+        "doubles": counts.doubles,
+        "resends": counts.resends,
+        "resets": session.resets,
+    }
+    if ticks:
+        fit = ticks.fit
+        figures |= {"drift_ppm": fit.drift * 1e6, "fit_sigma_ms": fit.sigma_ns * 1e-6}
+        figures["hidden_delay_ms"] = ticks.hidden_ns * 1e-6
+    return figures

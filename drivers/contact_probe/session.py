@@ -1,0 +1,171 @@
+"""One connection to a probe, from opening its port to closing it: who it is, its time, its commands, its life."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Final, final
+
+from cellctl.clock import Clock
+from cellctl.devices import DeviceLost, DeviceUnreachable
+from drivers.contact_probe.lines import Line
+from drivers.contact_probe.link import Answered, Arrival, Link
+from drivers.contact_probe.messages import Boot, Heartbeat, Introduction, Reply, Synced
+from drivers.contact_probe.port import open_port
+from drivers.contact_probe.search import Search
+from drivers.contact_probe.ticks import TickClock
+
+PROTOCOL = 1
+_QUIET_S = 0.1
+"""Nothing is sent for so long after opening, which resets many boards."""
+_PATIENCE_S = 5.0
+_SETTLED_S = 1.0
+"""The lines have to span this before the count is taken for fitted to the cell's clock."""
+_SYNC_EVERY_S = 0.2
+_SILENCE_S = 0.17
+"""Three heartbeats of 50 ms missed, and 20 ms for the way."""
+
+
+@final
+class Session:
+    """A connection; `search` is the armed search, if there is one.
+
+    Raises DeviceUnreachable where the port cannot be opened.
+    """
+
+    def __init__(self, device: str, path: str, baud: int, clock: Clock) -> None:
+        self.search: Search | None = None
+        self.ticks: TickClock | None = None
+        self.last_beat: Heartbeat | None = None
+        self.resets = 0
+        self._device, self._place, self._clock = device, f"{path} at {baud} baud", clock
+        self.link: Final = Link(device, open_port(device, path, baud), baud, clock, self)
+        self.link.start()
+
+    async def meet(self) -> Introduction:
+        """Ask who is there, and fit its count to the cell's clock. Raises DeviceUnreachable, DeviceLost."""
+        await self._clock.sleep(_QUIET_S)
+        try:
+            async with self._clock.timeout(_PATIENCE_S):
+                who = await self._introduction()
+        except TimeoutError:
+            raise self._unanswered() from None
+        if who.proto != PROTOCOL:
+            cure = f"load firmware that speaks protocol version {PROTOCOL}"
+            raise DeviceUnreachable(self._device, f"speaks protocol version {who.proto}", cure)
+        if who.tick_hz == 0:
+            raise DeviceUnreachable(self._device, "says that its clock stands still (tick_hz 0)", "check its firmware")
+        self.ticks = TickClock(who.tick_hz)
+        await self.settled()
+        return who
+
+    async def settled(self) -> TickClock:
+        """The probe's count, once its fit has a second of lines to stand on. Raises DeviceLost."""
+        if self.ticks is None:
+            raise DeviceLost(self._device, "never said how fast its clock runs", "connect it first")
+        while self.ticks.span_s < _SETTLED_S:
+            await self.round_trip_ns()
+            await self._clock.sleep(_SYNC_EVERY_S)
+        return self.ticks
+
+    async def round_trip_ns(self) -> int:
+        """Time from sending a SYNC to its answer, which also bounds what the adapter adds. Raises DeviceLost."""
+        answered = await self._ask("SYNC")
+        if self.ticks and isinstance(answered.message, Synced):
+            self.ticks.add_sync(answered.message.received_tick, answered.sent_ns + answered.wire_ns)
+        return answered.arrival.time_ns - answered.sent_ns
+
+    async def command(self, kind: str) -> str:
+        """The code that answers ARM or DISARM. Raises DeviceLost."""
+        answered = await self._ask(kind)
+        return answered.message.code if isinstance(answered.message, Reply) else ""
+
+    def check(self) -> None:
+        """Raises DeviceLost where the port is gone or the heartbeats have stopped."""
+        self.link.check()
+        silent_s = self.link.silent_ns() * 1e-9
+        if silent_s > _SILENCE_S:
+            what = f"has been silent for {silent_s * 1e3:.0f} ms"
+            raise DeviceLost(self._device, what, "check the line and the probe's supply")
+
+    def watch(self, search: Search) -> None:
+        """End `search` when the probe falls silent; in the cell's time, so that a cell that stands still may."""
+        if search.ended:
+            return
+        try:
+            self.check()
+        except DeviceLost as loss:
+            search.end(loss)
+            return
+        left_s = _SILENCE_S - self.link.silent_ns() * 1e-9
+        self._clock.call_later(max(left_s, 0.001), lambda: self.watch(search))
+
+    def end_search(self) -> None:
+        """Disarmed: forget the search."""
+        if self.search:
+            self.search.close()
+        self.search = None
+
+    async def close(self) -> None:
+        """End the port's thread, let go of the port, end the search."""
+        await self.link.close()
+        self.end_search()
+
+    # What the link hears. `alive`, `at_once` and `gone_at_once` are called by the port's thread.
+
+    def alive(self, time_ns: int) -> None:
+        """Pass a sign of life on."""
+        if search := self.search:
+            search.alive(time_ns)
+
+    def at_once(self, line: Line) -> None:
+        """Halt the search before the line that ends it is acknowledged."""
+        if search := self.search:
+            search.at_once(line.message)
+
+    def gone_at_once(self) -> None:
+        """Halt the search: nobody watches the tip any more."""
+        if search := self.search:
+            search.halt()
+
+    def gone(self, loss: DeviceLost) -> None:
+        """End the search."""
+        if self.search:
+            self.search.end(loss)
+
+    def arrived(self, arrival: Arrival) -> None:
+        """Fit, remember, and see what it means for the search."""
+        line = arrival.line
+        if isinstance(line.message, Boot):
+            self.resets += 1
+            if self.ticks:
+                self.ticks.restart()
+        if isinstance(line.message, Heartbeat):
+            self.last_beat = line.message
+        if self.ticks:
+            self.ticks.add_line(line.tick, arrival.time_ns, arrival.wire_ns)
+        if self.search:
+            self.search.pursue(line.message)
+
+    async def _introduction(self) -> Introduction:
+        while True:
+            with suppress(TimeoutError):  # a board that was reset by opening its port answers after a second or two
+                message = (await self.link.ask("HELLO")).message
+                if isinstance(message, Introduction):
+                    return message
+
+    async def _ask(self, kind: str) -> Answered:
+        try:
+            return await self.link.ask(kind)
+        except TimeoutError:
+            what = f"did not answer {kind}, sent five times"
+            raise DeviceLost(self._device, what, "check the line and the probe's supply") from None
+
+    def _unanswered(self) -> DeviceUnreachable:
+        heard = self.link.counts
+        if heard.lines:
+            what, cure = "is heard but does not answer", "check the line from this host to the probe"
+        elif heard.crc_errors:
+            what, cure = "sends nothing that can be read", "is the baud rate right, and is it a contact probe?"
+        else:
+            what, cure = "does not answer", "check the probe's supply, and that the address names its port"
+        return DeviceUnreachable(self._device, f"{what} ({self._place}, {_PATIENCE_S:g} s)", cure)

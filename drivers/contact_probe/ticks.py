@@ -1,0 +1,94 @@
+"""The probe's hardware count mapped to the cell's clock, and how well that is known."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import final
+
+from cellctl.clock import DelayFit, MinimumDelayFit
+
+_WRAP = 1 << 32
+_LONGEST_GAP_NS = 60_000_000_000
+"""After a longer silence the count may have wrapped unseen (every 36 min at 2 MHz): begin anew."""
+
+
+@final
+class TickClock:
+    """Unwraps the 32-bit count and fits it to the cell's clock by the lines that travelled fastest.
+
+    A delay that every line shares cannot be seen from arrivals; it is in the fit's offset. SYNC bounds it: the probe
+    cannot have received a command before it was sent, so by however much the map puts `received_tick` after that,
+    by so much at most is the map late. The smallest of the last bounds counts.
+    """
+
+    def __init__(self, tick_hz: int) -> None:
+        self._tick_hz = tick_hz
+        self._fit = MinimumDelayFit()
+        self._bounds: deque[float] = deque(maxlen=16)
+        self.restart()
+
+    def restart(self) -> None:
+        """The count began anew: forget the map. What the adapter adds is still the same."""
+        self._fit.clear()
+        self._last: int | None = None
+        self._last_arrival_ns = 0
+        self._first_ns = 0
+
+    def add_line(self, tick: int, arrival_ns: int, wire_ns: int) -> None:
+        """A line begun at `tick` came in whole at `arrival_ns` of the cell's clock, `wire_ns` of it on the wire."""
+        if arrival_ns - self._last_arrival_ns > _LONGEST_GAP_NS:
+            self.restart()
+        ticks = self._unwrapped(tick)
+        device_ns = self._nanoseconds(ticks)
+        if self._last is None:
+            self._first_ns = device_ns
+        self._last, self._last_arrival_ns = ticks, arrival_ns
+        self._fit.add(device_ns, arrival_ns - wire_ns)
+
+    def add_sync(self, received_tick: int, sent_ns: int) -> None:
+        """A command whose last character could not be there before `sent_ns` was there at `received_tick`."""
+        self._bounds.append(max(0.0, self.cell_ns(received_tick) - sent_ns))
+
+    @property
+    def last_tick(self) -> int:
+        """The 32-bit count of the last line; 0 before the first."""
+        return (self._last or 0) % _WRAP
+
+    @property
+    def span_s(self) -> float:
+        """Seconds of the count that the lines so far span."""
+        return 0.0 if self._last is None else (self._nanoseconds(self._last) - self._first_ns) * 1e-9
+
+    @property
+    def fit(self) -> DelayFit:
+        """The map now. Raises ValueError before the first line."""
+        return self._fit.fit()
+
+    @property
+    def hidden_ns(self) -> float:
+        """The largest delay that all lines can share unseen; infinite before the first SYNC."""
+        return min(self._bounds, default=math.inf)
+
+    def cell_ns(self, tick: int) -> int:
+        """The cell's time at `tick`, which lies within 17 minutes of the last line. Raises ValueError without lines."""
+        return self.fit.to_cell_ns(self._nanoseconds(self._unwrapped(tick)))
+
+    @staticmethod
+    def is_before(tick: int, other: int) -> bool:
+        """Whether the 32-bit count `tick` is older than `other`, both within 17 minutes of each other."""
+        return (tick - other) % _WRAP >= _WRAP // 2
+
+    def sigma_ns(self) -> int:
+        """1 σ of `cell_ns`: the envelope's support, the shared delay (uniform from 0 to its bound), and the count's step."""
+        hidden = self.hidden_ns if math.isfinite(self.hidden_ns) else 0.0
+        step = 1e9 / self._tick_hz
+        return math.ceil(math.hypot(self.fit.sigma_ns, hidden / math.sqrt(3), step / math.sqrt(12)))
+
+    def _unwrapped(self, tick: int) -> int:
+        if self._last is None:
+            return tick
+        return self._last + (tick - self._last + _WRAP // 2) % _WRAP - _WRAP // 2
+
+    def _nanoseconds(self, ticks: int) -> int:
+        return ticks * 1_000_000_000 // self._tick_hz
