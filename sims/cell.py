@@ -90,14 +90,19 @@ class Simulate:
 @final
 @dataclass(frozen=True, slots=True)
 class SimCell:
-    """A cell to simulate. `addresses`: device → address as written; `folder`: where the cell file's paths start."""
+    """A cell to simulate. `addresses`: device → address as written."""
 
+    path: Path
     name: str
-    folder: Path
     robot: RobotFile
     addresses: dict[str, str]
     artefact: Artefact
     simulate: Simulate
+
+    @property
+    def folder(self) -> Path:
+        """Where the cell file's paths start."""
+        return self.path.parent
 
 
 def read_cell(path: Path) -> SimCell:
@@ -109,8 +114,8 @@ def read_cell(path: Path) -> SimCell:
         problems.append("it has no 'simulate:' section: it is a real cell")
     model = cell.word("model")
     found = SimCell(
+        path=path,
         name=cell.word("name", path.stem),
-        folder=path.parent,
         robot=read_robot(Section(_load_model(path, model, problems), model, problems)),
         addresses={key: value for key, value in cell.entries.items() if isinstance(value, str) and "://" in value},
         artefact=_artefact(cell.below("artefact")),

@@ -30,7 +30,7 @@ PATIENCE_NS = 2_000_000_000
 """Wall time after which a peer that does not answer is taken for dead."""
 
 QUIET_NS = 1_000_000_000
-"""Wall time without a word from anybody after which T runs no faster than the wall."""
+"""Wall time without a word from anybody after which T runs no faster than the wall, as beside a dead peer."""
 
 _CHORES_NS = 500_000_000
 
@@ -208,8 +208,9 @@ class Kernel:
     def _next_due_wall(self, wall: int) -> int:
         if not self._queue:
             return self._chores_at
-        if wall - self._heard_at < QUIET_NS:
+        if not self._dead and wall - self._heard_at < QUIET_NS:
             return wall
+        # nobody would notice a leap, or somebody may come back: let T go as it would on a real cell
         return self._moved_at + self._queue[0][0] - self.now
 
     def _next_event(self) -> None:

@@ -11,7 +11,7 @@ _REQUIRED: Any = object()
 
 @final
 class Section:
-    """A mapping at a place (`simulate.rsi`) of a file. A mistake is noted in `problems`, and something harmless given."""
+    """A mapping at a place (`simulate.rsi`) of a file. A mistake is noted in `problems`; something harmless given."""
 
     def __init__(self, value: object, where: str, problems: list[str]) -> None:
         self.where = where

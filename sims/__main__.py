@@ -1,0 +1,68 @@
+"""The command line of the simulators: `run` a cell's hardware, or ask for the `truth`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from sims.cell import CellError
+from sims.running import Settings, run_cell
+from sims.truth import TruthError, write_truth
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Do what the command line says; returns the exit code: 0, or 2 where the call or a file is wrong."""
+    asked = _parser().parse_args(arguments)
+    try:
+        return int(asked.do(asked) or 0)
+    except (CellError, TruthError) as error:
+        print(error, file=sys.stderr)
+    except OSError as error:
+        print(f"{error.filename or 'simulated cell'}: {error.strerror}", file=sys.stderr)
+    return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m sims", description="The hardware of a cell, simulated.")
+    verbs = parser.add_subparsers(required=True, metavar="run|truth")
+    _add_run(verbs.add_parser("run", help="stand in for the hardware of a cell file that has a simulate: section"))
+    _add_truth(verbs.add_parser("truth", help="the simulated robot's true tool centre point at given joints"))
+    return parser
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.add_argument("cell", type=Path, help="cell file")
+    run.add_argument("--seed", type=_seed, help="wins over the cell file's")
+    run.add_argument("--clock", choices=["realtime", "lockstep"], help="wins over the cell file's")
+    run.add_argument("--ready", type=Path, help="file to write once every device listens (default: stdout)")
+    run.add_argument("--parent", type=int, metavar="PID", help="end when this process is gone")
+    run.add_argument("--truth-log", type=Path, help="a JSON line per contact, for tests")
+    run.set_defaults(do=_run)
+
+
+def _add_truth(truth: argparse.ArgumentParser) -> None:
+    truth.add_argument("cell", type=Path, help="cell file")
+    truth.add_argument("joints", type=Path, help="CSV with columns A1…An, degrees")
+    truth.add_argument("--seed", type=_seed, help="wins over the cell file's")
+    truth.add_argument("-o", "--out", type=Path, required=True, help="CSV to write: X,Y,Z, mm, robot's base frame")
+    truth.set_defaults(do=_truth)
+
+
+def _run(asked: argparse.Namespace) -> None:
+    run_cell(asked.cell, Settings(asked.seed, asked.clock, asked.ready, asked.parent, asked.truth_log))
+
+
+def _truth(asked: argparse.Namespace) -> None:
+    write_truth(asked.cell, asked.joints, asked.seed, asked.out)
+
+
+def _seed(text: str) -> int:
+    seed = int(text)
+    if seed < 0:
+        raise argparse.ArgumentTypeError("not below 0")
+    return seed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

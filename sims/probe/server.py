@@ -1,0 +1,154 @@
+"""The simulated probe put together: circuit, firmware, wire, terminal, and its share of the faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+from sims.cell import SimCell
+from sims.contact_loop import ContactLoop
+from sims.faults import Faults
+from sims.kernel import Event, Hold, Kernel
+from sims.probe.circuit import Circuit
+from sims.probe.crystal import Crystal
+from sims.probe.firmware import Firmware
+from sims.probe.lines import HostLine, parse_host_line
+from sims.probe.terminal import Terminal
+from sims.probe.wire import Receiver, Transmitter
+
+REBOOT_NS = 300_000_000
+PEER = "probe"
+
+_NAME = "SIM contact probe"
+
+
+@final
+class Probe:
+    """The microcontroller with its wires: fed with characters, it gives lines to `deliver(line, seq)`."""
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        circuit: Circuit,
+        seed: int,
+        baud: int,
+        grid_ns: int,
+        deliver: Callable[[bytes, int], object],
+    ) -> None:
+        self._kernel = kernel
+        self._circuit = circuit
+        self._serial = f"SIM-{seed:06d}"
+        self._crystal = Crystal.from_seed(seed)
+        self._transmitter = Transmitter(kernel, baud, grid_ns, lambda: self._crystal.tick(kernel.now), deliver)
+        self._receiver = Receiver(kernel, baud, lambda line: self._update([parse_host_line(line)]))
+        self._wake: Event | None = None
+        self._firmware: Firmware | None = None
+        circuit.on_change = lambda millivolts: self._update([])
+        self._boot("POWER")
+
+    def feed(self, chunk: bytes) -> list[bytes]:
+        """Characters from the host. Returns the lines that they complete, though the probe has yet to hear them."""
+        return self._receiver.feed(chunk)
+
+    def reset(self, cause: str) -> None:
+        """Everything is lost; the probe is back after its boot loader's time."""
+        self._firmware = None
+        self._transmitter.cut()
+        self._crystal = self._crystal.restarted(self._kernel.now)
+        self._sleep_until(self._kernel.now + REBOOT_NS, lambda: self._boot(cause))
+
+    def _boot(self, cause: str) -> None:
+        now = self._kernel.now
+        self._firmware = Firmware(_NAME, self._serial, cause, self._crystal, now, self._circuit.millivolts)
+        self._update([])
+
+    def _update(self, lines: list[HostLine | None]) -> None:
+        if self._firmware is None:
+            return
+        for message in self._firmware.update(self._kernel.now, self._circuit.millivolts, lines):
+            self._transmitter.send(message)
+        self._sleep_until(self._firmware.wake_at, lambda: self._update([]))
+
+    def _sleep_until(self, time_ns: int, action: Callable[[], object]) -> None:
+        if self._wake is not None:
+            self._wake.cancel()
+        self._wake = self._kernel.at(time_ns, action)
+
+
+@final
+class ProbeServer:
+    """The probe on its pseudo-terminal. In lockstep each line that arrives holds T until the host acknowledges it."""
+
+    def __init__(self, kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, baud: int) -> None:
+        simulate = cell.simulate
+        self._kernel = kernel
+        self._faults = faults
+        self._held: dict[int, Hold] = {}
+        self._heard = False
+        self._lines_to_damage = 0
+        self._terminal = Terminal(kernel, self._host_speaks, self._host_hangs_up)
+        circuit = Circuit(kernel, loop, faults, simulate.seed, simulate.probe.bounce)
+        grid_ns = round(simulate.probe.usb_delay_ms * 1e6)
+        self._probe = Probe(kernel, circuit, simulate.seed, baud, grid_ns, self._deliver)
+        faults.on_start("probe.reset", lambda: self._probe.reset("WATCHDOG"))
+
+    @property
+    def path(self) -> str:
+        """The terminal that a host opens: `/dev/pts/7`."""
+        return self._terminal.path
+
+    def close(self) -> None:
+        """Hang up."""
+        self._terminal.close()
+        self._host_hangs_up()
+
+    def _deliver(self, line: bytes, seq: int) -> None:
+        if self._faults.active("probe.silent"):
+            return
+        if self._is_damaged():
+            # nobody can acknowledge what nobody can read: T goes on
+            self._terminal.write(_damaged(line))
+        elif self._terminal.write(line) and self._heard:
+            self._hold(seq)
+
+    def _is_damaged(self) -> bool:
+        fault = self._faults.active("probe.corrupt")
+        if fault is None:
+            return False
+        self._lines_to_damage = (self._lines_to_damage + 1) % fault.every
+        return self._lines_to_damage == 0
+
+    def _host_speaks(self, chunk: bytes) -> None:
+        self._heard = True
+        self._kernel.alive(PEER)
+        for line in self._probe.feed(chunk):
+            said = parse_host_line(line)
+            if said is not None and said.kind == "ACK":
+                self._release(said.seq)
+
+    def _host_hangs_up(self) -> None:
+        self._heard = False
+        self._held.clear()
+        self._kernel.forget(PEER)
+
+    def _hold(self, seq: int) -> None:
+        self._release(seq)
+        hold = self._kernel.hold(PEER)
+        if hold.active:
+            self._held[seq] = hold
+
+    def _release(self, seq: int) -> None:
+        hold = self._held.pop(seq, None)
+        if hold is not None:
+            hold.release()
+
+
+def _damaged(line: bytes) -> bytes:
+    """The line with one bit of its middle character turned over."""
+    middle = len(line) // 2
+    return line[:middle] + bytes([line[middle] ^ 1]) + line[middle + 1 :]
+
+
+def start(kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, baud: int = 250_000) -> ProbeServer:
+    """The cell's simulated probe, powered now, on a terminal of its own."""
+    return ProbeServer(kernel, cell, faults, loop, baud)

@@ -1,0 +1,64 @@
+"""A pseudo-terminal in the place of the serial adapter. It never blocks, and notices when the host hangs up."""
+
+from __future__ import annotations
+
+import os
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from typing import final
+
+from sims.kernel import Kernel
+
+
+@final
+class Terminal:
+    """A raw pseudo-terminal; hosts open `path`.
+
+    Until a host has spoken the simulator keeps the host's end open itself: with nobody there, the operating system
+    reports a hang-up without end. After that it lets go, so that the host's own hang-up can be seen.
+    """
+
+    def __init__(self, kernel: Kernel, on_bytes: Callable[[bytes], object], on_hang_up: Callable[[], object]) -> None:
+        self._kernel = kernel
+        self._on_bytes = on_bytes
+        self._on_hang_up = on_hang_up
+        self._ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        os.set_blocking(self._ours, False)
+        self._theirs: int | None = theirs
+        self.path = os.ttyname(theirs)
+        kernel.watch(self._ours, self._readable)
+
+    def write(self, data: bytes) -> bool:
+        """Give `data` to the host. False where it was lost, because nobody reads."""
+        try:
+            return os.write(self._ours, data) == len(data)
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        """Hang up on the host."""
+        self._kernel.unwatch(self._ours)
+        os.close(self._ours)
+        self._let_go()
+
+    def _readable(self) -> None:
+        try:
+            data = os.read(self._ours, 4096)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._let_go()
+            self._on_bytes(data)
+        else:
+            self._theirs = self._theirs or os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+            self._on_hang_up()
+
+    def _let_go(self) -> None:
+        if self._theirs is not None:
+            with suppress(OSError):
+                os.close(self._theirs)
+            self._theirs = None
