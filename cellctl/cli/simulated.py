@@ -30,9 +30,7 @@ class SimulatedCell:
     ready: dict[str, Any]
 
     @classmethod
-    async def start(
-        cls, cell: Cell, seed: int | None, clock: ClockMode | None, extra: tuple[str, ...] = ()
-    ) -> Self:
+    async def start(cls, cell: Cell, seed: int | None, clock: ClockMode | None, extra: tuple[str, ...] = ()) -> Self:
         """Start the simulators of `cell` and wait until they listen.
 
         Raises InputError where the simulators refuse the cell file, DeviceUnreachable where they do not start.

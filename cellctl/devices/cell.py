@@ -1,4 +1,4 @@
-"""The cell file: which devices there are and where, the robot's file, limits, the artefact, and how to simulate them."""
+"""The cell file: which devices there are and where, the robot's file, limits, the artefact, how to simulate them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any, Literal, Self, final
 from pydantic import BaseModel, ConfigDict, Field
 
 from cellctl.devices.addresses import Address
-from cellctl.devices.registry import DriverRegistry
 from cellctl.devices.protocols import Surroundings
+from cellctl.devices.registry import DriverRegistry
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.validated import validated
 

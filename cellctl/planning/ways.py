@@ -50,8 +50,7 @@ class Ways:
 
     def within_limits(self, readings: Array) -> NDArray[np.bool_]:
         """Which rows of `readings` (…, n) keep the margin from every joint limit."""
-        inside: NDArray[np.bool_] = ((readings > self._low) & (readings < self._high)).all(axis=-1)
-        return inside
+        return np.asarray(((readings > self._low) & (readings < self._high)).all(axis=-1))
 
     def clear(self, start: Array, end: Array, spare: int | None = None) -> bool:
         """Does the tool keep the clearance from all spheres on the way? The tip may come nearer to sphere `spare`,

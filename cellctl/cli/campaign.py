@@ -1,0 +1,70 @@
+"""A campaign put together from its files: procedure, parameters, cell; every mistake in them at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.files import InputError, Problem
+from cellctl.procedure import Devices, Procedure, StepRegistry, checked_parameters, load_procedure
+
+
+@final
+@dataclass(frozen=True)
+class Campaign:
+    """A procedure and a cell without a mistake that can be found without opening a device."""
+
+    procedure: Procedure
+    parameters: dict[str, Any]
+    cell: Cell
+    registry: StepRegistry
+    drivers: DriverRegistry
+
+
+def load_campaign(procedure_file: Path, cell_file: Path | None, settings: list[str]) -> Campaign:
+    """Load and check a procedure and its cell (or another one). Opens no device.
+
+    Raises InputError with all mistakes in both files and in the settings.
+    """
+    drivers, registry = DriverRegistry(), StepRegistry.installed()
+    problems: list[Problem] = []
+    procedure = load_procedure(procedure_file)
+    cell = _cell(procedure, cell_file, drivers, problems)
+    kinds: Devices = (
+        {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else _Unknown()
+    )
+    parameters: dict[str, Any] = {}
+    try:
+        parameters = checked_parameters(procedure, settings, registry, kinds)
+    except InputError as error:
+        problems += error.problems
+    if problems or cell is None:
+        raise InputError(problems)
+    return Campaign(procedure, parameters, cell, registry, drivers)
+
+
+def _cell(
+    procedure: Procedure, cell_file: Path | None, drivers: DriverRegistry, problems: list[Problem]
+) -> Cell | None:
+    path = cell_file or procedure.cell
+    if path is None:
+        problems.append(procedure.document.problem((), "names no cell", "add `cell:`, or give --cell"))
+        return None
+    try:
+        return Cell.load(path, drivers)
+    except InputError as error:
+        problems += error.problems
+        return None
+
+
+class _Unknown(dict[str, type | None]):
+    """The devices of a cell that could not be read: whatever is asked for may be there."""
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+    def __missing__(self, name: str) -> None:
+        return None

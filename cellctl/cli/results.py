@@ -1,0 +1,98 @@
+"""What a run came to: its folder, its result as JSON, its last words and its exit code."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from cellctl.cli.ends import Exit
+from cellctl.clock import calendar_time
+from cellctl.engine import Outcome, State
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.journal import fold, read_journal
+
+_BY_STATE = {
+    State.ABORTED: Exit.ABORTED,
+    State.FAILED: Exit.DEVICE_FAILED,
+    State.UNCERTAIN: Exit.UNCERTAIN,
+}
+
+
+def new_run_folder(runs: Path, procedure: str) -> Path:
+    """Make a folder for a new run, `sphere_selfcal-20261121T192433Z`, numbered where that is taken.
+
+    Raises InputError where it cannot be made.
+    """
+    stem = f"{procedure}-{calendar_time().replace('-', '').replace(':', '')}"
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        for number in range(1, 1000):
+            folder = runs / (stem if number == 1 else f"{stem}-{number}")
+            try:
+                folder.mkdir()
+            except FileExistsError:
+                continue
+            return folder
+    except OSError as error:
+        cure = "give another folder with --runs"
+        raise InputError(Problem(str(runs), 0, 0, f"cannot hold a run: {error.strerror}", cure)) from error
+    raise InputError(Problem(str(runs), 0, 0, f"holds 999 runs '{stem}' already", "give another folder with --runs"))
+
+
+def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
+    """The result of a run, as `--json` gives it."""
+    state = fold(read_journal(folder))
+    verdict = outcome.verdict or {}
+    return {
+        "run": folder.name,
+        "state": outcome.state.value,
+        "verdict": verdict.get("verdict"),
+        "sentence": verdict.get("sentence"),
+        "points": len(state.recorded("touch")),
+        "before": verdict.get("before"),
+        "after": verdict.get("after"),
+        "model": verdict.get("model"),
+        "table": None,
+        "error": str(outcome.error) if outcome.error else None,
+        "robot_link": state.recorded("robot_link")[-1] if state.recorded("robot_link") else None,
+        "simulated_s": round(outcome.seconds, 3),
+        "wall_s": round(wall_s, 3),
+    }
+
+
+def write_json(result: dict[str, Any], target: str | None) -> None:
+    """Write `result` to a file, or to stdout for `-`."""
+    if target is None:
+        return
+    text = json.dumps(result, indent=2, ensure_ascii=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        write_atomically(Path(target), text)
+
+
+def exit_of(outcome: Outcome) -> Exit:
+    """The exit code of a run's end."""
+    if outcome.state is not State.FINISHED:
+        return Exit.BAD_INPUT if isinstance(outcome.error, InputError) else _BY_STATE[outcome.state]
+    better = outcome.verdict is None or outcome.verdict.get("verdict") == "better"
+    return Exit.GOOD if better else Exit.NOT_BETTER
+
+
+def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bool) -> None:
+    """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
+    if outcome.state is State.FINISHED:
+        if not quiet:
+            print(result["sentence"] or "Finished.")
+            print(f"Run folder: {folder}")
+        return
+    lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]
+    lines += [f"    {trouble}" for trouble in outcome.troubles]
+    if outcome.state is State.UNCERTAIN:
+        lines.append("    look at the robot before anything else moves; its state is not known")
+    else:
+        lines.append("    the robot is held and the devices are stopped")
+    lines.append(f"    {result['points']} touches are recorded in {folder}")
+    print("\n".join(lines), file=sys.stderr)

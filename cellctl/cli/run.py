@@ -1,0 +1,45 @@
+"""`cellctl run`: check a procedure, run it, say how it ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+
+def run(
+    procedure: Annotated[Path, typer.Argument(help="Procedure file.")],
+    cell: Annotated[Path | None, typer.Option(help="Cell file instead of the one that the procedure names.")] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="A parameter, name=value; may be repeated.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the plan, and of a simulated cell's errors.", min=0)] = None,
+    clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="A simulated cell's time.")] = None,
+    runs: Annotated[Path, typer.Option(help="Folder for the run's folder.")] = Path("runs"),
+    json_: Annotated[
+        str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
+    ] = None,
+    simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
+) -> None:
+    """Check a procedure and run it on its cell (simulated where the cell file says so).
+
+    Example: cellctl run procedures/sphere_selfcal.yaml --seed 3 --json result.json
+    """
+    import asyncio
+    import time
+
+    from cellctl.cli.campaign import load_campaign
+    from cellctl.cli.launch import Options, run_campaign
+    from cellctl.cli.progress import progress
+    from cellctl.cli.results import exit_of, new_run_folder, result_of, say_end, write_json
+
+    campaign = load_campaign(procedure, cell, set_ or [])
+    folder = new_run_folder(runs, campaign.procedure.name)
+    began = time.monotonic()
+    to_stdout = json_ == "-"
+    with progress(campaign, folder, quiet=to_stdout) as watcher:
+        options = Options(seed, clock, runs, tuple(simulator or ()))
+        outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
+    result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
+    write_json(result, json_)
+    say_end(outcome, result, folder, quiet=to_stdout)
+    raise typer.Exit(exit_of(outcome))

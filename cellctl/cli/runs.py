@@ -1,0 +1,117 @@
+"""`cellctl runs` and `cellctl show`: what happened, from the journals alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from cellctl.journal import RunState
+
+
+def runs(
+    folder: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
+    json_: Annotated[
+        str | None, typer.Option("--json", help="Write the list as JSON to this file; - for stdout.")
+    ] = None,
+) -> None:
+    """List the runs, newest first: when, what, how it ended.
+
+    Example: cellctl runs --json -
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from cellctl.cli.results import write_json
+    from cellctl.journal import JournalError, fold, read_journal
+
+    found: list[dict[str, Any]] = []
+    journals = sorted(folder.glob("*/journal.sqlite"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for journal in journals:
+        try:
+            found.append(_summary(journal.parent, fold(read_journal(journal))))
+        except JournalError as error:
+            found.append({"run": journal.parent.name, "state": "unreadable", "sentence": error.what})
+    if json_:
+        write_json({"runs": found}, json_)
+        return
+    if not found:
+        typer.echo(f"No runs in {folder}. `cellctl run procedures/sphere_selfcal.yaml` makes one.")
+        return
+    table = Table(box=None, pad_edge=False)
+    for column in ("run", "began", "state", "touches", "verdict"):
+        table.add_column(column)
+    for row in found:
+        table.add_row(*(str(row.get(key) or "") for key in ("run", "began", "state", "points", "verdict")))
+    Console().print(table)
+
+
+def show(
+    run: Annotated[Path, typer.Argument(help="Run folder, or its name in the folder of runs.")],
+    folder: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
+    events: Annotated[bool, typer.Option(help="Show every event.")] = False,
+    json_: Annotated[str | None, typer.Option("--json", help="Write it as JSON to this file; - for stdout.")] = None,
+) -> None:
+    """Show one run: what was run, on which devices, each step's end, the verdict.
+
+    Example: cellctl show sphere_selfcal-20261121T192433Z --events
+    """
+    from cellctl.cli.results import write_json
+    from cellctl.journal import fold, read_journal
+
+    place = run if run.exists() else folder / run
+    entries = list(read_journal(place))
+    state = fold(entries)
+    summary = _summary(place, state)
+    if json_:
+        write_json(summary, json_)
+        return
+    for line in _lines(summary, state):
+        typer.echo(line)
+    if events:
+        for entry in entries:
+            typer.echo(f"{entry.seq:6d} {entry.time_ns * 1e-9:12.3f} s  {entry.event}")
+
+
+def _summary(place: Path, state: RunState) -> dict[str, Any]:
+    from cellctl.journal import is_being_written
+
+    verdict = (state.recorded("verdict") or [{}])[-1]
+    alive = state.ended is not None or is_being_written(place)
+    return {
+        "run": place.name,
+        "began": state.started.calendar if state.started else None,
+        "procedure": state.started.procedure.path if state.started else None,
+        "cell": state.started.cell.path if state.started else None,
+        "state": state.state if alive else f"cut off while {state.state}",
+        "points": len(state.recorded("touch")),
+        "attempts": sum(step.attempt for step in state.steps.values()),
+        "verdict": verdict.get("verdict"),
+        "sentence": verdict.get("sentence"),
+        "before": verdict.get("before"),
+        "after": verdict.get("after"),
+        "reason": state.ended.reason if state.ended else None,
+        "cell_s": round((state.last_ns - state.first_ns) * 1e-9, 3),
+        "seed": state.started.seed if state.started else None,
+        "clock": state.started.clock if state.started else None,
+    }
+
+
+def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
+    lines = [
+        f"{summary['run']}: {summary['state']}",
+        f"  procedure  {summary['procedure']}",
+        f"  cell       {summary['cell']} ({summary['clock']}, seed {summary['seed']})",
+        f"  began      {summary['began']}, {summary['cell_s']:.1f} s of the cell's time",
+    ]
+    lines += [f"  {name:10} {who['model']}, serial {who['serial']}" for name, who in state.identities.items()]
+    lines.append(
+        f"  touches    {summary['points']}; attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
+    )
+    if summary["sentence"]:
+        lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
+    if summary["reason"]:
+        lines.append(f"  ended by   {summary['reason']}")
+    return lines

@@ -1,0 +1,24 @@
+"""How a run ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from cellctl.engine.states import State
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The end of a run: its state, the error that ended it (None where it finished), what was recorded last as verdict.
+
+    `seconds`: of the cell's time, from connecting to the end.
+    """
+
+    state: State
+    error: BaseException | None
+    troubles: tuple[str, ...]
+    verdict: Mapping[str, Any] | None
+    seconds: float

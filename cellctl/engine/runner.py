@@ -1,0 +1,261 @@
+"""The runner: connects, does the steps one after another, cleans up whatever happened, and keeps the journal."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Any, final
+
+from cellctl.clock import Clock
+from cellctl.devices import Device, DeviceError, DeviceUnreachable, Identity
+from cellctl.engine.context import AfterConnect, Context, Surround
+from cellctl.engine.mailbox import Mailbox
+from cellctl.engine.outcome import Outcome
+from cellctl.engine.states import State, checked
+from cellctl.engine.watcher import NobodyWatching, Watcher
+from cellctl.journal import (
+    DevicesConnected,
+    Journal,
+    JournalError,
+    KnownEvent,
+    Recorded,
+    RunEnded,
+    RunState,
+    Said,
+    StateChanged,
+    StepEnded,
+    StepFailure,
+    StepStarted,
+)
+from cellctl.journal import Outcome as StepOutcome
+from cellctl.procedure import Action, AnyStepKind, Loop, Procedure, Step, StepRegistry, inputs_of, resolve, step_path
+
+_STOP_SECONDS = 10.0
+"""How long one device may take to come to its safe state, in the cell's time."""
+
+_CLEANUP_SECONDS = 30.0
+"""How long a clean-up step may take that does not say so itself."""
+
+
+class Aborted(Exception):
+    """The operator ended the run."""
+
+
+@final
+@dataclass(slots=True)
+class Plan:
+    """What to run: the procedure with its parameters' values, the kinds of steps, and the devices by name."""
+
+    procedure: Procedure
+    parameters: Mapping[str, Any]
+    registry: StepRegistry
+    devices: dict[str, Device]
+
+
+@final
+class Engine:
+    """Runs one procedure once."""
+
+    def __init__(
+        self, plan: Plan, run: Surround, journal: Journal, mailbox: Mailbox, watcher: Watcher | None = None
+    ) -> None:
+        self._plan = plan
+        self._run = run
+        self._journal = journal
+        self._mailbox = mailbox
+        self._watcher = watcher or NobodyWatching()
+        self._clock: Clock = run.clock
+        self._connected: list[Device] = []
+        self._record = RunState()
+        self._journal_error: JournalError | None = None
+        self.state = State.IDLE
+
+    async def run(self, after_connect: AfterConnect | None = None) -> Outcome:
+        """Connect, run the steps, clean up. Never raises: what went wrong is in the outcome.
+
+        `after_connect` is awaited once every device answers, before the first step.
+        """
+        began = self._clock.now()
+        work = asyncio.create_task(self._work(after_connect), name="campaign")
+        self._mailbox.when_aborted(work.cancel)
+        error = await _end_of(work)
+        self._mailbox.when_aborted(None)
+        if self._mailbox.aborted and isinstance(error, asyncio.CancelledError):
+            error = Aborted("aborted by the operator")
+        troubles = await _shielded(self._clean_up(error))
+        end = self._end_state(error, troubles)
+        self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
+        verdict = next(reversed(self._record.recorded("verdict")), None)
+        self._append(RunEnded(end.value, verdict.get("verdict", "") if verdict else "", str(error or "")))
+        return Outcome(end, error or self._journal_error, tuple(troubles), verdict, self._clock.now() - began)
+
+    async def _work(self, after_connect: AfterConnect | None) -> None:
+        self._enter(State.CHECKING, "")
+        self._enter(State.CONNECTING, "")
+        identities = await self._connect()
+        self._append(DevicesConnected({i.device: asdict(i) for i in identities}))
+        if after_connect:
+            await after_connect()
+        self._enter(State.RUNNING, "")
+        await self._actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
+
+    async def _connect(self) -> tuple[Identity, ...]:
+        """Connect all devices at once; one error names every one that failed."""
+        devices = list(self._plan.devices.values())
+        self._connected = devices
+        results = await asyncio.gather(*(device.connect() for device in devices), return_exceptions=True)
+        failed = [result for result in results if isinstance(result, BaseException)]
+        for failure in failed:
+            if not isinstance(failure, DeviceError):
+                raise failure
+        if len(failed) == 1:
+            raise failed[0]
+        if failed:
+            raise DeviceUnreachable("cell", "devices do not answer:\n" + "\n".join(str(f) for f in failed))
+        return tuple(result for result in results if isinstance(result, Identity))
+
+    async def _actions(self, actions: tuple[Action, ...], scope: dict[str, Any], outer: str) -> None:
+        for action in actions:
+            if isinstance(action, Step):
+                scope[action.id] = await self._step(action, scope, step_path(outer, action.id))
+            else:
+                await self._loop(action, scope, outer)
+
+    async def _loop(self, loop: Loop, scope: dict[str, Any], outer: str) -> None:
+        values = resolve(loop.for_each, scope)
+        path = step_path(outer, loop.id)
+        for index, value in enumerate(values):
+            self._watcher.loop(path, index, len(values))
+            inner = {**scope, loop.variable: value}
+            await self._actions(loop.steps, inner, step_path(outer, loop.id, index))
+        self._watcher.loop(path, len(values), len(values))
+
+    async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
+        """Do one step, with its retries. Raises what its last attempt raised."""
+        await self._at_border()
+        kind = self._plan.registry.find(step.do)
+        inputs = inputs_of(self._plan.procedure, step, kind, scope)
+        retryable = tuple(kind.retryable()[name] for name in step.retry.on)
+        for attempt in range(1, step.retry.attempts + 1):
+            try:
+                return await self._attempt(kind, inputs, step, path, attempt)
+            except retryable as error:
+                if attempt == step.retry.attempts:
+                    raise
+                self._said(path, f"attempt {attempt} of {step.retry.attempts} failed, trying again: {error}")
+        raise AssertionError("a step is tried at least once")
+
+    async def _attempt(
+        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, attempt: int, limit: float | None = None
+    ) -> dict[str, Any] | None:
+        context = Context(
+            step=path,
+            attempt=attempt,
+            run=self._run,
+            needs=frozenset(kind.needs),
+            commit=lambda of, data: self._append(Recorded(of, data, path, attempt)),
+            tell=lambda text: self._said(path, text),
+            rows=self._record.recorded,
+        )
+        self._append(StepStarted(path, attempt, kind.moves, step.do))
+        try:
+            async with self._clock.timeout(step.timeout_s or limit):
+                result = kind.dump_result(await kind(context, inputs))
+        except BaseException as error:
+            self._append(_failed(path, attempt, error), final=True)
+            if isinstance(error, TimeoutError) and not str(error):
+                raise TimeoutError(f"{path}: not done within {step.timeout_s or limit:g} s") from error
+            raise
+        self._append(StepEnded(path, attempt, StepOutcome.DONE, result))
+        return result
+
+    async def _at_border(self) -> None:
+        if self._mailbox.paused:
+            self._enter(State.PAUSED, "by the operator")
+            await self._mailbox.may_run()
+            self._enter(State.RUNNING, "by the operator")
+
+    async def _clean_up(self, error: BaseException | None) -> list[str]:
+        """Try every clean-up step and stop and close every device; what failed, in words."""
+        self._enter(State.CLEANING, str(error) if error else "")
+        troubles: list[str] = []
+        reached = self._run.devices.keys() if self._connected else set()
+        for step in self._plan.procedure.cleanup:
+            if isinstance(step, Step) and self._plan.registry.find(step.do).needs.keys() <= reached:
+                troubles += await self._clean_step(step)
+        for device in self._connected:
+            try:
+                async with self._clock.timeout(_STOP_SECONDS):
+                    await device.stop()
+            except Exception as failure:
+                troubles.append(f"{device.name} could not be brought to its safe state: {failure}")
+            await device.close()
+        return troubles
+
+    async def _clean_step(self, step: Step) -> list[str]:
+        path = step_path("cleanup", step.id)
+        try:
+            kind = self._plan.registry.find(step.do)
+            inputs = inputs_of(self._plan.procedure, step, kind, self._plan.parameters)
+            await self._attempt(kind, inputs, step, path, 1, _CLEANUP_SECONDS)
+        except Exception as failure:
+            return [f"clean-up step '{step.id}' failed: {failure}"]
+        return []
+
+    def _end_state(self, error: BaseException | None, troubles: list[str]) -> State:
+        if troubles:
+            return State.UNCERTAIN
+        if isinstance(error, Aborted):
+            return State.ABORTED
+        return State.FAILED if error or self._journal_error else State.FINISHED
+
+    def _enter(self, state: State, reason: str) -> None:
+        before, self.state = self.state, checked(self.state, state)
+        self._append(StateChanged(before.value, state.value, reason), final=state != State.RUNNING)
+
+    def _said(self, path: str, text: str) -> None:
+        self._append(Said(text, path))
+
+    def _append(self, event: KnownEvent, *, final: bool = False) -> None:
+        """Commit an event. A journal that cannot be written ends the run: nothing more is done that it would not hold.
+
+        With `final`, or once that has happened, the failure is kept for the outcome instead of raised.
+        """
+        if self._journal_error is None:
+            try:
+                self._record.apply(self._journal.append(event))
+            except JournalError as error:
+                self._journal_error = error
+                if not final:
+                    raise
+        self._watcher.event(event)
+
+
+def _failed(path: str, attempt: int, error: BaseException) -> StepEnded:
+    outcomes = {asyncio.CancelledError: StepOutcome.CANCELLED, TimeoutError: StepOutcome.TIMED_OUT}
+    failure = StepFailure(type(error).__name__, str(error), getattr(error, "cure", ""))
+    return StepEnded(path, attempt, outcomes.get(type(error), StepOutcome.FAILED), None, failure)
+
+
+async def _end_of(task: asyncio.Task[None]) -> BaseException | None:
+    """Wait for `task`, whatever it raises; cancelling the waiter cancels it and waits on."""
+    while True:
+        try:
+            await asyncio.shield(task)
+        except BaseException as error:
+            if task.done():
+                return error
+            task.cancel()
+        else:
+            return None
+
+
+async def _shielded(work: Any) -> list[str]:
+    """Run `work` to its end, whatever cancels the waiter."""
+    task: asyncio.Task[list[str]] = asyncio.ensure_future(work)
+    while not task.done():
+        with suppress(asyncio.CancelledError):
+            await asyncio.shield(task)
+    return task.result()
