@@ -25,11 +25,12 @@ Devices = Mapping[str, type | None]
 
 
 def check(
-    procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, devices: Devices
+    procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, devices: Devices | None
 ) -> list[Problem]:
     """Every mistake in `procedure`, those of reading it included, sorted by place; empty where it can be run.
 
-    `parameters`: name → value; one that is missing is taken as not known yet. Opens nothing.
+    `parameters`: name → value; one that is missing is taken as not known yet. `devices` None: the cell is not known
+    (its file has mistakes of its own), and nothing is said about devices. Opens nothing.
     """
     checker = _Checker(procedure, registry, devices)
     checker.actions(procedure.steps, Scope.of_parameters(procedure, parameters))
@@ -40,7 +41,7 @@ def check(
 
 
 def checked_parameters(
-    procedure: Procedure, settings: Sequence[str], registry: StepRegistry, devices: Devices
+    procedure: Procedure, settings: Sequence[str], registry: StepRegistry, devices: Devices | None
 ) -> dict[str, Any]:
     """The parameters of a procedure that is good to run, `settings` (`name=value`) included.
 
@@ -55,7 +56,7 @@ def checked_parameters(
 
 @final
 class _Checker:
-    def __init__(self, procedure: Procedure, registry: StepRegistry, devices: Devices) -> None:
+    def __init__(self, procedure: Procedure, registry: StepRegistry, devices: Devices | None) -> None:
         self.findings = Findings(procedure.document)
         self._procedure = procedure
         self._registry = registry
@@ -144,21 +145,14 @@ class _Checker:
             self.findings.problems += input_problems(error, self._procedure.document, at, kind, unknown)
 
     def _needs(self, step: Step, kind: AnyStepKind) -> None:
+        if self._devices is None:
+            return
         for name, protocol in kind.needs.items():
-            what = self._lacking(name, protocol)
+            what = _lacking(name, protocol, self._devices)
             if what and name not in self._devices_named:  # once is enough: every touch needs the probe
                 self._devices_named.add(name)
-                cure = (
-                    f"add '{name}: <address>' to the cell file; what it has: {', '.join(sorted(self._devices)) or '-'}"
-                )
+                cure = f"add '{name}: <address>' to the cell file, with a driver that is a {protocol.__name__}"
                 self.findings.report((*step.at, "do"), f"step {kind.name} needs {what}", cure)
-
-    def _lacking(self, name: str, protocol: type) -> str:
-        if name not in self._devices:
-            return f"a device '{name}' ({protocol.__name__}), and the cell has none"
-        driver = self._devices[name]
-        missing = missing_abilities(driver, protocol) if driver else []
-        return f"'{name}' to be a {protocol.__name__}; its driver lacks {', '.join(missing)}" if missing else ""
 
     def _retry(self, step: Step, kind: AnyStepKind) -> None:
         known = kind.retryable()
@@ -169,3 +163,11 @@ class _Checker:
         if step.retry.attempts > 1 and not step.retry.on:
             cure = "add 'on: [NoContact]' to retry, or remove attempts"
             self.findings.report((*step.at, "retry"), "attempts without an error to try again after", cure)
+
+
+def _lacking(name: str, protocol: type, devices: Devices) -> str:
+    if name not in devices:
+        return f"a device '{name}', and the cell has none"
+    driver = devices[name]
+    missing = missing_abilities(driver, protocol) if driver else []
+    return f"'{name}' to be a {protocol.__name__}, and its driver lacks {', '.join(missing)}" if missing else ""

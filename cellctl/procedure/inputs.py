@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from cellctl.files import Document, InputError, Path, Problem
+from cellctl.procedure.fields import is_number
 from cellctl.procedure.model import Procedure, Step
 from cellctl.procedure.references import UnresolvedReference, resolve
 from cellctl.procedure.steps import AnyStepKind
@@ -99,7 +100,7 @@ def _words(detail: Any, kind: AnyStepKind) -> tuple[str, str]:
 def _cure(detail: Any, kind: AnyStepKind) -> str:
     context = detail.get("ctx", {})
     for bound, words in _BOUNDS.items():
-        if bound in context:
+        if is_number(context.get(bound)):
             return f"give {words} {context[bound]:g}{_help(kind, str(detail['loc'][0]))}"
     if "expected" in context:
         return f"write {context['expected']}"

@@ -36,7 +36,7 @@ def read_procedure(document: Document) -> Procedure:
         cell=pathlib.Path(document.file).parent / cell if cell else None,
         parameters=_parameters(findings, fields),
         steps=_actions(findings, fields.raw("steps", needed=True), ("steps",)) if "steps" in fields else (),
-        cleanup=_actions(findings, fields.raw("cleanup"), ("cleanup",)) if "cleanup" in fields else (),
+        cleanup=_cleanup(findings, fields),
     )
     if "steps" not in fields:
         findings.report((), "the procedure has no steps", "add 'steps:' with at least one step")
@@ -68,6 +68,8 @@ def _parameter(findings: Findings, name: str, value: Any, at: Path) -> Parameter
         help=fields.text("help"),
         at=at,
     )
+    if len(findings.problems) > before:  # what follows from a mistake is not another one
+        return parameter
     _bounds_make_sense(fields, parameter)
     if "default" not in fields or len(findings.problems) > before:
         return parameter
@@ -95,6 +97,15 @@ def _actions(findings: Findings, value: Any, at: Path) -> tuple[Action, ...]:
         findings.report(at, what, "write at least one '- {id: …, do: …}'")
         return ()
     return tuple(_action(findings, each, (*at, index)) for index, each in enumerate(value))
+
+
+def _cleanup(findings: Findings, fields: Fields) -> tuple[Step, ...]:
+    """Steps only: each is bounded and tried, whatever the others did, so that no list has to be there."""
+    actions = _actions(findings, fields.raw("cleanup"), ("cleanup",)) if "cleanup" in fields else ()
+    for action in actions:
+        if isinstance(action, Loop):
+            findings.report(action.at, "clean-up has no loops", "write its steps one after the other")
+    return tuple(action for action in actions if isinstance(action, Step))
 
 
 def _action(findings: Findings, value: Any, at: Path) -> Action:

@@ -107,7 +107,7 @@ class Procedure:
     cell: pathlib.Path | None
     parameters: dict[str, Parameter]
     steps: tuple[Action, ...]
-    cleanup: tuple[Action, ...]
+    cleanup: tuple[Step, ...]
     problems: tuple[Problem, ...] = field(default=())
 
     @property

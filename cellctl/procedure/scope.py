@@ -112,7 +112,7 @@ def _hidden(action: Action, reference: Reference, at: Path) -> Unreachable:
         return Unreachable(f"'{name}' is a loop and has no result", "refer to a step before it, or record rows in it")
     if at[: len(action.at)] == action.at:
         return Unreachable(f"step '{name}' refers to its own result", "refer to an earlier step")
-    if at[: len(around)] == around:
+    if at[: len(around)] == around or action.at[0] == "cleanup":
         what = f"{reference} refers to step '{name}', which comes later (line {action.line})"
         return Unreachable(what, f"move step '{name}' before this one")
     return Unreachable(f"the result of '{name}' stays inside its loop", "record rows there, and read them in the step")

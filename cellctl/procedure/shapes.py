@@ -79,4 +79,7 @@ def _argument(shape: Shape, index: int) -> Shape:
 
 def _called(shape: Shape) -> str:
     words: dict[Any, str] = {int: "a whole number", float: "a number", str: "text", bool: "a flag"}
+    origin = typing.get_origin(shape) or shape
+    if isinstance(origin, type) and issubclass(origin, list | tuple):
+        return "a list"
     return words.get(shape, getattr(shape, "__name__", str(shape)))

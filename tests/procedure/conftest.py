@@ -36,14 +36,14 @@ class Target(StepResult):
 class Plan(StepResult):
     touches: list[Target]
     seconds: float | None = None
-    by_sphere: dict[str, Target] = {}
+    by_sphere: Annotated[dict[str, Target], Field(default_factory=dict)]
 
 
 class TouchInputs(StepInputs):
     touch: Target
     speed_mm_s: Annotated[float, Field(gt=0, le=20)]
-    options: dict[str, float] = {}
-    ladder: list[float] = []
+    options: Annotated[dict[str, float], Field(default_factory=dict)]
+    ladder: Annotated[list[float], Field(default_factory=list)]
 
 
 class Gouged(Exception):
@@ -57,7 +57,7 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     More words that no summary needs.
     """
     target = Target(joints=[0.0], name=f"of {inputs.fit}")
-    return Plan(touches=[target])
+    return Plan(touches=[target], by_sphere={})
 
 
 @step("sphere.touch", needs={"robot": SearchingRobot, "probe": ContactProbe}, moves=True, errors=(Gouged,))
