@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, ProbeNotOpen
@@ -42,7 +44,9 @@ def test_the_robot_is_told_to_stop_before_the_edge_is_acknowledged(bench):
 def test_the_contact_time_holds_with_drift_delays_and_a_wrapping_count(bench, drift, first_tick):
     """Every third line or so comes without extra delay; the others up to 8 ms late."""
     bench.fake.drift, bench.fake.first_tick = drift, first_tick - round(bench.clock.time_ns * 2e-3) % 2**32
-    bench.fake.delay_ns = lambda: bench.random.choice((0, bench.random.randrange(8 * MS), bench.random.randrange(8 * MS)))
+    bench.fake.delay_ns = lambda: bench.random.choice(
+        (0, bench.random.randrange(8 * MS), bench.random.randrange(8 * MS))
+    )
     errors, sigmas = [], []
 
     async def script(b):
@@ -339,16 +343,18 @@ def test_disarming_ends_the_waiting_for_a_contact(bench):
         await tasks[0]
         assert b.stop.times == 0
 
-    import asyncio
-
     tasks: list[asyncio.Future[None]] = []
     bench.run(script)
 
 
 def test_an_unplugged_cable_while_armed_stops_the_robot_and_is_a_loss_without_a_traceback(bench):
+    async def hang_up():
+        bench.fake.hang_up()
+        await asyncio.to_thread(bench.stop.entered.wait, 2.0)  # time stands still until the port's thread has seen it
+
     async def script(b):
         await b.arm()
-        b.fake.after(100, b.fake.hang_up)
+        b.fake.after(100, hang_up)
         with pytest.raises(DeviceLost, match="port"):
             await b.probe.contact()
         assert b.stop.times == 1
