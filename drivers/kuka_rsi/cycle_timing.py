@@ -1,0 +1,82 @@
+"""What the controller's count and the arrivals say about the cycle: its length, what is lost, what is late."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import final
+
+LEARNING_TELEGRAMS = 8
+"""Telegrams of a session that are answered with zero while its cycle is learnt."""
+
+_LONGEST_CYCLE_COUNT = 20
+"""A larger step of the count is a pause, not a cycle of milliseconds (RSI has cycles of 4 and 12 ms)."""
+
+_WINDOW = 128
+"""Telegrams in each of the two windows of the least delay; at 4 ms, 300 ppm of drift are 0.3 ms in both."""
+
+
+@final
+class CycleTiming:
+    """Learns one session's cycle from its first telegrams.
+
+    KUKA counts milliseconds; some simulators count telegrams. A step of 2 or more is taken for milliseconds; a step of
+    1 leaves the length to the median of the arrivals, rounded to whole milliseconds.
+    `ipoc_step`: count per cycle; `cycle_ns`: its length in the cell's time; both 0 until learnt.
+    """
+
+    def __init__(self) -> None:
+        self.ipoc_step = 0
+        self.cycle_ns = 0
+        self._seen: list[tuple[int, int]] = []
+
+    @property
+    def learnt(self) -> bool:
+        """Whether the cycle is known."""
+        return self.cycle_ns > 0
+
+    def learn(self, ipoc: int, arrival_ns: int) -> None:
+        """Take in one of the first telegrams; a count that runs back or leaps starts the session anew."""
+        if self._seen and not 0 <= ipoc - self._seen[-1][0] <= LEARNING_TELEGRAMS * _LONGEST_CYCLE_COUNT:
+            self._seen.clear()
+        self._seen.append((ipoc, arrival_ns))
+        if len(self._seen) >= LEARNING_TELEGRAMS:
+            self._conclude()
+
+    def gap(self, before: int, now: int) -> int:
+        """Cycles from one count to the next, at least 0: 1 where nothing was lost between."""
+        return max(0, round((now - before) / self.ipoc_step))
+
+    def _conclude(self) -> None:
+        pairs = list(zip(self._seen, self._seen[1:], strict=False))
+        steps = [b[0] - a[0] for a, b in pairs if b[0] > a[0]]
+        if not steps:
+            return
+        arrivals_ms = median(b[1] - a[1] for a, b in pairs) / 1e6
+        self.ipoc_step = min(steps)
+        self.cycle_ns = (self.ipoc_step if self.ipoc_step > 1 else max(1, round(arrivals_ms))) * 1_000_000
+
+
+@final
+class AnswerDelay:
+    """How long after the telegram's departure an answer left, by the least delay seen lately.
+
+    The clocks' offset is unknown, so the fastest telegram of the last one or two windows counts as delivered at once.
+    """
+
+    def __init__(self) -> None:
+        self._least: int | None = None
+        self._least_before: int | None = None
+        self._count = 0
+
+    def arrived(self, sent_ns: int, arrival_ns: int) -> None:
+        """A telegram stamped `sent_ns` by the controller was read at `arrival_ns` of the cell's time."""
+        if self._count == _WINDOW:
+            self._least, self._least_before, self._count = None, self._least, 0
+        delay = arrival_ns - sent_ns
+        self._least = delay if self._least is None else min(self._least, delay)
+        self._count += 1
+
+    def of(self, sent_ns: int, answered_ns: int) -> int:
+        """Nanoseconds from the telegram's departure to its answer."""
+        known = [least for least in (self._least, self._least_before) if least is not None]
+        return answered_ns - sent_ns - min(known)

@@ -1,0 +1,139 @@
+"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic ORDERS`.
+
+It imports nothing of the engine, has its garbage collector off and real-time priority where permitted. It holds the
+robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout says where it
+listens, or why it cannot.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import json
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from dataclasses import asdict, dataclass
+from typing import Self, final
+
+from cellctl.clock.reading import reader_of
+from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.responder import Responder
+from drivers.kuka_rsi.shared_block import SharedBlock
+from drivers.kuka_rsi.telegram import ReplyFormat
+
+_LOOK_S = 0.05
+"""Longest wait for a telegram before orders and the parent are looked at."""
+
+_LEAVE_S = 3.0
+"""Longest a search that is being held may keep the process."""
+
+_PRIORITY = 40
+_PR_SET_PDEATHSIG = 1
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class CyclicOrders:
+    """What the process is told on its command line.
+
+    `host`, `port`: to bind; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time;
+    `reply`: template of the reply; `limits`: as in `SearchLimits`; `parent`: whose death ends it.
+    """
+
+    host: str
+    port: int
+    memory: int
+    clock: str
+    reply: str
+    limits: dict[str, float]
+    parent: int
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(**json.loads(text))
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(asdict(self))
+
+
+class _Leaving:
+    """Whether to go: asked to, or orphaned."""
+
+    def __init__(self, parent: int) -> None:
+        self._parent = parent
+        self._asked = False
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the engine's to handle: it holds the robot first
+        signal.signal(signal.SIGTERM, self._ask)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+
+    def __bool__(self) -> bool:
+        return self._asked or os.getppid() != self._parent
+
+    def _ask(self, *_: object) -> None:
+        self._asked = True
+
+
+def run(orders: CyclicOrders) -> int:
+    """Bind, say where, and answer until told to leave; the exit code."""
+    leaving = _Leaving(orders.parent)
+    try:
+        line = _bound(orders.host, orders.port)
+    except OSError as error:
+        _say({"errno": error.errno, "error": error.strerror})
+        return 1
+    block = SharedBlock(orders.memory)
+    os.close(orders.memory)
+    limits = SearchLimits(**orders.limits)
+    responder = Responder(line, block, ReplyFormat(orders.reply), limits, reader_of(orders.clock))
+    _say({"listening": line.getsockname()[:2], "fifo": _real_time()})
+    _serve(line, responder, leaving)
+    return 0
+
+
+def _serve(line: socket.socket, responder: Responder, leaving: _Leaving) -> None:
+    give_up: float | None = None
+    while True:
+        ready, _, _ = select.select([line], [], [], _LOOK_S)
+        go = bool(leaving)
+        if ready:
+            responder.answer(leave=go)
+        else:
+            responder.take_order()
+        if go:
+            give_up = give_up or time.monotonic() + _LEAVE_S
+            if not ready or not responder.searching or time.monotonic() > give_up:
+                return
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """Bound exclusively: with SO_REUSEADDR another program would silently eat the telegrams."""
+    family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    line = socket.socket(family, kind, protocol)
+    line.setblocking(False)
+    line.bind(place)
+    return line
+
+
+def _real_time() -> bool:
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    except OSError:
+        return False
+    return True
+
+
+def _say(what: dict[str, object]) -> None:
+    print(json.dumps(what), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(run(CyclicOrders.from_json(sys.argv[1])))

@@ -1,0 +1,160 @@
+"""The person's RSI Ethernet configuration: the file that the controller loads decides how we answer it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import final
+from xml.parsers import expat
+
+from drivers.kuka_rsi.settings import RsiSettings
+from drivers.kuka_rsi.telegram import AXIS_NAMES, ReplyTag
+
+_KINDS = ("BOOL", "LONG", "DOUBLE", "STRING")
+_MOST_CHANNELS = 64
+
+
+@final
+@dataclass(slots=True)
+class XmlNode:
+    """An element with the line on which it starts; `path`: tags from the root, `ROOT/CONFIG/PORT`."""
+
+    path: str
+    line: int
+    attributes: dict[str, str]
+    text: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class EthernetConfig:
+    """What the file says, and what is wrong with it (`file:line: what`, empty where it will do)."""
+
+    sentype: str = ""
+    receive: tuple[ReplyTag, ...] = ()
+    mistakes: list[str] = field(default_factory=list)
+
+
+def read_ethernet_config(settings: RsiSettings) -> EthernetConfig:
+    """Read and check the configuration file that `settings` names; never raises for what is in it."""
+    file = settings.ethernet
+    try:
+        nodes = _nodes(file)
+    except OSError as error:
+        return EthernetConfig(mistakes=[f"{file}: {error.strerror}"])
+    except expat.ExpatError as error:
+        return EthernetConfig(mistakes=[f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}"])
+    found = chain(_in_config(nodes, settings.bind[1]), _in_send(nodes), _in_receive(nodes, settings))
+    mistakes = [f"{file}:{line}: {what}" for line, what in sorted(found)]
+    receive = tuple(ReplyTag(_tag(node), _kind(node)) for node in _elements(nodes, "RECEIVE"))
+    return EthernetConfig(_text(nodes, "SENTYPE"), receive, mistakes)
+
+
+Mistakes = Iterable[tuple[int, str]]
+
+
+def _nodes(file: Path) -> list[XmlNode]:
+    nodes: list[XmlNode] = []
+    open_nodes: list[XmlNode] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        path = f"{open_nodes[-1].path}/{tag}" if open_nodes else tag
+        open_nodes.append(XmlNode(path, parser.CurrentLineNumber, attributes))
+        nodes.append(open_nodes[-1])
+
+    def text(data: str) -> None:
+        open_nodes[-1].text += data
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: open_nodes.pop()
+    parser.CharacterDataHandler = text
+    parser.Parse(file.read_bytes(), True)
+    return nodes
+
+
+def _in_config(nodes: list[XmlNode], bound_port: int) -> Mistakes:
+    if nodes[0].path != "ROOT":
+        yield nodes[0].line, f"the root is <{nodes[0].path}>; an RSI Ethernet configuration has <ROOT>"
+    if not _text(nodes, "SENTYPE"):
+        yield _line(nodes, "SENTYPE"), "SENTYPE is missing or empty: the controller takes no answer without it"
+    if _text(nodes, "ONLYSEND").upper() != "FALSE":
+        yield _line(nodes, "ONLYSEND"), "ONLYSEND must be FALSE: otherwise the controller takes no corrections"
+    port = _text(nodes, "PORT")
+    if bound_port and port != str(bound_port):
+        yield (
+            _line(nodes, "PORT"),
+            f"PORT is {port or 'missing'}, the address binds {bound_port}: no telegram would come",
+        )
+
+
+def _in_send(nodes: list[XmlNode]) -> Mistakes:
+    tags = {_tag(node) for node in _elements(nodes, "SEND")}
+    if "DEF_AIPos" not in tags:
+        yield _line(nodes, "SEND"), "SEND lacks DEF_AIPos (the actual joints)"
+    yield from _twice(_elements(nodes, "SEND"), "TAG")
+
+
+def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Mistakes:
+    elements = _elements(nodes, "RECEIVE")
+    by_tag = {_tag(node): node for node in elements}
+    wanted = {f"{settings.correction}.{axis}": "DOUBLE" for axis in AXIS_NAMES} | {settings.stop: "BOOL"}
+    for tag, kind in wanted.items():
+        node = by_tag.get(tag)
+        if node is None:
+            yield _line(nodes, "RECEIVE"), f"RECEIVE lacks {tag} ({kind})"
+        elif _kind(node) != kind:
+            yield node.line, f"{tag} is {_kind(node) or 'of no type'}, not {kind}"
+        elif kind == "DOUBLE" and node.attributes.get("HOLDON") != "1":
+            yield node.line, f'{tag} has no HOLDON="1": one late answer would send the robot back to its start'
+    for node in elements:
+        yield from _in_received(node)
+    yield from _twice(elements, "TAG")
+    yield from _twice([node for node in elements if not _internal(node)], "INDX")
+
+
+def _in_received(node: XmlNode) -> Mistakes:
+    if not _tag(node):
+        yield node.line, "an ELEMENT has no TAG"
+    if _tag(node) == "DEF_Tech.T1":
+        yield node.line, "DEF_Tech.T1 is RSI's own function generator; use DEF_Tech.T2"
+    if _kind(node) not in _KINDS:
+        yield node.line, f"{_tag(node)}: TYPE '{_kind(node)}' is none of {', '.join(_KINDS)}"
+    index = node.attributes.get("INDX", "")
+    if not _internal(node) and not (index.isascii() and index.isdigit() and 0 < int(index) <= _MOST_CHANNELS):
+        yield node.line, f"{_tag(node)}: INDX '{index}' is no channel (1 … {_MOST_CHANNELS}, or INTERNAL)"
+
+
+def _twice(elements: list[XmlNode], attribute: str) -> Mistakes:
+    first: dict[str, int] = {}
+    for node in elements:
+        value = node.attributes.get(attribute, "")
+        if value in first:
+            yield node.line, f"{attribute} {value} stands on line {first[value]} already"
+        first.setdefault(value, node.line)
+
+
+def _elements(nodes: list[XmlNode], section: str) -> list[XmlNode]:
+    return [node for node in nodes if node.path == f"ROOT/{section}/ELEMENTS/ELEMENT"]
+
+
+def _tag(node: XmlNode) -> str:
+    return node.attributes.get("TAG", "")
+
+
+def _kind(node: XmlNode) -> str:
+    return node.attributes.get("TYPE", "")
+
+
+def _internal(node: XmlNode) -> bool:
+    return node.attributes.get("INDX") == "INTERNAL" or _tag(node).startswith("DEF_")
+
+
+def _text(nodes: list[XmlNode], name: str) -> str:
+    return next((node.text.strip() for node in nodes if node.path == f"ROOT/CONFIG/{name}"), "")
+
+
+def _line(nodes: list[XmlNode], name: str) -> int:
+    return next((node.line for node in nodes if node.path in (f"ROOT/{name}", f"ROOT/CONFIG/{name}")), nodes[0].line)

@@ -1,0 +1,117 @@
+"""The engine's end of the cyclic process: starts it, knows whether it lives, ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from typing import IO, Any, Self, final
+
+from cellctl.devices import DeviceUnreachable
+from drivers.kuka_rsi.cyclic import CyclicOrders
+from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.shared_block import SharedBlock
+
+_START_S = 20.0
+_END_S = 4.0
+
+
+@final
+class CyclicProcess:
+    """A running cyclic process.
+
+    `listening`: host and port bound; `block`: the memory shared with it; `real_time`: whether it got its priority.
+    """
+
+    def __init__(
+        self, child: subprocess.Popen[bytes], block: SharedBlock, errors: IO[bytes], said: dict[str, Any]
+    ) -> None:
+        host, port = said["listening"]
+        self.listening: tuple[str, int] = (host, port)
+        self.real_time: bool = said["fifo"]
+        self.block = block
+        self.pid = child.pid
+        self._child = child
+        self._errors = errors
+
+    @classmethod
+    async def start(cls, device: str, bind: tuple[str, int], clock: str, reply: str, limits: SearchLimits) -> Self:
+        """Start it and wait until it listens. Raises DeviceUnreachable where the port is taken or it dies."""
+        block, memory = SharedBlock.create()
+        orders = CyclicOrders(*bind, memory, clock, reply, asdict(limits), os.getpid())
+        errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic", orders.to_json()]
+        try:
+            child = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, pass_fds=[memory]
+            )
+        finally:
+            os.close(memory)
+        said = await _first_words(child)
+        if "listening" in said:
+            return cls(child, block, errors, said)
+        await _reap(child)
+        raise _cannot_listen(device, bind, said, errors)
+
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._child.poll() is None
+
+    def last_words(self) -> str:
+        """The last line that it left on its error output."""
+        return _last_line(self._errors)
+
+    async def end(self) -> None:
+        """End it: asked first, killed where it does not go."""
+        self._child.terminate()
+        await _reap(self._child)
+        self._errors.close()
+
+
+async def _first_words(child: subprocess.Popen[bytes]) -> dict[str, Any]:
+    assert child.stdout is not None
+    reading = asyncio.create_task(asyncio.to_thread(child.stdout.readline))
+    try:
+        async with asyncio.timeout(_START_S):  # wall time: whether a program starts is no matter of the cell's
+            line = await asyncio.shield(reading)
+    except BaseException:
+        child.kill()
+        await reading
+        await _reap(child)
+        raise
+    words: dict[str, Any] = json.loads(line) if line else {}
+    return words
+
+
+async def _reap(child: subprocess.Popen[bytes]) -> None:
+    try:
+        await asyncio.to_thread(child.wait, _END_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        await asyncio.to_thread(child.wait)
+    if child.stdout:
+        child.stdout.close()
+
+
+def _cannot_listen(device: str, bind: tuple[str, int], said: dict[str, Any], errors: IO[bytes]) -> DeviceUnreachable:
+    host, port = bind
+    if said.get("errno") == errno.EADDRINUSE:
+        cure = (
+            f"End the program that holds it (ss -lunp 'sport = :{port}'), or choose another port here and in the XML."
+        )
+        return DeviceUnreachable(device, f"UDP port {port} on {host} is taken", cure)
+    if "error" in said:
+        cure = "The host in the address must be one of this computer's own, on the controller's RSI network."
+        return DeviceUnreachable(device, f"cannot bind {host}:{port}: {said['error']}", cure)
+    return DeviceUnreachable(device, f"the RSI process did not start: {_last_line(errors)}")
+
+
+def _last_line(errors: IO[bytes]) -> str:
+    errors.seek(0)
+    lines = errors.read().decode(errors="replace").strip().splitlines()
+    return lines[-1] if lines else "no message"

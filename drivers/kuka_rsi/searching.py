@@ -1,0 +1,159 @@
+"""One search, from the engine's side: RSI on, watch, RSI off, and what came of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+from cellctl.clock import Clock
+from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd, SearchResult
+from drivers.kuka_rsi.eki_channel import ANSWER_S, EkiChannel, Pending
+from drivers.kuka_rsi.eki_documents import Reply
+from drivers.kuka_rsi.limits import Limit
+from drivers.kuka_rsi.process import CyclicProcess
+from drivers.kuka_rsi.refusals import refusal
+from drivers.kuka_rsi.search_cycle import Cause, SearchOrder
+from drivers.kuka_rsi.search_record import SearchRecord
+from drivers.kuka_rsi.shared_block import SearchStatus
+
+_FIRST_TELEGRAM_S = 2.0
+_SILENCE_S = 2.0
+_POLL_S = 0.02
+_BESIDES_THE_LINE_S = 15.0
+
+_FOLLOWED_DEG = 0.1
+"""Where an axis rests further than this from the end of the line, the corrections had no full effect."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A search ordered of the cyclic process. `guards`: names by slot, for what is said about them."""
+
+    device: str
+    clock: Clock
+    eki: EkiChannel
+    process: CyclicProcess
+    order: SearchOrder
+    guards: tuple[str, ...]
+    configuration: str
+
+    async def run(self) -> SearchResult:
+        """RSI on, go, RSI off. Raises as `SearchingRobot.search` does; where it is cut short, the caller halts."""
+        record = SearchRecord(self.process.block, self.order.number)
+        self.process.block.place_order(self.order)
+        pending = await self.eki.send("RSI")
+        await self._on(pending)
+        final_reply = await self._first_telegram(pending) or await self._until_off(pending, record)
+        self.process.block.release()
+        record.collect()
+        if final_reply.code:
+            raise self._stopped(final_reply, record)
+        return self._result(record, final_reply)
+
+    async def _on(self, pending: Pending) -> None:
+        try:
+            reply = await pending.reply(ANSWER_S)
+        except TimeoutError:
+            raise DeviceLost(self.device, f"no answer to RSI for {ANSWER_S:g} s") from None
+        if reply.code != 1:
+            raise refusal(self.device, reply, "search")
+
+    async def _first_telegram(self, pending: Pending) -> Reply | None:
+        """Wait for it; the command's last reply where that comes instead."""
+        deadline = self.clock.now() + _FIRST_TELEGRAM_S
+        while self.clock.now() < deadline:
+            if reply := await self._last_reply(pending):
+                return reply
+            if self._status().telegrams:
+                return None
+        host, port = self.process.listening
+        raise DeviceLost(
+            self.device,
+            f"RSI is on, and no telegram came within {_FIRST_TELEGRAM_S:g} s",
+            f"The controller must send to this computer's address on the RSI network, port {port} (<IP_NUMBER> and "
+            f"<PORT> in {self.configuration}); bound here: {host}:{port}. Let UDP through the firewall, and keep RSI "
+            "on a subnet of its own, apart from the KLI's.",
+        )
+
+    async def _until_off(self, pending: Pending, record: SearchRecord) -> Reply:
+        """Collect until the controller has left RSI. Raises DeviceLost where it does not, or the process is gone."""
+        line_s = math.hypot(*self.order.correction) / self.order.speed_deg_s
+        deadline = self.clock.now() + 2 * line_s + _BESIDES_THE_LINE_S
+        heard, heard_at = 0, self.clock.now()
+        while True:
+            reply = await self._last_reply(pending)
+            record.collect()
+            if reply:
+                return reply
+            now = self.clock.now()
+            if len(record.samples) > heard:
+                heard, heard_at = len(record.samples), now
+            if now > deadline or now - heard_at > _SILENCE_S:
+                raise DeviceLost(self.device, f"the search did not end (no telegram for {now - heard_at:.1f} s)")
+
+    async def _last_reply(self, pending: Pending) -> Reply | None:
+        if not self.process.alive():
+            raise DeviceLost(self.device, f"the RSI process ended: {self.process.last_words()}")
+        try:
+            return await pending.reply(_POLL_S)
+        except TimeoutError:
+            return None
+
+    def _status(self) -> SearchStatus:
+        status = self.process.block.status()
+        if status.number == self.order.number:
+            return status
+        return SearchStatus(self.order.number, status.phase, Cause.NONE, 0, 0, 0, 0, 0, 0)
+
+    def _stopped(self, reply: Reply, record: SearchRecord) -> Exception:
+        error = refusal(self.device, reply, "search")
+        counts = ", ".join(f"{name} {count}" for name, count in record.counts().items())
+        error.add_note(f"telegrams of this search: {len(record.samples)}, {counts}")
+        return error
+
+    def _result(self, record: SearchRecord, reply: Reply) -> SearchResult:
+        status = self._status()
+        resting = reply.joints or self.eki.latest_joints
+        match status.cause:
+            case Cause.STOPPED:
+                return record.result(SearchEnd.STOPPED, status, resting)
+            case Cause.TRAVEL:
+                self._check_followed(resting)
+                return record.result(SearchEnd.TRAVEL, status, resting)
+        raise self._trouble(status)
+
+    def _check_followed(self, resting: tuple[float, ...]) -> None:
+        """AXISCORR clamps silently, and a wrongly wired context does nothing at all."""
+        ends = [a + b for a, b in zip(self.order.start, self.order.correction, strict=True)]
+        short = [
+            f"A{i} {rest - end:+.2f}"
+            for i, (rest, end) in enumerate(zip(resting, ends, strict=True), 1)
+            if abs(rest - end) > _FOLLOWED_DEG
+        ]
+        if short:
+            raise DeviceFault(
+                self.device,
+                f"the axes did not follow the corrections to the end of the line (deg off: {', '.join(short)})",
+                "AXISCORR clamps silently at its limits (5 deg where none are set); or the context is wired to other "
+                "channels; or SENTYPE on the controller is not the one in " + self.configuration,
+            )
+
+    def _trouble(self, status: SearchStatus) -> Exception:
+        match status.cause:
+            case Cause.GUARD:
+                name = self.guards[status.detail]
+                allowed_s = self.order.guards_ns[status.detail] * 1e-9
+                what = f"no sign of life for {status.age_ns * 1e-9:.3f} s ({allowed_s:g} s allowed); the robot held"
+                return DeviceLost(name, what, "Look at the device, its line, and what else runs on this computer.")
+            case Cause.LIMIT:
+                name = Limit(status.detail).name.lower()
+                return LimitExceeded(
+                    self.device, f"the next set-point would have passed the {name} limit; the robot held"
+                )
+            case Cause.START:
+                return DeviceFault(self.device, "the pose at RSI_ON is not the one that the search was planned from")
+            case Cause.RESTARTED:
+                return DeviceFault(self.device, "the controller's count ran back in the search; the robot is held")
+        return DeviceFault(self.device, "the controller left RSI by itself before the search had ended")

@@ -1,0 +1,51 @@
+"""What the address of a KUKA robot says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self, final
+
+from cellctl.devices import Address
+
+_SETTINGS = {"ethernet", "eki", "correction", "stop"}
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RsiSettings:
+    """Where the two channels are and what the tags in the telegram are called.
+
+    `bind`: host and port for the controller's telegrams (port 0: any free one); `ethernet`: the RSI Ethernet
+    configuration file that the controller loads; `eki`: the controller's EthernetKRL host and port; `correction`:
+    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object.
+    """
+
+    bind: tuple[str, int]
+    ethernet: Path
+    eki: tuple[str, int]
+    correction: str = "AK"
+    stop: str = "Stop"
+
+    @classmethod
+    def of(cls, address: Address, folder: Path) -> Self:
+        """The settings in `address`, paths read against `folder`. Raises ValueError with every mistake."""
+        query = address.query
+        mistakes = [f"unknown setting '{key}' ({', '.join(sorted(_SETTINGS))})" for key in query.keys() - _SETTINGS]
+        mistakes += [f"setting '{key}' is missing" for key in ("ethernet", "eki") if not query.get(key)]
+        mistakes += [f"setting '{key}' is empty" for key in ("correction", "stop") if query.get(key) == ""]
+        mistakes += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
+        eki = _host_and_port(query.get("eki", ""))
+        if query.get("eki") and eki is None:
+            mistakes.append(f"eki={query['eki']} is not HOST:PORT")
+        if mistakes or eki is None:
+            raise ValueError(f"{address}: {'; '.join(mistakes)}")
+        names = {key: query[key] for key in ("correction", "stop") if key in query}
+        return cls((address.host, address.port or 0), folder / query["ethernet"], eki, **names)
+
+
+def _host_and_port(text: str) -> tuple[str, int] | None:
+    host, colon, port = text.rpartition(":")
+    if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) < 65536):
+        return None
+    return host.strip("[]"), int(port)

@@ -1,0 +1,104 @@
+"""RSI telegrams: the controller's `<Rob>` read by name, our `<Sen>` written in the configuration's order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import final
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+from drivers.kuka_rsi.limits import AXES, Correction
+
+AXIS_NAMES = tuple(f"A{i}" for i in range(1, AXES + 1))
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Telegram:
+    """What the controller sent in one cycle.
+
+    `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count; `joints`: A1…A6 actual (AIPos),
+    degrees; `delay`: its own count of late answers, where it sends one.
+    """
+
+    ipoc_text: str
+    ipoc: int
+    joints: tuple[float, ...]
+    delay: int | None
+
+
+def read_telegram(datagram: bytes) -> Telegram:
+    """Read a `<Rob>` telegram by the names in it; order, attributes of the root and unknown tags do not matter.
+
+    Raises ValueError where it is no telegram, or lacks IPOC or AIPos.
+    """
+    try:
+        root = ElementTree.fromstring(datagram)
+    except (ElementTree.ParseError, LookupError) as error:
+        raise ValueError(f"not XML: {error}") from None
+    if root.tag != "Rob":
+        raise ValueError(f"<{root.tag}> instead of <Rob>")
+    joints, ipoc, delay = root.find("AIPos"), root.findtext("IPOC"), root.find("Delay")
+    if joints is None or ipoc is None:
+        raise ValueError("without AIPos or IPOC")
+    values = tuple(_number(joints.get(name, "")) for name in AXIS_NAMES)
+    return Telegram(ipoc, int(ipoc), values, None if delay is None else round(_number(delay.get("D", ""))))
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"'{text}' is no reading")
+    return value
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ReplyTag:
+    """An element of the configuration's RECEIVE section: dotted or plain tag, and its type."""
+
+    tag: str
+    kind: str
+
+
+@final
+class ReplyFormat:
+    """Writes replies from a template: constant text with places for six corrections, the stop and the IPOC."""
+
+    def __init__(self, template: str) -> None:
+        self.template = template
+
+    @classmethod
+    def of(cls, sentype: str, tags: tuple[ReplyTag, ...], correction: str, stop: str) -> ReplyFormat:
+        """The format for the tags of a RECEIVE section, in its order; tags that are not ours are sent as zero."""
+        places = {f"{correction}.{name}": f"{{{i}:.6f}}" for i, name in enumerate(AXIS_NAMES)} | {stop: "{6:d}"}
+        elements: dict[str, dict[str, str]] = {}
+        for tag in tags:
+            head, _, attribute = tag.tag.removeprefix("DEF_").partition(".")
+            elements.setdefault(head, {}).update(_contents(tag, attribute, places))
+        body = "".join(_element(head, contents) for head, contents in elements.items())
+        return cls(f"<Sen Type={_constant(quoteattr(sentype))}>{body}<IPOC>{{7}}</IPOC></Sen>")
+
+    def write(self, correction: Correction, stop: bool, ipoc_text: str) -> bytes:
+        """The reply: absolute corrections of A1…A6 in degrees, the stop, and the count of the telegram answered."""
+        return self.template.format(*correction, stop, ipoc_text).encode()
+
+
+def _contents(tag: ReplyTag, attribute: str, places: dict[str, str]) -> dict[str, str]:
+    if tag.tag.startswith("DEF_Tech."):
+        return {f"{attribute}{i}": "0.000000" for i in range(1, 11)}
+    return {attribute: places.get(tag.tag) or _ZERO[tag.kind]}
+
+
+_ZERO = {"DOUBLE": "0.000000", "LONG": "0", "BOOL": "0", "STRING": ""}
+
+
+def _element(head: str, contents: dict[str, str]) -> str:
+    text = contents.get("", "")
+    attributes = "".join(f' {name}="{value}"' for name, value in contents.items() if name)
+    return f"<{head}{attributes}>{text}</{head}>" if text or not attributes else f"<{head}{attributes}/>"
+
+
+def _constant(text: str) -> str:
+    return text.replace("{", "{{").replace("}", "}}")
