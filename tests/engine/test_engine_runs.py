@@ -1,0 +1,266 @@
+"""What a user relies on from the engine: order, results, retries, time-outs, abort, clean-up, and an honest journal."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cellctl.clock import WallClock
+from cellctl.devices import DeviceUnreachable, Health, Identity, NoContact
+from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, Plan, State, Surround
+from cellctl.engine.states import checked
+from cellctl.files import parse_yaml
+from cellctl.journal import Journal, Recorded, StateChanged, StepEnded, StepStarted, read_journal
+from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
+
+CALLS: list[str] = []
+
+
+class Numbers(StepResult):
+    values: list[int]
+
+
+class Value(StepInputs):
+    value: int
+
+
+class Doubled(StepResult):
+    value: int
+
+
+@step("test.numbers")
+async def numbers(context: StepContext, inputs: NoInputs) -> Numbers:
+    """Give three numbers."""
+    return Numbers(values=[1, 2, 3])
+
+
+@step("test.double")
+async def double(context: StepContext, inputs: Value) -> Doubled:
+    """Double a number."""
+    CALLS.append(f"double {inputs.value}")
+    await context.record("doubled", {"value": 2 * inputs.value})
+    return Doubled(value=2 * inputs.value)
+
+
+@step("test.flaky", moves=True)
+async def flaky(context: StepContext, inputs: NoInputs) -> None:
+    """Fail at the first attempt, after recording something."""
+    await context.record("row", {"attempt": context.attempt})
+    if context.attempt == 1:
+        raise NoContact("probe", "nothing there")
+
+
+@step("test.forever", moves=True)
+async def forever(context: StepContext, inputs: NoInputs) -> None:
+    """Never end."""
+    CALLS.append("forever")
+    await asyncio.Event().wait()
+
+
+@step("test.broken")
+async def broken(context: StepContext, inputs: NoInputs) -> None:
+    """Raise what nobody foresaw."""
+    raise ZeroDivisionError("broken on purpose")
+
+
+@step("test.hold")
+async def hold(context: StepContext, inputs: NoInputs) -> None:
+    """Say that it was called."""
+    CALLS.append("hold")
+
+
+KINDS = [numbers, double, flaky, forever, broken, hold]
+
+
+class FakeDevice:
+    """A device that notes what is done to it."""
+
+    def __init__(self, name: str, *, reachable: bool = True, stops: bool = True) -> None:
+        self.name = name
+        self.calls: list[str] = []
+        self._reachable = reachable
+        self._stops = stops
+
+    async def connect(self) -> Identity:
+        self.calls.append("connect")
+        if not self._reachable:
+            raise DeviceUnreachable(self.name, "nobody answers")
+        return Identity(self.name, "SIM-1", "fake", "1", simulated=True)
+
+    async def health(self) -> Health:
+        return Health(True, "well")
+
+    async def stop(self) -> None:
+        self.calls.append("stop")
+        if not self._stops:
+            raise RuntimeError("does not stop")
+
+    async def close(self) -> None:
+        self.calls.append("close")
+
+
+def engine_for(steps: str, folder: Path, devices: list[FakeDevice] | None = None, cleanup: str = "") -> Any:
+    CALLS.clear()
+    text = f"procedure: test\ntitle: a test\ncell: cell.yaml\nsteps:\n{steps}"
+    if cleanup:
+        text += f"\ncleanup:\n{cleanup}"
+    procedure = read_procedure(parse_yaml(text, "test.yaml"))
+    assert procedure.problems == ()
+    clock = WallClock()
+    named = {device.name: device for device in devices or [FakeDevice("robot")]}
+    surround = Surround(clock, 1, folder, parse_yaml("name: x", "cell.yaml"), folder / "robot.yaml", named)
+    journal = Journal.create(folder / "run", clock.now_ns)
+    mailbox = Mailbox()
+    return Engine(Plan(procedure, {}, StepRegistry(KINDS), named), surround, journal, mailbox), mailbox, journal
+
+
+def events_of(journal: Journal, kind: type) -> list[Any]:
+    return [entry.event for entry in read_journal(journal.path) if isinstance(entry.event, kind)]
+
+
+LOOP = """
+  - {id: some, do: test.numbers}
+  - id: all
+    for_each: ${some.values}
+    as: number
+    steps:
+      - {id: twice, do: test.double, with: {value: "${number}"}}
+"""
+
+
+def test_results_flow_from_step_to_step_and_loops_name_each_pass(tmp_path: Path) -> None:
+    engine, _, journal = engine_for(LOOP, tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FINISHED
+    assert CALLS == ["double 1", "double 2", "double 3"]
+    ended = events_of(journal, StepEnded)
+    assert [event.step for event in ended] == ["some", "all[0].twice", "all[1].twice", "all[2].twice"]
+    assert ended[-1].result == {"value": 6}
+
+
+def test_every_attempt_is_an_event_and_rows_of_failed_attempts_do_not_count(tmp_path: Path) -> None:
+    steps = "  - {id: touch, do: test.flaky, retry: {attempts: 2, on: [NoContact]}}"
+    engine, _, journal = engine_for(steps, tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FINISHED
+    assert [event.outcome for event in events_of(journal, StepEnded)] == ["failed", "done"]
+    assert [event.attempt for event in events_of(journal, StepStarted)] == [1, 2]
+    assert len(events_of(journal, Recorded)) == 2
+    assert engine._record.recorded("row") == [{"attempt": 2}]
+
+
+def test_an_error_that_retry_does_not_name_ends_the_run_and_is_cleaned_up(tmp_path: Path) -> None:
+    device = FakeDevice("robot")
+    steps = "  - {id: touch, do: test.flaky, retry: {attempts: 3, on: [DeviceLost]}}"
+    engine, _, journal = engine_for(steps, tmp_path, [device], "  - {id: hold, do: test.hold}")
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert isinstance(outcome.error, NoContact)
+    assert CALLS == ["hold"]
+    assert device.calls == ["connect", "stop", "close"]
+    assert len([event for event in events_of(journal, StepStarted) if event.step == "touch"]) == 1
+
+
+def test_a_step_that_takes_too_long_is_ended_and_says_so(tmp_path: Path) -> None:
+    engine, _, journal = engine_for("  - {id: wait, do: test.forever, timeout: 0.05}", tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert "wait: not done within 0.05 s" in str(outcome.error)
+    assert events_of(journal, StepEnded)[0].outcome == "timed_out"
+
+
+def test_abort_cancels_the_step_and_cleans_up_even_when_said_twice(tmp_path: Path) -> None:
+    device = FakeDevice("robot")
+    engine, mailbox, journal = engine_for(
+        "  - {id: wait, do: test.forever}", tmp_path, [device], "  - {id: hold, do: test.hold}"
+    )
+
+    async def run() -> Any:
+        running = asyncio.create_task(engine.run())
+        while "forever" not in CALLS:
+            await asyncio.sleep(0)
+        mailbox.abort()
+        mailbox.abort()
+        running.cancel()  # as a second Ctrl-C would
+        return await running
+
+    outcome = asyncio.run(run())
+    assert outcome.state is State.ABORTED
+    assert isinstance(outcome.error, Aborted)
+    assert CALLS == ["forever", "hold"]
+    assert device.calls == ["connect", "stop", "close"]
+    assert events_of(journal, StepEnded)[0].outcome == "cancelled"
+
+
+def test_clean_up_tries_everything_and_what_fails_in_it_is_uncertain(tmp_path: Path) -> None:
+    devices = [FakeDevice("robot", stops=False), FakeDevice("probe")]
+    cleanup = "  - {id: first, do: test.broken}\n  - {id: hold, do: test.hold}"
+    engine, _, _ = engine_for("  - {id: some, do: test.numbers}", tmp_path, devices, cleanup)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.UNCERTAIN
+    assert CALLS == ["hold"]
+    assert [device.calls[-1] for device in devices] == ["close", "close"]
+    assert len(outcome.troubles) == 2
+
+
+def test_a_cell_of_which_nobody_answers_names_every_device_and_runs_nothing(tmp_path: Path) -> None:
+    devices = [FakeDevice("robot", reachable=False), FakeDevice("probe", reachable=False), FakeDevice("plc")]
+    engine, _, _ = engine_for(LOOP, tmp_path, devices)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert "robot: nobody answers" in str(outcome.error)
+    assert "probe: nobody answers" in str(outcome.error)
+    assert CALLS == []
+    assert all(device.calls[-1] == "close" for device in devices)
+
+
+def test_a_full_disk_ends_the_run_and_nothing_is_done_that_the_journal_does_not_hold(tmp_path: Path) -> None:
+    device = FakeDevice("robot")
+    loop = f"""
+  - id: all
+    for_each: {list(range(500))}
+    as: number
+    steps:
+      - {{id: twice, do: test.double, with: {{value: "${{number}}"}}}}
+"""
+    engine, _, journal = engine_for(loop, tmp_path, [device])
+    pages = journal._connection.execute("PRAGMA page_count").fetchone()[0]
+    journal._connection.execute(f"PRAGMA max_page_count = {pages + 2}")
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert "disk is full" in str(outcome.error)
+    assert 0 < len(CALLS) < 500
+    started = [event.step for event in events_of(journal, StepStarted)]
+    assert started == [f"all[{index}].twice" for index in range(len(CALLS))]
+    assert device.calls == ["connect", "stop", "close"]
+
+
+def test_a_pause_holds_between_steps_until_resumed(tmp_path: Path) -> None:
+    engine, mailbox, journal = engine_for(LOOP, tmp_path)
+
+    async def run() -> Any:
+        mailbox.pause()
+        running = asyncio.create_task(engine.run())
+        while engine.state is not State.PAUSED:
+            await asyncio.sleep(0)
+        assert CALLS == []
+        mailbox.resume()
+        return await running
+
+    assert asyncio.run(run()).state is State.FINISHED
+    assert "paused" in [event.after for event in events_of(journal, StateChanged)]
+
+
+def test_the_transition_table_names_every_state_and_nothing_leaves_an_end() -> None:
+    assert set(TRANSITIONS) == set(State)
+    assert all(not TRANSITIONS[end] for end in ENDS)
+    reachable, frontier = {State.IDLE}, {State.IDLE}
+    while frontier:
+        frontier = {following for state in frontier for following in TRANSITIONS[state]} - reachable
+        reachable |= frontier
+    assert reachable == set(State)
+    with pytest.raises(IllegalTransition):
+        checked(State.FINISHED, State.RUNNING)

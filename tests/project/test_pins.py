@@ -1,0 +1,47 @@
+"""The project as a package: pins agree, no registry is named, the rooms are kept apart."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tomllib
+from importlib.metadata import distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PINS = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if line and not line.startswith("#")]
+
+
+def test_pip_and_uv_are_pinned_to_the_same_versions() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert sorted(project["tool"]["uv"]["constraint-dependencies"]) == sorted(PINS)
+
+
+def test_what_is_installed_here_is_what_is_pinned() -> None:
+    installed = {_normal(found.metadata["Name"]): found.version for found in distributions()}
+    wrong = [pin for pin in PINS if installed.get(_normal(pin.split("==")[0]), pin.split("==")[1]) != pin.split("==")[1]]
+    assert wrong == []
+
+
+def test_every_dependency_is_pinned() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    named = [*project["project"]["dependencies"], *project["dependency-groups"]["dev"]]
+    pinned = {_normal(pin.split("==")[0]) for pin in PINS}
+    assert {_normal(re.split(r"[<>=!~\[ ]", name)[0]) for name in named} <= pinned
+
+
+def test_no_package_registry_is_named_in_the_repository() -> None:
+    pattern = "//[a-z.-]*(py" + "pi|python" + "hosted|npm" + "js|deb" + "ian)[.]"
+    try:
+        found = subprocess.run(["git", "grep", "-nIE", pattern], cwd=ROOT, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("git is not installed")
+    if found.returncode > 1:
+        pytest.skip("this is no git checkout")
+    assert found.stdout == ""
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
