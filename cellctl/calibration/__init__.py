@@ -1,1 +1,46 @@
-"""TODO"""
+"""Identification: models, measurements, priors, the estimator, what it cannot see, and the verdict. Pure: arrays only.
+
+`identify(task, rows)` fits; `fit(task, split)` fits and proves it on held-out rows.
+"""
+
+from cellctl.calibration.estimate import Estimate, estimate
+from cellctl.calibration.fit import FitResult, Split, fit
+from cellctl.calibration.identify import Identification, Task, identify
+from cellctl.calibration.model import DEFLECTION, STANDARD_GRAVITY, RobotModel, ToolDeflection
+from cellctl.calibration.observability import Observability, observability
+from cellctl.calibration.predict import Prediction, predict
+from cellctl.calibration.rows import PoseRows, PositionRows, Rows, SpacingRows, TouchRows
+from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
+from cellctl.calibration.verdict import ErrorFigures, Verdict, paired_verdict, verdict_sentence
+
+__all__ = [
+    "DEFLECTION",
+    "STANDARD_GRAVITY",
+    "ErrorFigures",
+    "Estimate",
+    "FitResult",
+    "Group",
+    "Identification",
+    "Observability",
+    "PoseRows",
+    "PositionRows",
+    "Prediction",
+    "RobotModel",
+    "Rows",
+    "SpacingRows",
+    "Split",
+    "State",
+    "Task",
+    "Tolerances",
+    "ToolDeflection",
+    "TouchRows",
+    "Unknowns",
+    "Verdict",
+    "estimate",
+    "fit",
+    "identify",
+    "observability",
+    "paired_verdict",
+    "predict",
+    "verdict_sentence",
+]

@@ -1,0 +1,93 @@
+"""What the measurements cannot see, in words."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import scipy.linalg
+
+from cellctl.calibration.estimate import Estimate
+from cellctl.kinematics import Floats
+
+SEEN = 0.1
+"""A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
+
+_GREEK = {"theta": "θ", "alpha": "α", "beta": "β"}
+_TURNS = {"a": "Z", "b": "Y", "c": "X"}
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Observability:
+    """What the data see of the free parameters.
+
+    rank: number of combinations seen; unseen: the others, in words; singular (F,): by how many standard deviations one
+    tolerance of each combination changes the rows, largest first.
+    """
+
+    rank: int
+    unseen: tuple[str, ...]
+    singular: tuple[float, ...]
+
+
+def observability(estimate: Estimate) -> Observability:
+    """Rank and unseen combinations of a fit, from its data alone (no tolerance helps)."""
+    _, singular, right = np.linalg.svd(estimate.triangle)
+    rank = int(np.sum(singular >= SEEN))
+    names = [name for name, free in zip(estimate.unknowns.names, estimate.unknowns.free, strict=True) if free]
+    effect = np.linalg.norm(estimate.triangle, axis=0)
+    words = tuple(_words(names, weights) for weights in _sparse_combinations(right[rank:], effect))
+    return Observability(rank, words, tuple(float(value) for value in singular))
+
+
+def _sparse_combinations(unseen: Floats, effect: Floats) -> list[Floats]:
+    """The unseen subspace (U, F) in a basis of few parameters each, as shares of effect on the rows (F,).
+
+    Pivoted QR picks U parameters that the subspace is about; each basis vector holds one of them, none of the others.
+    """
+    if not len(unseen):
+        return []
+    shares = unseen * np.maximum(effect, 1e-12 * max(float(effect.max()), 1e-300))
+    _, _, pivots = scipy.linalg.qr(shares, pivoting=True, mode="economic")
+    chosen = np.sort(pivots[: len(unseen)])
+    basis = np.linalg.lstsq(shares[:, chosen].T, np.eye(len(chosen)), rcond=None)[0].T @ shares
+    return [np.asarray(row) for row in basis]
+
+
+def _words(names: list[str], weights: Floats) -> str:
+    """The parameters with a tenth or more of the greatest weight, as a sentence fragment."""
+    strong = np.flatnonzero(np.abs(weights) >= 0.1 * np.max(np.abs(weights)))
+    parts = _grouped([names[index] for index in strong])
+    return parts[0] + (f" with {', '.join(parts[1:])}" if len(parts) > 1 else " alone")
+
+
+def _grouped(names: list[str]) -> list[str]:
+    """Links first, then tool and base by frame, sphere centres as one."""
+    links = [_link_words(name) for name in names if re.fullmatch(r"(theta|d|a|alpha|beta)\d+", name)]
+    frames = [words for frame in ("tool", "base") for words in _frame_words(frame, names)]
+    other = ["tool deflection"] if "tool_deflection" in names else []
+    spheres = list(dict.fromkeys(name.rsplit("_", 1)[0] for name in names if _is_centre(name)))
+    noun = "centre of" if len(spheres) == 1 else "centres of"
+    return links + frames + other + ([f"{noun} {', '.join(spheres)}"] if spheres else [])
+
+
+def _is_centre(name: str) -> bool:
+    return bool(re.search(r"_[xyz]$", name)) and not name.startswith(("tool_", "base_"))
+
+
+def _link_words(name: str) -> str:
+    kind, number = re.fullmatch(r"([a-z]+)(\d+)", name).groups()  # type: ignore[union-attr]  # the caller matched it
+    return _GREEK.get(kind, kind) + number
+
+
+def _frame_words(frame: str, names: list[str]) -> list[str]:
+    letters = [name[-1] for name in names if re.fullmatch(rf"{frame}_[xyzabc]", name)]
+    slides = ", ".join(letter.upper() for letter in letters if letter in "xyz")
+    turns = ", ".join(_TURNS[letter] for letter in letters if letter in _TURNS)
+    return [
+        *([f"{frame} translation along {slides}"] if slides else []),
+        *([f"{frame} rotation about {turns}"] if turns else []),
+    ]
