@@ -45,14 +45,13 @@ class StepRegistry:
 
     @classmethod
     def installed(cls) -> Self:
-        """All installed families of steps, none imported yet. Raises BrokenSteps for a family claimed twice."""
-        points: dict[str, EntryPoint] = {}
+        """All installed families of steps, none imported yet."""
+        points: dict[str, list[EntryPoint]] = {}
         for point in entry_points(group=GROUP):
-            if point.name in points and points[point.name].value != point.value:
-                why = f"the family '{point.name}' is also claimed by {_source(points[point.name])}"
-                raise BrokenSteps(_source(point), why)
-            points[point.name] = point
-        return cls(families={name: _loader(point) for name, point in points.items()})
+            rivals = points.setdefault(point.name, [])
+            if all(rival.value != point.value for rival in rivals):  # the same one may be seen through two paths
+                rivals.append(point)
+        return cls(families={name: _loader(*rivals) for name, rivals in points.items()})
 
     def find(self, name: str) -> AnyStepKind:
         """The kind of that name. Raises UnknownStep, BrokenSteps."""
@@ -88,8 +87,10 @@ class StepRegistry:
         self._kinds.update(found)
 
 
-def _loader(point: EntryPoint) -> Callable[[], ModuleType]:
+def _loader(point: EntryPoint, *rivals: EntryPoint) -> Callable[[], ModuleType]:
     def load() -> ModuleType:
+        if rivals:
+            raise BrokenSteps(_source(point), f"the family '{point.name}' is also claimed by {_source(rivals[0])}")
         try:
             module = point.load()
         except Exception as error:  # whatever a plug-in's import raises, the operator has to hear whose it was
