@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import os
 from pathlib import Path
 from typing import Self, final
@@ -12,44 +13,41 @@ from cellctl.journal.errors import JournalError
 
 @final
 class WriterLock:
-    """The right to write one journal. Held from making it until `release`."""
+    """The right to write one journal. Held from taking it until `release`."""
 
-    def __init__(self, handle: int) -> None:
-        self._handle = handle
+    def __init__(self, stream: io.FileIO) -> None:
+        self._stream = stream
 
     @classmethod
     def take(cls, path: Path) -> Self:
         """Lock `path`, which is made if need be. Raises JournalError where somebody holds it, OSError."""
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        stream = io.FileIO(path, "a+")
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stream.truncate(0)
+            stream.write(f"{os.getpid()}\n".encode())
         except BlockingIOError:
-            holder = os.read(handle, 32).decode(errors="replace").strip() or "?"
-            os.close(handle)
+            holder = os.pread(stream.fileno(), 32, 0).decode(errors="replace").strip() or "?"
+            stream.close()
             cure = "wait for its end, or end it; then try again"
             raise JournalError(path.parent, f"process {holder} writes this run", cure) from None
         except OSError:
-            os.close(handle)
+            stream.close()
             raise
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
-        return cls(handle)
+        return cls(stream)
 
     def release(self) -> None:
-        """Let go of it."""
-        os.close(self._handle)
+        """Let go of it; doing so twice does no harm."""
+        self._stream.close()
 
 
 def is_locked(path: Path) -> bool:
     """Whether somebody holds the lock at `path` now."""
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        with io.FileIO(path) as stream:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    finally:
-        os.close(handle)
+    except OSError:
+        return False
     return False
