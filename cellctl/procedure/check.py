@@ -139,6 +139,9 @@ class _Checker:
     def _inputs(self, step: Step, kind: AnyStepKind, scope: Scope) -> None:
         at = (*step.at, "with")
         known, unknown = known_part(step.inputs, lambda reference: scope.value_of(reference, at))
+        strangers = step.inputs.keys() - kind.input_names()
+        known |= dict.fromkeys(strangers)  # whatever their value will be, there is no place for it
+        unknown = [path for path in unknown if path[0] not in strangers]
         try:
             kind.read_inputs(known)
         except ValidationError as error:

@@ -43,7 +43,7 @@ class Fields:
         self._what = what
         if not self._is_mapping:
             findings.report(at, f"{what} has to be a mapping", f"write its keys here: {', '.join(known)}")
-        for key in self._value.keys() - set(known):
+        for key in [key for key in self._value if key not in known]:
             cure = did_you_mean(key, known, f"remove it; known here: {', '.join(known)}")
             findings.report((*at, key), f"'{key}' is not known in {what}", cure, key=True)
 
@@ -101,8 +101,10 @@ class Fields:
 
 
 def is_number(value: Any) -> bool:
-    """Whether `value` is a finite number (a flag is none)."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether `value` is a finite number (a flag is none), and an integer one of 64 bits."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) < 2**63
+    return isinstance(value, float) and math.isfinite(value)
 
 
 def is_name(value: Any) -> bool:

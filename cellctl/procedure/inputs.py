@@ -26,12 +26,7 @@ _WRITE = {
     "model_type": "write a mapping: {name: value}",
     "finite_number": "write a finite number",
 }
-_BOUNDS = {
-    "ge": "at least",
-    "gt": "above",
-    "le": "at most",
-    "lt": "below",
-}
+_BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
 
 def inputs_of(procedure: Procedure, step: Step, kind: AnyStepKind, scope: Mapping[str, Any]) -> Any:
@@ -60,8 +55,7 @@ def input_problems(
             continue
         what, cure = _words(detail, kind)
         place = _placed(document, at, location)
-        known_key = detail["type"] == "extra_forbidden"
-        found[(place, what)] = document.problem(place, what, cure, key=known_key)
+        found[(place, what)] = document.problem(place, what, cure, key=detail["type"] == "extra_forbidden")
     return list(found.values())
 
 
@@ -84,7 +78,7 @@ def _words(detail: Any, kind: AnyStepKind) -> tuple[str, str]:
     last = str(detail["loc"][-1]) if detail["loc"] else ""
     match detail["type"]:
         case "extra_forbidden":
-            near = did_you_mean(last, kind.inputs.model_fields, "remove it")
+            near = did_you_mean(last, kind.input_names(), "remove it")
             return f"step {kind.name} has no input '{name}'", near
         case "missing":
             return f"step {kind.name} needs the input '{name}'", f"add '{last}:' under 'with:'{_help(kind, last)}"

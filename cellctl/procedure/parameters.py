@@ -11,7 +11,7 @@ from cellctl.procedure.fields import is_number
 from cellctl.procedure.model import Parameter, ParameterType, Procedure
 from cellctl.procedure.suggest import did_you_mean
 
-_INTEGER = re.compile(r"[-+]?[0-9]+")
+_INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 _CALLED = {
     ParameterType.INTEGER: "a whole number",
     ParameterType.NUMBER: "a number",

@@ -61,6 +61,10 @@ class StepKind(Generic[Inputs, Result]):
         """Do the step."""
         return await self.function(context, inputs)
 
+    def input_names(self) -> set[str]:
+        """The names that may stand under `with:`."""
+        return {field.alias or name for name, field in self.inputs.model_fields.items()}
+
     def read_inputs(self, values: Mapping[str, Any]) -> Inputs:
         """The step's inputs from JSON values, strictly. Raises pydantic.ValidationError.
 

@@ -28,6 +28,7 @@ def test_settings_win_and_have_the_parameters_type(load, good):
     ("setting", "expected"),
     [
         ("touches_fit=80.5", "'touches_fit' takes a whole number (here: '80.5')\n    give a whole number, 10 touches"),
+        (f"touches_fit={'9' * 5000}", "'touches_fit' takes a whole number"),
         ("touches_fit=9", "'touches_fit' is out of its range (here: 9)"),
         ("search_speed=nan", "'search_speed' takes a number"),
         ("search_speed=inf", "'search_speed' takes a number"),

@@ -46,6 +46,8 @@ def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, 
             "step sphere.plan needs the input 'fit'\n    add 'fit:' under 'with:' (touches",
         ),
         ("{fit:", "{fit: 50, @fitt:", "step sphere.plan has no input 'fitt'\n    did you mean 'fit'?"),
+        ('order: "${order}"', '@ordr: "${order}"', "step sphere.plan has no input 'ordr'\n    did you mean 'order'?"),
+        ("{touch: ", '{@toch: "${touch}", touch: ', "step sphere.touch has no input 'toch'\n    did you mean 'touch'?"),
         ('"${order}"', "@sideways", "input 'order' of sphere.plan: should be 'random' or 'nearest' (here: 'sideways')"),
         ('"${touches_fit}"', '@"${touch_fit}"', "${touch_fit}: nothing here is called 'touch_fit'\n    did you mean"),
         (
