@@ -46,6 +46,9 @@ def read_ethernet_config(settings: RsiSettings) -> EthernetConfig:
         return EthernetConfig(mistakes=[f"{file}: {error.strerror}"])
     except expat.ExpatError as error:
         return EthernetConfig(mistakes=[f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}"])
+    if nodes[0].path != "ROOT":
+        what = f"the root is <{nodes[0].path}>; an RSI Ethernet configuration has <ROOT>"
+        return EthernetConfig(mistakes=[f"{file}:{nodes[0].line}: {what}"])
     found = chain(_in_config(nodes, settings.bind[1]), _in_send(nodes), _in_receive(nodes, settings))
     mistakes = [f"{file}:{line}: {what}" for line, what in sorted(found)]
     receive = tuple(ReplyTag(_tag(node), _kind(node)) for node in _elements(nodes, "RECEIVE"))
@@ -76,16 +79,14 @@ def _nodes(file: Path) -> list[XmlNode]:
 
 
 def _in_config(nodes: list[XmlNode], bound_port: int) -> Mistakes:
-    if nodes[0].path != "ROOT":
-        yield nodes[0].line, f"the root is <{nodes[0].path}>; an RSI Ethernet configuration has <ROOT>"
     if not _text(nodes, "SENTYPE"):
-        yield _line(nodes, "SENTYPE"), "SENTYPE is missing or empty: the controller takes no answer without it"
+        yield _line(nodes, "CONFIG/SENTYPE"), "SENTYPE is missing or empty: the controller takes no answer without it"
     if _text(nodes, "ONLYSEND").upper() != "FALSE":
-        yield _line(nodes, "ONLYSEND"), "ONLYSEND must be FALSE: otherwise the controller takes no corrections"
+        yield _line(nodes, "CONFIG/ONLYSEND"), "ONLYSEND must be FALSE: otherwise the controller takes no corrections"
     port = _text(nodes, "PORT")
     if bound_port and port != str(bound_port):
         yield (
-            _line(nodes, "PORT"),
+            _line(nodes, "CONFIG/PORT"),
             f"PORT is {port or 'missing'}, the address binds {bound_port}: no telegram would come",
         )
 
@@ -157,4 +158,9 @@ def _text(nodes: list[XmlNode], name: str) -> str:
 
 
 def _line(nodes: list[XmlNode], name: str) -> int:
-    return next((node.line for node in nodes if node.path in (f"ROOT/{name}", f"ROOT/CONFIG/{name}")), nodes[0].line)
+    """Where `CONFIG/PORT` stands, or else what it should stand in."""
+    place = f"ROOT/{name}"
+    lines = {node.path: node.line for node in reversed(nodes)}
+    while place not in lines:
+        place = place.rpartition("/")[0]
+    return lines[place]
