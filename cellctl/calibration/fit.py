@@ -100,14 +100,13 @@ def fit(task: Task, split: Split) -> FitResult:
     final_one = identify(task, split.fit)
     judged = [_judge(task, final_one if one is split.fit else identify(task, one), test) for one, test in split.judged]
     nominal, test, variance, inside = (np.concatenate([np.zeros(0), *parts]) for parts in _columns(judged))
-    kept = np.setdiff1d(split.fit, final_one.outliers)
-    own = task.rows.pick(kept)
+    own = task.rows.pick(list(final_one.used))
     before = nominal if test.size else own.errors(final_one.nominal.state)
     return FitResult(
         identification=final_one,
         observability=observability(final_one.identified),
         model=_model_name(final_one),
-        n_fit=len(kept),
+        n_fit=len(own),
         n_test=int(test.size),
         nominal=ErrorFigures.of(before),
         fit=ErrorFigures.of(own.errors(final_one.identified.state)),

@@ -48,19 +48,26 @@ class Task:
         """What ties the robot to the measurement and is always free, with nothing known beforehand."""
         return frozenset({"centres"}) if isinstance(self.rows, TouchRows) else frozenset({"base", "tool"})
 
+    @property
+    def rows_at_least(self) -> int:
+        """With fewer rows than this, registration alone explains everything: 9 or 12 numbers, or 3 for each sphere."""
+        unknowns = 3 * len(self.spheres) or (12 if isinstance(self.rows, PoseRows) else 9)
+        return unknowns // len(self.rows.quantities) + 1
+
 
 @final
 @dataclass(frozen=True, eq=False)
 class Identification:
     """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
 
-    noise (k,): by how much the rows' standard deviations had to grow, for each of a row's numbers. outliers: indices
-    into the task's rows that were left out of the fit.
+    noise (k,): by how much the rows' standard deviations had to grow, for each of a row's numbers. used, outliers:
+    indices into the task's rows that made the fit, and that were left out of it.
     """
 
     nominal: Estimate
     identified: Estimate
     noise: Floats
+    used: tuple[int, ...]
     outliers: tuple[int, ...]
 
 
@@ -85,7 +92,7 @@ def identify(task: Task, fit: Any = None) -> Identification:
             break
         kept &= ~outside
         found, noise = _fit_with_noise(start, rows.pick(kept), spacings)
-    return Identification(nominal, found, noise, tuple(int(index) for index in chosen[~kept]))
+    return Identification(nominal, found, noise, tuple(chosen[kept].tolist()), tuple(chosen[~kept].tolist()))
 
 
 def _unknowns(task: Task, start: State) -> Unknowns:

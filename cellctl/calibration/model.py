@@ -67,6 +67,10 @@ class RobotModel:
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
         return np.append(chain, [self.deflection.c_t] if self.deflection else [])
 
+    def on(self, base: ArrayLike, tool: ArrayLike) -> Self:
+        """This model with base and tool at poses (4, 4), mm, from which their deviations count."""
+        return replace(self, chain=self.chain.with_base(base).with_tool(tool))
+
     def with_deviations(self, values: ArrayLike) -> Self:
         """This model with its parameters set to `values` (P,). Raises ValueError for a wrong count."""
         given = np.asarray(values, float)

@@ -1,0 +1,61 @@
+"""`cellctl predict`: where an identified robot's tool is at given joints, and how sure that is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cellctl.formats import ModelFile
+    from cellctl.kinematics import Floats
+
+
+def predict(
+    model: Annotated[Path, typer.Argument(help="Model file, as `cellctl fit --out` writes it.")],
+    joints: Annotated[Path, typer.Argument(help="CSV with A1…An (deg) or q1…qn (rad); other columns do not matter.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the CSV here instead of stdout.")] = None,
+) -> None:
+    """Predict the tool centre point at each row's joints: position, orientation and 1 σ (3-D, mm).
+
+    Output: A1…An, X, Y, Z, A, B, C, sigma, seen (1: within the joints of the fit; 0: extrapolated).
+
+    Example: cellctl predict model.json joints.csv -o tcp.csv
+    """
+    from cellctl.files import InputError, Problem, write_atomically
+    from cellctl.formats import DataSet, ModelFile
+    from cellctl.formats.columns import Sieve, joint_readings
+
+    identified, data = ModelFile.load(model), DataSet.load(joints)
+    sieve = Sieve(data)
+    readings = joint_readings(sieve, identified.robot)
+    if sieve.rejected():  # leaving some out would shift the others' lines
+        raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
+    text, extrapolated = _predicted(identified, readings)
+    if out:
+        write_atomically(out, text)
+    else:
+        typer.echo(text, nl=False)
+    if extrapolated:
+        seen = f"{extrapolated} of {len(readings)} rows lie outside the joints of the fit (seen = 0)"
+        typer.echo(f"cellctl: {seen}: their σ does not cover what the model never saw", err=True)
+
+
+def _predicted(model: ModelFile, readings: Floats) -> tuple[str, int]:
+    """CSV of the predictions, and how many rows lie outside the model's joint region."""
+    import numpy as np
+
+    from cellctl.formats.dataset import text_of
+    from cellctl.kinematics import abc_from_rotation
+
+    found, seen = model.predict(readings), model.inside(readings)
+    values = np.column_stack(
+        [readings, found.poses[:, :3, 3], abc_from_rotation(found.poses[:, :3, :3]), found.sigma_mm]
+    )
+    names = [*(f"A{number}" for number in range(1, model.robot.n + 1)), "X", "Y", "Z", "A", "B", "C", "sigma"]
+    rows = [
+        {**dict(zip(names, row, strict=True)), "seen": int(inside)}
+        for row, inside in zip(np.round(values, 9).tolist(), seen, strict=True)
+    ]
+    return text_of(rows), int(np.count_nonzero(~seen))

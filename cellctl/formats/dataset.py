@@ -1,0 +1,129 @@
+"""Data sets: CSV with a header; what a column is, its name says. Cells stay text until somebody needs them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self, final
+
+from cellctl.files import InputError, Problem, sha256_of, write_atomically
+
+DOCUMENT = "docs/reference/data-sets.md"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A row that cannot be used: its line in the file (from 1, the header's) and why."""
+
+    line: int
+    reason: str
+
+
+@final
+@dataclass(frozen=True)
+class DataSet:
+    """A data set as read. cells: for each usable row its texts, in the order of `columns`; lines: where each stood."""
+
+    file: str
+    columns: tuple[str, ...]
+    cells: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    rejected: tuple[Rejected, ...] = ()
+    sha256: str = ""
+    _index: dict[str, int] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._index.update({name: place for place, name in enumerate(self.columns)})
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a data set. Raises InputError where the file as a whole cannot be used; single bad rows are rejected."""
+        try:
+            data = path.read_bytes()
+            return cls.parse(data.decode("utf-8-sig"), str(path), sha256_of(data))
+        except OSError as error:
+            raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+        except UnicodeDecodeError as error:
+            cure = "save the file as UTF-8"
+            raise InputError(Problem(str(path), 0, 0, f"is not UTF-8 text (byte {error.start})", cure)) from error
+
+    @classmethod
+    def parse(cls, text: str, file: str, sha256: str = "") -> Self:
+        """A data set from its text; `file` names it in errors."""
+        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+        cells: list[tuple[str, ...]] = []
+        lines, rejected = [], []
+        header: tuple[str, ...] = ()
+        try:
+            header = tuple(name.strip() for name in next(reader, []))
+            _check_header(header, file)
+            before = reader.line_num
+            for row in reader:
+                line, before = before + 1, reader.line_num
+                if len(row) == len(header):
+                    cells.append(tuple(cell.strip() for cell in row))
+                    lines.append(line)
+                elif row:
+                    rejected.append(Rejected(line, f"{len(row)} cells for {len(header)} columns"))
+        except csv.Error as error:
+            what = f"is not CSV here: {error}"
+            raise InputError(Problem(file, reader.line_num, 0, what, "check the quotes")) from error
+        if not cells and not rejected:
+            raise InputError(Problem(file, 0, 0, "holds no rows", "a header row and one row for each measurement"))
+        return cls(file, header, tuple(cells), tuple(lines), tuple(rejected), sha256)
+
+    @classmethod
+    def of_records(cls, records: Iterable[Mapping[str, Any]], file: str = "measurements") -> Self:
+        """A data set from rows in memory, with the columns of all; the lines are those that `write` gives them."""
+        return cls.parse(text_of(list(records)), file)
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def has(self, *names: str) -> bool:
+        """Whether every one of these columns is there."""
+        return all(name in self._index for name in names)
+
+    def texts(self, name: str) -> list[str]:
+        """A column's cells as they stand, empty ones empty; all empty where there is no such column."""
+        place = self._index.get(name)
+        return [""] * len(self.cells) if place is None else [row[place] for row in self.cells]
+
+    def write(self, path: Path) -> None:
+        """Write the usable rows, every column kept. Raises OSError."""
+        write_atomically(path, _csv([self.columns, *self.cells]))
+
+
+def text_of(records: Sequence[Mapping[str, Any]]) -> str:
+    """CSV of `records` with the union of their keys as columns; None and missing are empty cells, floats round-trip."""
+    columns = list(dict.fromkeys(name for record in records for name in record))
+    rows = [[_cell(record.get(name)) for name in columns] for record in records]
+    return _csv([columns, *rows])
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _csv(rows: Iterable[Sequence[str]]) -> str:
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
+
+
+def _check_header(header: tuple[str, ...], file: str) -> None:
+    if not any(header):
+        raise InputError(Problem(file, 0, 0, "is empty", "a header row, then one row for each measurement"))
+    if len(header) == 1 and re.search(r"[;\t|]", header[0]):
+        what = "its columns are not separated by commas"
+        raise InputError(Problem(file, 1, 1, what, f"convert it: {DOCUMENT} says how"))
+    twice = [name for name, count in Counter(header).items() if count > 1]
+    if twice:
+        names = ", ".join(f"'{name}'" for name in twice)
+        raise InputError(Problem(file, 1, 0, f"column {names} is there more than once", "remove or rename one"))
