@@ -159,11 +159,12 @@ def _artefact(section: Section) -> Artefact:
 
 def _distance(section: Section, names: set[str]) -> Distance:
     between = section.entries.get("between")
-    if not isinstance(between, list) or len(between) != 2 or not set(between) <= names:
+    if not isinstance(between, list) or len(between) != 2 or any(str(name) not in names for name in between):
         section.note("between", f"two of the spheres {', '.join(sorted(names))} are expected, not {between!r}")
         between = ["", ""]
-    first, second = between
-    return Distance((first, second), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0))
+    return Distance(
+        (str(between[0]), str(between[1])), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0)
+    )
 
 
 def _simulate(section: Section) -> Simulate:

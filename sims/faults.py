@@ -56,7 +56,7 @@ class FaultSetting:
 def read_fault(entry: Mapping[str, Any]) -> FaultSetting:
     """A fault as the cell file or the control port writes it. Raises FaultError."""
     name = entry.get("fault")
-    if name not in SETTINGS:
+    if not isinstance(name, str) or name not in SETTINGS:
         raise FaultError(f"there is no fault '{name}'; there are {', '.join(sorted(SETTINGS))}")
     allowed = {"fault", *_WHEN, "after_ms", *SETTINGS[name]}
     for key in entry:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import struct
+import termios
 import tty
 from collections.abc import Callable
 from contextlib import suppress
 from typing import final
 
 from sims.kernel import Kernel
+
+_UNREAD = 1000
+"""Characters unread after which, with no host known, it is plain that nobody reads."""
 
 
 @final
@@ -32,6 +38,7 @@ class Terminal:
 
     def write(self, data: bytes) -> bool:
         """Give `data` to the host. False where it was lost, because nobody reads."""
+        self._forget_unread()
         try:
             return os.write(self._ours, data) == len(data)
         except OSError:
@@ -54,8 +61,21 @@ class Terminal:
             self._let_go()
             self._on_bytes(data)
         else:
-            self._theirs = self._theirs or os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+            self._keep_open()
             self._on_hang_up()
+
+    def _keep_open(self) -> None:
+        if self._theirs is None:
+            self._theirs = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+            termios.tcflush(self._theirs, termios.TCIFLUSH)
+
+    def _forget_unread(self) -> None:
+        """What a port that nobody has open receives is lost; a host to come finds no heap of old and torn lines."""
+        if self._theirs is None:
+            return
+        (unread,) = struct.unpack("i", fcntl.ioctl(self._theirs, termios.FIONREAD, bytes(4)))
+        if unread > _UNREAD:
+            termios.tcflush(self._theirs, termios.TCIFLUSH)
 
     def _let_go(self) -> None:
         if self._theirs is not None:

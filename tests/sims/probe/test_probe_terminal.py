@@ -180,9 +180,9 @@ def test_a_reset_shows_itself_and_forgets_that_the_probe_was_armed(running, host
 
 def test_a_probe_fallen_silent_is_heard_again_with_what_it_had_to_say(running, host):
     armed(host)
-    running.fault(fault="probe.silent", for_ms=200)
-    running.call(lambda: running.loop.set_closed(True))
+    silence = read_fault({"fault": "probe.silent", "for_ms": 200})
     before = len(host.lines)
+    running.call(lambda: (running.faults.schedule(silence), running.loop.set_closed(True)))
     edge = host.until("EDGE")
     kinds = [line[0] for line in host.lines[before:]]
     assert kinds.count("HB") < 3
@@ -228,6 +228,7 @@ def test_a_probe_that_nobody_listens_to_goes_on(running):
     host = Host(running.probe.path)
     host.ask("HELLO")
     host.until("ID")
+    assert len(host.lines) + len(host.torn) < 1000  # and a host to come finds no two minutes of old lines
     host.close()
 
 

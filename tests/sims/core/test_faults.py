@@ -1,0 +1,138 @@
+"""The fault schedule: what can go wrong, and that it does so exactly when told."""
+
+import re
+
+import pytest
+
+from sims.faults import SETTINGS, FaultError, Faults, read_fault
+from sims.kernel import Kernel
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def kernel():
+    kernel = Kernel("lockstep")
+    yield kernel
+    kernel.close()
+
+
+@pytest.fixture
+def faults(kernel):
+    return Faults(kernel)
+
+
+def run(kernel, ms):
+    kernel.at(ms * MS, kernel.stop)
+    kernel.run()
+
+
+def log(kernel, faults, name):
+    """(ms, starts?) of each start and end of a fault."""
+    seen = []
+    faults.on_start(name, lambda: seen.append((kernel.now // MS, True)))
+    faults.on_end(name, lambda: seen.append((kernel.now // MS, False)))
+    return seen
+
+
+def search(kernel, faults, begin_ms, end_ms):
+    kernel.at(begin_ms * MS, faults.search_begins)
+    kernel.at(end_ms * MS, faults.search_ends)
+
+
+def test_a_fault_of_a_search_comes_so_long_after_its_start(kernel, faults):
+    seen = log(kernel, faults, "probe.wire_break")
+    faults.schedule(read_fault({"fault": "probe.wire_break", "search": 2, "after_ms": 5, "for_ms": 3}))
+    search(kernel, faults, 10, 20)
+    search(kernel, faults, 30, 50)
+    run(kernel, 60)
+    assert seen == [(35, True), (38, False)]
+
+
+def test_a_fault_before_a_search_comes_when_the_one_before_has_ended(kernel, faults):
+    seen = log(kernel, faults, "probe.closed")
+    faults.schedule(read_fault({"fault": "probe.closed", "before_search": 2}))
+    search(kernel, faults, 10, 20)
+    run(kernel, 30)
+    assert seen == [(20, True)]
+
+
+def test_a_fault_before_the_first_search_is_there_from_the_start(kernel, faults):
+    seen = log(kernel, faults, "probe.closed")
+    faults.schedule(read_fault({"fault": "probe.closed", "before_search": 1}))
+    run(kernel, 30)
+    assert seen == [(0, True)]
+
+
+def test_a_fault_at_a_time_lasts_as_long_as_told_and_otherwise_stays(kernel, faults):
+    faults.schedule(read_fault({"fault": "rsi.stall", "at_ms": 5, "for_ms": 4}))
+    faults.schedule(read_fault({"fault": "rsi.drop", "at_ms": 5}))
+    seen = []
+    for at in (4, 6, 10):
+        kernel.at(at * MS, lambda: seen.append([bool(faults.active(name)) for name in ("rsi.stall", "rsi.drop")]))
+    run(kernel, 20)
+    assert seen == [[False, False], [True, True], [False, True]]
+
+
+def test_a_fault_without_a_time_is_there_at_once(kernel, faults):
+    seen = log(kernel, faults, "probe.reset")
+    kernel.at(7 * MS, lambda: faults.schedule(read_fault({"fault": "probe.reset"})))
+    run(kernel, 20)
+    assert seen[0] == (7, True)
+
+
+def test_a_momentary_fault_is_over_once_it_has_happened(kernel, faults):
+    faults.schedule(read_fault({"fault": "robot.stop", "at_ms": 1}))
+    run(kernel, 20)
+    assert faults.active("robot.stop") is None
+
+
+def test_of_two_faults_of_a_name_the_longer_one_decides_the_end(kernel, faults):
+    faults.schedule(read_fault({"fault": "probe.silent", "at_ms": 1, "for_ms": 10}))
+    faults.schedule(read_fault({"fault": "probe.silent", "at_ms": 2, "for_ms": 3}))
+    seen = []
+    kernel.at(8 * MS, lambda: seen.append(bool(faults.active("probe.silent"))))
+    run(kernel, 20)
+    assert seen == [True]
+
+
+def test_a_fault_of_a_search_that_has_begun_is_refused(kernel, faults):
+    faults.search_begins()
+    with pytest.raises(FaultError, match="search 1 has begun already"):
+        faults.schedule(read_fault({"fault": "rsi.drop", "search": 1}))
+
+
+def test_searches_are_counted_from_one(faults):
+    assert [faults.search_begins(), faults.search_begins()] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("entry", "complaint"),
+    [
+        ({"fault": "probe.sulks"}, "no fault 'probe.sulks'; there are .*probe.silent"),
+        ({}, "no fault 'None'"),
+        ({"fault": "rsi.stall", "every": 2}, "rsi.stall has no setting 'every'; it has .*for_ms"),
+        ({"fault": "probe.reset", "for_ms": 2}, "probe.reset has no setting 'for_ms'"),
+        ({"fault": "rsi.drop", "search": 1, "at_ms": 2}, "only one of"),
+        ({"fault": "rsi.drop", "after_ms": 2}, "after_ms counts from the start of a search"),
+        ({"fault": "rsi.drop", "search": 0}, "search counts from 1"),
+        ({"fault": "rsi.drop", "search": 1.5}, "search is a whole number"),
+        ({"fault": "rsi.drop", "for_ms": "long"}, "for_ms is a number, not 'long'"),
+        ({"fault": "rsi.drop", "for_ms": -1}, "for_ms is not negative"),
+        ({"fault": "rsi.drop", "for_ms": float("nan")}, "for_ms is not negative, and finite"),
+        ({"fault": ["rsi.drop"]}, "no fault"),
+    ],
+)
+def test_what_is_no_fault_is_refused_with_what_there_is(entry, complaint):
+    with pytest.raises(FaultError, match=complaint):
+        read_fault(entry)
+
+
+def test_each_fault_of_the_documents_table_exists_with_its_settings(request):
+    text = (request.config.rootpath / "docs/reference/simulated-cell.md").read_text()
+    rows = [line.split("|") for line in text.splitlines() if re.match(r"\| `[a-z]+\.[a-z_]+` \|", line)]
+    table = {
+        cells[1].strip(" `"): set(cells[3].replace("`", "").replace("–", "").replace(",", " ").split())
+        for cells in rows
+    }
+    assert table == {name: set(settings) for name, settings in SETTINGS.items()}
