@@ -96,7 +96,7 @@ def _start_devices(
                 raise CellError(cell.path, [f"{device}: {error}"]) from None
             closing.callback(robot.close)
             rsi_targets[device] = robot.set_rsi_target
-            addresses[device] = with_settings(address, eki=f"127.0.0.1:{robot.eki_port}")
+            addresses[device] = with_settings(address, "127.0.0.1:0", eki=f"127.0.0.1:{robot.eki_port}")
         else:
             from sims import probe
 
@@ -106,11 +106,11 @@ def _start_devices(
     return addresses, rsi_targets
 
 
-def with_settings(address: str, **settings: str) -> str:
-    """The address with settings added or replaced."""
+def with_settings(address: str, place: str, **settings: str) -> str:
+    """The address with this host and port, and settings added or replaced."""
     parts = urlsplit(address)
     query = {**dict(parse_qsl(parts.query)), **settings}
-    return f"{parts.scheme}://{parts.netloc}{parts.path}?{urlencode(query, safe='/:')}"
+    return f"{parts.scheme}://{place}{parts.path}?{urlencode(query, safe='/:')}"
 
 
 def with_path(address: str, path: str) -> str:

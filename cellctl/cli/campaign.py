@@ -9,7 +9,7 @@ from typing import Any, final
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
-from cellctl.procedure import Devices, Procedure, StepRegistry, checked_parameters, load_procedure
+from cellctl.procedure import Procedure, StepRegistry, checked_parameters, load_procedure
 
 
 @final
@@ -33,9 +33,7 @@ def load_campaign(procedure_file: Path, cell_file: Path | None, settings: list[s
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)
     cell = _cell(procedure, cell_file, drivers, problems)
-    kinds: Devices = (
-        {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else _Unknown()
-    )
+    kinds: Devices = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
     parameters: dict[str, Any] = {}
     try:
         parameters = checked_parameters(procedure, settings, registry, kinds)
@@ -57,14 +55,4 @@ def _cell(
         return Cell.load(path, drivers)
     except InputError as error:
         problems += error.problems
-        return None
-
-
-class _Unknown(dict[str, type | None]):
-    """The devices of a cell that could not be read: whatever is asked for may be there."""
-
-    def __contains__(self, name: object) -> bool:
-        return True
-
-    def __missing__(self, name: str) -> None:
         return None

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 import sys
-import typing
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import final
 
 from cellctl.clock import WallClock
+from cellctl.devices import protocols
 from cellctl.devices.addresses import Address
 from cellctl.devices.protocols import Device, Surroundings
 
@@ -43,9 +43,12 @@ class DriverRegistry:
         return opener
 
     def kind(self, scheme: str) -> type:
-        """What the driver's devices can do: the class or Protocol that it says it returns."""
-        hints = typing.get_type_hints(self.driver(scheme))
-        kind = hints.get("return", Device)
+        """What the driver's devices can do: the class or Protocol that its function says it returns.
+
+        An annotation by name is looked up among the Protocols here, so that a driver need not import them to say it.
+        """
+        said = self.driver(scheme).__annotations__.get("return", Device)
+        kind = getattr(protocols, said, None) if isinstance(said, str) else said
         return kind if isinstance(kind, type) else Device
 
     def open(self, name: str, address: Address, surroundings: Surroundings) -> Device:
