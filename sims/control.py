@@ -94,7 +94,7 @@ class ControlPort:
         connection.attach(name)
 
     def _set_rsi_target(self, request: dict[str, Any]) -> None:
-        target = self._rsi_targets.get(request.get("device", ""))
+        target = self._rsi_targets.get(str(request.get("device")))
         if target is None:
             raise Refused(f"no device of that name takes RSI; there are {', '.join(self._rsi_targets) or 'none'}")
         host, port = request.get("host"), request.get("port")
@@ -198,7 +198,7 @@ class Connection:
         try:
             request = json.loads(line)
             answer = self._port.answer(self, request if isinstance(request, dict) else {})
-        except ValueError:
+        except (ValueError, RecursionError):
             answer = {"ok": False, "error": "a line is one JSON object"}
         except Refused as error:
             answer = {"ok": False, "error": str(error)}

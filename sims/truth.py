@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -53,7 +55,7 @@ def _joints(stream: TextIO, name: Path, axes: int) -> Iterator[list[float]]:
 
 def _reading(cells: list[str], column: int, place: str, joint: str) -> float:
     text = cells[column] if column < len(cells) else ""
-    try:
-        return float(text)
-    except ValueError:
-        raise TruthError(f"{place}: {joint} is a number of degrees, not '{text}'") from None
+    with contextlib.suppress(ValueError):
+        if math.isfinite(reading := float(text)):
+            return reading
+    raise TruthError(f"{place}: {joint} is a number of degrees, not '{text}'")

@@ -1,0 +1,229 @@
+"""The control port: ticks and tocks, faults, status, shutdown, over real sockets."""
+
+import json
+import socket
+import threading
+from itertools import pairwise
+
+import pytest
+
+from sims.control import STRIDE_NS, ControlPort
+from sims.faults import Faults
+from sims.kernel import Kernel
+
+MS = 1_000_000
+PATIENCE_S = 20
+
+
+class Host:
+    """A connection to the control port."""
+
+    def __init__(self, address):
+        host, port = address.split(":")
+        self.stream = socket.create_connection((host, int(port)), timeout=PATIENCE_S)
+        self._lines = self.stream.makefile("rb")
+
+    def say(self, message):
+        self.raw(json.dumps(message).encode() + b"\n")
+
+    def raw(self, data):
+        self.stream.sendall(data)
+
+    def hear(self):
+        return json.loads(self._lines.readline())
+
+    def ask(self, **message):
+        self.say(message)
+        return self.hear()
+
+    def tock(self, count):
+        """Answer so many ticks; returns the last one's time."""
+        for _ in range(count):
+            time_ns = self.hear()["tick"]
+            self.say({"tock": time_ns})
+        return time_ns
+
+    def close(self):
+        self._lines.close()
+        self.stream.close()
+
+
+class Cell:
+    """A kernel whose heart beats each 7 ms, with a control port, in a thread of its own."""
+
+    def __init__(self, mode="lockstep"):
+        self.kernel, self.targets = Kernel(mode), []
+        self.faults = Faults(self.kernel)
+        self.port = ControlPort(self.kernel, self.faults, {"robot": lambda *target: self.targets.append(target)})
+        self.kernel.after(7 * MS, self._beat)
+        self._thread = threading.Thread(target=self.kernel.run)
+        self._thread.start()
+
+    def _beat(self):
+        self.kernel.after(7 * MS, self._beat)
+
+    def ended(self):
+        self._thread.join(PATIENCE_S)
+        return not self._thread.is_alive()
+
+    def end(self):
+        self.kernel.stop()
+        assert self.ended()
+        self.port.close()
+        self.kernel.close()
+
+
+@pytest.fixture
+def cell():
+    cell = Cell()
+    yield cell
+    cell.end()
+
+
+@pytest.fixture
+def host(cell):
+    host = Host(cell.port.address)
+    yield host
+    host.close()
+
+
+def test_an_attached_host_is_told_the_time_every_twenty_milliseconds(host):
+    host.say({"op": "attach", "name": "engine"})
+    ticks = []
+    for _ in range(5):
+        ticks.append(host.hear()["tick"])
+        host.say({"tock": ticks[-1]})
+    assert {b - a for a, b in pairwise(ticks)} == {STRIDE_NS}
+
+
+def test_time_does_not_go_on_until_the_host_has_answered(cell, host):
+    host.say({"op": "attach", "name": "engine"})
+    tick = host.hear()["tick"]
+    other = Host(cell.port.address)
+    seen = [other.ask(op="status") for _ in range(3)]
+    other.close()
+    assert [status["time_ns"] for status in seen] == [tick] * 3
+    assert seen[0]["holds"] == ["host engine"]
+
+
+def test_an_answer_to_an_older_tick_does_not_let_time_go_on(host):
+    host.say({"op": "attach", "name": "engine"})
+    older = host.tock(1)
+    tick = host.hear()["tick"]
+    host.say({"tock": older})
+    assert host.ask(op="status")["time_ns"] == tick
+
+
+def test_time_goes_on_without_a_host_that_has_hung_up(cell, host):
+    attached = Host(cell.port.address)
+    attached.say({"op": "attach", "name": "engine"})
+    tick = attached.hear()["tick"]
+    attached.close()
+    times = [host.ask(op="status")["time_ns"]]
+    while times[-1] <= tick + STRIDE_NS and len(times) < 100_000:
+        times.append(host.ask(op="status")["time_ns"])
+    assert times[-1] > tick + STRIDE_NS
+
+
+def test_after_a_hang_up_the_next_host_can_attach(cell):
+    for _ in range(3):
+        host = Host(cell.port.address)
+        host.say({"op": "attach", "name": "engine"})
+        host.tock(3)
+        host.close()
+
+
+def test_only_one_host_is_attached(cell, host):
+    host.say({"op": "attach", "name": "engine"})
+    host.hear()
+    other = Host(cell.port.address)
+    assert other.ask(op="attach", name="console") == {"ok": False, "error": "'engine' is attached already"}
+    other.close()
+
+
+@pytest.mark.realtime
+def test_in_real_time_there_is_nothing_to_attach_to():
+    cell = Cell("realtime")
+    host = Host(cell.port.address)
+    assert host.ask(op="attach", name="engine")["ok"] is False
+    assert host.ask(op="status")["mode"] == "realtime"
+    host.close()
+    cell.end()
+
+
+def test_the_robot_is_told_where_its_telegrams_go(cell, host):
+    assert host.ask(op="rsi_target", device="robot", host="127.0.0.1", port=49152) == {"ok": True}
+    assert cell.targets == [("127.0.0.1", 49152)]
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        {"device": "gantry", "host": "127.0.0.1", "port": 1},
+        {"device": "robot", "host": "127.0.0.1", "port": 0},
+        {"device": "robot", "host": "127.0.0.1", "port": "49152"},
+        {"device": "robot", "port": 49152},
+        {"device": ["robot"], "host": "127.0.0.1", "port": 49152},
+        {},
+    ],
+)
+def test_a_target_that_makes_no_sense_is_refused(cell, host, target):
+    answer = host.ask(op="rsi_target", **target)
+    assert answer["ok"] is False
+    assert answer["error"]
+    assert cell.targets == []
+
+
+def test_a_fault_is_scheduled_as_in_the_cell_file(cell, host):
+    started = threading.Event()
+    cell.faults.on_start("probe.wire_break", started.set)
+    assert host.ask(op="fault", fault="probe.wire_break") == {"ok": True}
+    assert started.wait(PATIENCE_S)
+    assert "no setting 'every'" in host.ask(op="fault", fault="rsi.stall", every=3)["error"]
+
+
+def test_the_status_counts_the_searches(cell, host):
+    cell.faults.search_begins()
+    assert host.ask(op="status")["searches"] == 1
+
+
+def test_shutdown_is_answered_and_ends_the_cell(cell, host):
+    assert host.ask(op="shutdown") == {"ok": True}
+    assert cell.ended()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"\n",
+        b"hello\n",
+        b"[1]\n",
+        b'"attach"\n',
+        b'{"op": 5}\n',
+        b"\xff\xfe\n",
+        b'{"tock": "x"}\n',
+        b"[" * 20_000 + b"\n",
+    ],
+)
+def test_a_line_that_is_not_understood_is_answered_so_and_harms_nothing(host, line):
+    host.raw(line)
+    assert host.hear()["ok"] is False
+    assert host.ask(op="status")["ok"] is True
+
+
+def test_requests_may_come_split_or_joined(host):
+    request = json.dumps({"op": "status"}).encode() + b"\n"
+    host.raw(request + request[:5])
+    assert host.hear()["ok"] is True
+    host.raw(request[5:])
+    assert host.hear()["ok"] is True
+
+
+def test_a_line_without_end_is_hung_up_on(host):
+    def talk_on():
+        for _ in range(20):
+            host.raw(b"x" * 65_536)
+        host.hear()
+
+    with pytest.raises((ConnectionError, json.JSONDecodeError)):
+        talk_on()
