@@ -70,7 +70,8 @@ class EkiServer:
                 self._program.execute(document)
 
     def _tell(self) -> None:
-        self._program.tell()
+        if not self._unsent:  # who does not read gets the next state, not every one since
+            self._program.tell()
         if self._peer:
             self._timer = self._kernel.after(STATE_EVERY_NS, self._tell)
 

@@ -31,6 +31,7 @@ class Prog(StrEnum):
 class _Running:
     command: Command
     outcome: tuple[Code, str] = (Code.DONE, "")
+    orphaned: bool = False
 
 
 @final
@@ -66,6 +67,7 @@ class Program:
         self._send = None
         self._halts.clear()
         if self._running:
+            self._running.orphaned = True
             self._stop(Code.STOPPED, "the connection was lost")
 
     def tell(self) -> None:
@@ -125,7 +127,7 @@ class Program:
 
     def _start_rsi(self) -> None:
         running, self._rsi_on = self._running, None
-        if not running:
+        if not running:  # cannot be: HALT takes the event back
             return
         if not self._rsi.link.has_target:
             self.fail("RSI_CREATE General error: ETHERNET1")
@@ -134,7 +136,7 @@ class Program:
         self._session = RsiSession(self._rsi, self._rsi_ended)
         self._change(Prog.RSI, "")
         self._reply(running.command.id, Code.RSI_ON)
-        self._session.start()
+        self._rsi_on = self._kernel.at(self._kernel.now, self._session.start)  # after the faults that begin with it
 
     def _rsi_ended(self, message: str) -> None:
         if message:
@@ -176,7 +178,7 @@ class Program:
         """The last replies: to the command that ran, to those that halted it."""
         running, self._running = self._running, None
         searched, self._session = self._session is not None, None
-        if running:
+        if running and not running.orphaned:
             self._reply(running.command.id, *running.outcome)
         for command_id in self._halts:
             self._reply(command_id, Code.DONE)

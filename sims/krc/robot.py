@@ -18,6 +18,8 @@ from sims.world.world import World
 
 LOOK_AHEAD_NS = 10_000_000
 COLLISION_MM = 3.0
+COLLISION_MARGIN_MM = 0.2
+"""Who starts deep inside may come out, wherever the scatter of the new pose lies."""
 _SWING = 0.15
 """A cubic leaves the stretch between its ends by no more than this × duration × the speeds at its ends (4/27)."""
 
@@ -82,7 +84,7 @@ class Robot:
         self._scatter_before, self._scatter = before, self._draw(target)
         gap, _ = self._world.gap(motion.at(motion.start_ns), before)
         self._follow(motion, then)
-        self._deepest_mm = min(gap, -COLLISION_MM)
+        self._deepest_mm = min(gap - COLLISION_MARGIN_MM, -COLLISION_MM)
         self._look_ahead()
 
     def brake(self, then: Then) -> None:

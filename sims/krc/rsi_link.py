@@ -47,8 +47,11 @@ class RsiLink:
         if self._socket is None:
             return
         self.answered()
-        with suppress(BlockingIOError, ConnectionRefusedError):
+        try:
             self._socket.send(telegram)
+        except ConnectionRefusedError:  # said of an earlier telegram; this one has not left
+            with suppress(BlockingIOError, ConnectionRefusedError):
+                self._socket.send(telegram)
         if awaits_answer:
             self._hold = self._kernel.hold(PEER)
 

@@ -146,7 +146,7 @@ class RsiSession:
     def _past_limit(self) -> str:
         for i, (angle, (low, high)) in enumerate(zip(self._set_point, self._c.limits, strict=True), 1):
             if not low <= angle <= high:
-                return f"KSS Software limit switch {'-' if angle < low else '+'}A{i} passed"
+                return f"Software limit switch {'-' if angle < low else '+'}A{i} passed"
         return ""
 
     def _end(self, message: str) -> None:

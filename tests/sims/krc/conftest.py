@@ -1,0 +1,180 @@
+"""A controller on its own wires, and a hand-written PC on the other end: bytes in, bytes out."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import socket
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sims.cell import ERRORS, read_cell
+from sims.contact_loop import ContactLoop
+from sims.faults import Faults, read_fault
+from sims.kernel import Kernel
+from sims.krc import start
+from sims.world import World
+
+CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
+PATIENCE_S = 10.0
+PERFECT = dict.fromkeys(ERRORS, 0.0)
+
+
+class Bench:
+    """One simulated controller, its time run by a thread; the test is the PC."""
+
+    def __init__(self, cell):
+        self.cell = cell
+        self.kernel = Kernel("lockstep")
+        self.faults = Faults(self.kernel)
+        self.loop = ContactLoop()
+        self.truth = io.StringIO()
+        self.changes = []
+        self.loop.subscribe(lambda closed: self.changes.append((self.kernel.now, closed)))
+        self.krc = start(self.kernel, cell, self.faults, self.loop, self.truth)
+        for fault in cell.simulate.faults:
+            self.faults.schedule(fault)
+        self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.udp.bind(("127.0.0.1", 0))
+        self.udp.settimeout(PATIENCE_S)
+        self.krc.set_rsi_target(*self.udp.getsockname())
+        self.failure = None
+        self.thread = threading.Thread(target=self._run, daemon=True)
+        self.thread.start()
+        self.tcp = None
+        self.connect()
+
+    def _run(self):
+        try:
+            self.kernel.run()
+        except BaseException as error:
+            self.failure = error
+
+    def close(self):
+        self.kernel.stop()
+        self.thread.join(PATIENCE_S)
+        assert not self.thread.is_alive()
+        self.krc.close()
+        self.kernel.close()
+        self.udp.close()
+        self.tcp.close()
+        if self.failure:
+            raise self.failure
+
+    def world(self):
+        return World(self.cell, self.cell.simulate.seed)
+
+    def connect(self):
+        self.tcp = socket.create_connection(("127.0.0.1", self.krc.eki_port), PATIENCE_S)
+        self.stream = b""
+
+    # the transfer channel
+
+    def put(self, text):
+        self.tcp.sendall(text.encode())
+
+    def document(self, kind):
+        """The next document of a kind (Rep or Stat), others skipped."""
+        pattern = re.compile(rf"<{kind} .*?</{kind}>".encode())
+        while not (found := pattern.search(self.stream)):
+            data = self.tcp.recv(65536)
+            assert data, "the controller hung up"
+            self.stream += data
+        self.stream = self.stream[found.end() :]
+        return found.group().decode()
+
+    def reply(self):
+        text = self.document("Rep")
+        joints = tuple(float(value) for value in re.findall(r'A\d="([^"]*)"', text))
+        return re.search(r'Id="([^"]*)"', text)[1], int(re.search(r'Code="(\d+)"', text)[1]), joints, text
+
+    def command(self, op, number=1, inner=""):
+        self.put(f'<Cmd Id="{number}" Op="{op}">{inner}</Cmd>')
+        return self.reply()
+
+    def ptp(self, target, percent=50.0, number=1):
+        return self.command("PTP", number, ptp_body(target, percent))
+
+    def state(self, wanted):
+        """The first state from now on that has all of the wanted words."""
+        while not all(word in (text := self.document("Stat")) for word in wanted):
+            pass
+        return text
+
+    # the sensor channel
+
+    def rsi_on(self, number=7):
+        reply = self.command("RSI", number)
+        assert reply[:2] == (str(number), 1)
+
+    def telegram(self):
+        data, self.robot = self.udp.recvfrom(65535)
+        return data.decode()
+
+    def answer(self, telegram, correction=(0.0,) * 6, stop=0, sentype="CELLCTL", ipoc=None):
+        ipoc = ipoc_of(telegram) if ipoc is None else ipoc
+        axes = " ".join(f'A{i}="{angle:.6f}"' for i, angle in enumerate(correction, 1))
+        text = f'<Sen Type="{sentype}"><AK {axes}/><Stop>{stop}</Stop><IPOC>{ipoc}</IPOC></Sen>'
+        self.udp.sendto(text.encode(), self.robot)
+
+    def cycles(self, count, correction=(0.0,) * 6, **how):
+        """Take and answer so many telegrams, with a fixed correction or a function of the cycle's number."""
+        telegrams = []
+        for i in range(count):
+            telegrams.append(self.telegram())
+            self.answer(telegrams[-1], correction(i) if callable(correction) else correction, **how)
+        return telegrams
+
+    def finish(self, correction=(0.0,) * 6):
+        """Raise the stop tag and answer until RSI is off; the command's last reply."""
+        self.tcp.setblocking(False)
+        try:
+            while True:
+                self.udp.settimeout(0.05)
+                try:
+                    self.answer(self.telegram(), correction, stop=1)
+                except TimeoutError:
+                    break
+        finally:
+            self.tcp.settimeout(PATIENCE_S)
+            self.udp.settimeout(PATIENCE_S)
+        return self.reply()
+
+    def truth_lines(self):
+        return [json.loads(line) for line in self.truth.getvalue().splitlines()]
+
+
+def ptp_body(target, percent=50.0):
+    axes = " ".join(f'A{i}="{angle:.4f}"' for i, angle in enumerate(target, 1))
+    return f'<Vel P="{percent}"/><Q {axes}/>'
+
+
+def ipoc_of(telegram):
+    return int(re.search(r"<IPOC>(\d+)</IPOC>", telegram)[1])
+
+
+@pytest.fixture
+def bench():
+    """Start a controller: `bench(errors={…}, rsi={…}, faults=[…], cell=…)`; all errors off unless named."""
+    benches = []
+
+    def begin(errors=None, rsi=None, faults=(), cell=CELL, ethernet=None):
+        simulate = replace(
+            cell.simulate,
+            errors={**PERFECT, **(errors or {})},
+            rsi=replace(cell.simulate.rsi, **(rsi or {})),
+            faults=tuple(read_fault(fault) for fault in faults),
+        )
+        if ethernet is not None:
+            address = f"kuka+rsi://127.0.0.1:0?ethernet={ethernet.name}"
+            cell = replace(cell, path=ethernet.parent / "cell.yaml", addresses={"robot": address})
+        benches.append(Bench(replace(cell, simulate=simulate)))
+        return benches[-1]
+
+    yield begin
+    for one in benches:
+        one.close()
