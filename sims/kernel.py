@@ -196,8 +196,9 @@ class Kernel:
         heard = self._serve(self._lockstep_wait_ns())
         if not self._held:
             self._next_event()
-        elif not heard:
-            self._give_up(time.monotonic_ns())
+        else:
+            # with answers just in, the one awaited may be the next: this process may itself have been stopped
+            self._give_up(time.monotonic_ns() - (PATIENCE_NS if heard else 0))
 
     def _lockstep_wait_ns(self) -> int:
         """Wall time to wait for the hosts before T may go on; 0 where it may go on now."""

@@ -106,6 +106,19 @@ def test_a_silent_peer_is_given_up_and_waited_for_again_once_heard(lockstep, mon
     assert seen == [(False, True), False, True]
 
 
+def test_a_silent_peer_is_given_up_though_another_talks_on(lockstep, peer, monkeypatch):
+    monkeypatch.setattr(kernel_module, "PATIENCE_NS", 20 * MS)
+    ours, theirs = socket.socketpair()
+    lockstep.watch(ours, lambda: (ours.recv(1), theirs.send(b"!")))  # readable again at once, for ever
+    theirs.send(b"!")
+    lockstep.at(MS, lambda: lockstep.hold("host"))
+    lockstep.at(2 * MS, lockstep.stop)
+    lockstep.run()
+    assert lockstep.is_dead("host")
+    ours.close()
+    theirs.close()
+
+
 def test_in_real_time_nothing_holds():
     kernel = Kernel("realtime")
     assert not kernel.hold("host").active

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 import yaml
@@ -96,6 +97,34 @@ def test_the_ready_tells_addresses_that_can_be_opened_and_a_time_that_can_be_rea
     os.close(os.open(path, os.O_RDWR | os.O_NOCTTY))
     assert (ready["time"]["mode"], ready["seed"], ready["pid"]) == ("lockstep", 7, process.pid)
     assert reader_of(ready["time"]["source"])() >= 0
+
+
+def test_the_shipped_cell_gets_places_where_its_simulators_listen(start, request):
+    cell = request.config.rootpath / "procedures/cells/sphere_cell.yaml"
+    _, ready = start(cell, "--clock", "realtime")
+    written = yaml.safe_load(cell.read_text())
+    robot, probe = urlsplit(ready["robot"]), urlsplit(ready["probe"])
+    assert (robot.scheme, robot.netloc) == ("kuka+rsi", "127.0.0.1:0")
+    query, expected = dict(parse_qsl(robot.query)), dict(parse_qsl(urlsplit(written["robot"]).query))
+    host, port = query["eki"].split(":")
+    assert query | {"eki": ""} == expected | {"eki": ""}
+    socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
+    assert probe.query == urlsplit(written["probe"]).query
+    assert Path(probe.path).is_char_device()
+
+
+def test_a_wrong_ethernet_configuration_is_one_block_and_exit_code_2(request, tmp_path):
+    source = request.config.rootpath / "procedures/cells/sphere_cell.yaml"
+    cell = yaml.safe_load(source.read_text())
+    cell["model"] = str(source.parent / cell["model"])
+    (tmp_path / "rsi_ethernet.xml").write_text("<ROOT>")
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(cell))
+    done = run(request, "run", path)
+    assert done.returncode == 2
+    assert "robot: " in done.stderr
+    assert "rsi_ethernet.xml" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_command_line_wins_over_the_cell_file(start, probe_cell):
