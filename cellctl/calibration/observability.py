@@ -15,6 +15,7 @@ from cellctl.kinematics import Floats
 SEEN = 0.1
 """A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
 
+_LINK = re.compile(r"(theta|d|a|alpha|beta)(\d+)")
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β"}
 _TURNS = {"a": "Z", "b": "Y", "c": "X"}
 
@@ -39,19 +40,21 @@ def observability(estimate: Estimate) -> Observability:
     rank = int(np.sum(singular >= SEEN))
     names = [name for name, free in zip(estimate.unknowns.names, estimate.unknowns.free, strict=True) if free]
     effect = np.linalg.norm(estimate.triangle, axis=0)
-    words = tuple(_words(names, weights) for weights in _sparse_combinations(right[rank:], effect))
+    words = tuple(_words(names, weights) for weights in _sparse_combinations(right[rank:], effect, names))
     return Observability(rank, words, tuple(float(value) for value in singular))
 
 
-def _sparse_combinations(unseen: Floats, effect: Floats) -> list[Floats]:
+def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> list[Floats]:
     """The unseen subspace (U, F) in a basis of few parameters each, as shares of effect on the rows (F,).
 
     Pivoted QR picks U parameters that the subspace is about; each basis vector holds one of them, none of the others.
+    A link's parameter is picked before those of tool, base and centres: `θ1 with base rotation`, not the reverse.
     """
     if not len(unseen):
         return []
     shares = unseen * np.maximum(effect, 1e-12 * max(float(effect.max()), 1e-300))
-    _, _, pivots = scipy.linalg.qr(shares, pivoting=True, mode="economic")
+    preference = np.where([_LINK.fullmatch(name) is not None for name in names], 100.0, 1.0)
+    _, _, pivots = scipy.linalg.qr(shares * preference, pivoting=True, mode="economic")
     chosen = np.sort(pivots[: len(unseen)])
     basis = np.linalg.lstsq(shares[:, chosen].T, np.eye(len(chosen)), rcond=None)[0].T @ shares
     return [np.asarray(row) for row in basis]
@@ -66,7 +69,7 @@ def _words(names: list[str], weights: Floats) -> str:
 
 def _grouped(names: list[str]) -> list[str]:
     """Links first, then tool and base by frame, sphere centres as one."""
-    links = [_link_words(name) for name in names if re.fullmatch(r"(theta|d|a|alpha|beta)\d+", name)]
+    links = [_link_words(name) for name in names if _LINK.fullmatch(name)]
     frames = [words for frame in ("tool", "base") for words in _frame_words(frame, names)]
     other = ["tool deflection"] if "tool_deflection" in names else []
     spheres = list(dict.fromkeys(name.rsplit("_", 1)[0] for name in names if _is_centre(name)))
@@ -79,7 +82,7 @@ def _is_centre(name: str) -> bool:
 
 
 def _link_words(name: str) -> str:
-    kind, number = re.fullmatch(r"([a-z]+)(\d+)", name).groups()  # type: ignore[union-attr]  # the caller matched it
+    kind, number = _LINK.fullmatch(name).groups()  # type: ignore[union-attr]  # the caller matched it
     return _GREEK.get(kind, kind) + number
 
 

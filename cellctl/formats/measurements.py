@@ -85,7 +85,7 @@ def measurements(
 
 
 def measure_of(data: DataSet) -> Measure:
-    """What the columns say is measured: filled `sphere` or `socket`, else poses where an orientation is, else points."""
+    """What the columns say is measured: filled `sphere` or `socket`, else poses where orientation is, else points."""
     if any(data.texts("sphere")):
         return "sphere"
     if any(data.texts("socket")):

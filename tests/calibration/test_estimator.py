@@ -1,0 +1,132 @@
+"""The estimator against SciPy's optimum of the same posterior by finite differences; noise and registration."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from cellctl.calibration import PoseRows, PositionRows, Split, Task, fit, identify, predict
+from cellctl.formats import nominal_model
+
+INSTRUMENT = Rotation.from_euler("ZYX", [120, 5, -8], degrees=True)
+PLACE = np.array([2100.0, -900.0, 40.0])
+REFLECTOR = np.array([40.0, -60.0, 50.0])
+"""From the true tool centre point to the reflector, along the flange's axes."""
+
+
+def readings_of(rng, count):
+    return rng.uniform([-90, -110, 40, -90, -80, -120], [90, -40, 120, 90, 80, 120], (count, 6))
+
+
+@pytest.fixture(scope="module")
+def poses(screw_robot):
+    """120 poses of the screw robot in an instrument's frame, reflector 90 mm from where the tool was taught."""
+    rng = np.random.default_rng(12)
+    readings = readings_of(rng, 120)
+    flanges = np.array([screw_robot.flange(row) for row in readings])
+    reflector = screw_robot.tool + REFLECTOR
+    points = flanges[:, :3, :3] @ reflector + flanges[:, :3, 3]
+    xyz = INSTRUMENT.apply(points) + PLACE + rng.normal(0, 0.0173, (120, 3))
+    turns = INSTRUMENT * Rotation.from_matrix(flanges[:, :3, :3]) * Rotation.from_euler("x", 20, degrees=True)
+    turns = Rotation.from_rotvec(rng.normal(0, 1e-4, (120, 3))) * turns
+    measured = np.tile(np.eye(4), (120, 1, 1))
+    measured[:, :3, :3], measured[:, :3, 3] = turns.as_matrix(), xyz
+    return readings, measured
+
+
+@pytest.fixture(scope="module")
+def position_task(kr5, poses):
+    readings, measured = poses
+    rows = PositionRows(kr5.joint_map().model(readings), measured[:, :3, 3], np.full((120, 3), 0.0173))
+    return Task(nominal_model(kr5, deflection=False), rows)
+
+
+def test_positions_identify_the_robot_whatever_stands_between_it_and_the_instrument(position_task):
+    found = fit(position_task, Split.by_column(np.arange(120) >= 70))
+    assert found.nominal.mean > 0.5
+    assert found.test.mean < 0.05
+    assert found.verdict == "better"
+    assert found.coverage_95 > 0.85
+    assert "θ1 with base rotation about Z" in found.observability.unseen
+
+
+def test_nominal_has_base_and_tool_registered_as_well_as_they_can_be(position_task):
+    """An optimiser of its own, over base and reflector alone, finds no better registration."""
+    found = identify(position_task).nominal
+    chain, rows = position_task.model.chain, position_task.rows
+    flange = chain.with_base(np.eye(4)).forward_flange(rows.q)
+
+    def residual(x):
+        points = flange[:, :3, :3] @ x[6:] + flange[:, :3, 3]
+        return ((Rotation.from_rotvec(x[:3]) * INSTRUMENT).apply(points) + x[3:6] - rows.xyz).ravel()
+
+    best = least_squares(residual, np.r_[np.zeros(3), PLACE, 0, 0, 400.0], x_scale="jac")
+    own = rows.residual(found.state)
+    assert np.sum(own**2) == pytest.approx(np.sum(best.fun**2), rel=1e-6)
+
+
+def test_the_optimum_is_scipys_optimum_of_the_same_posterior(position_task):
+    found = identify(position_task).identified
+    unknowns, noise = found.unknowns, identify(position_task).noise
+    free = np.flatnonzero(unknowns.free)
+    rows = position_task.rows.noisier(noise)
+
+    def residual(scaled):
+        deviations = np.zeros(len(unknowns.names))
+        deviations[free] = scaled * unknowns.sigma[free]
+        return np.concatenate([(rows.residual(unknowns.state(deviations)) / rows.sigma).ravel(), scaled])
+
+    best = least_squares(residual, np.zeros(free.size), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15)
+    assert found.cost == pytest.approx(2 * best.cost, rel=1e-6)
+    sigma = np.sqrt(np.diag(found.covariance))[free]
+    difference = (found.deviations[free] - best.x * unknowns.sigma[free]) / sigma
+    assert np.abs(difference).max() < 0.01
+    numeric = np.linalg.inv(best.jac.T @ best.jac) * np.outer(unknowns.sigma[free], unknowns.sigma[free])
+    np.testing.assert_allclose(np.sqrt(np.diag(numeric)), sigma, rtol=1e-3)
+
+
+def test_poses_identify_orientation_as_well(kr5, poses):
+    readings, measured = poses
+    sigma = np.hstack([np.full((120, 3), 0.0173), np.full((120, 3), 1e-4)])
+    task = Task(nominal_model(kr5, deflection=False), PoseRows(kr5.joint_map().model(readings), measured, sigma))
+    found = fit(task, Split.by_column(np.arange(120) >= 70))
+    turn = task.rows.pick(np.arange(70, 120)).residual(found.identification.identified.state)[:, 3:]
+    assert found.test.mean < 0.06
+    assert np.degrees(np.linalg.norm(turn, axis=1).mean()) < 0.03
+
+
+def test_residuals_larger_than_said_raise_the_noise_and_the_sigmas_with_it(position_task):
+    honest = identify(position_task)
+    boastful = identify(replace(position_task, rows=position_task.rows.noisier(np.full(3, 0.1))))
+    np.testing.assert_allclose(boastful.noise, 10.0 * honest.noise, rtol=0.1)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(boastful.identified.covariance)), np.sqrt(np.diag(honest.identified.covariance)), rtol=0.15
+    )
+
+
+def test_predicted_sigma_covers_the_error_at_new_joints(position_task, screw_robot, kr5):
+    state = identify(position_task).identified
+    readings = readings_of(np.random.default_rng(77), 100)
+    said = predict(state.state.model, state.covariance[: state.unknowns.robot, : state.unknowns.robot],
+                   kr5.joint_map().model(readings))  # fmt: skip
+    flanges = np.array([screw_robot.flange(row) for row in readings])
+    points = flanges[:, :3, :3] @ (screw_robot.tool + REFLECTOR) + flanges[:, :3, 3]
+    error = np.linalg.norm(said.poses[:, :3, 3] - INSTRUMENT.apply(points) - PLACE, axis=1)
+    assert 0.5 < np.sqrt(np.mean(error**2)) / np.sqrt(np.mean(said.sigma_mm**2)) < 2.0
+
+
+def test_rows_that_contradict_every_robot_do_not_look_good(position_task):
+    rows = position_task.rows
+    shuffled = replace(rows, xyz=np.random.default_rng(0).permutation(rows.xyz))
+    found = fit(replace(position_task, rows=shuffled), Split.by_column(np.arange(120) >= 70))
+    assert found.test.mean > 100.0
+
+
+def test_rows_all_alike_see_next_to_nothing_and_stay_finite(position_task):
+    rows = position_task.rows.pick(np.zeros(20, int))
+    found = fit(replace(position_task, rows=rows), Split.by_column(np.arange(20) >= 10))
+    assert found.observability.rank <= 3
+    assert np.isfinite(found.identification.identified.covariance).all()
+    assert found.verdict == "no better"
