@@ -54,8 +54,8 @@ def start(request):
 
     yield begin
     for process in started:
-        process.kill()
-        process.communicate()
+        process.terminate()  # so that it removes its time file
+        process.communicate(timeout=PATIENCE_S)
 
 
 def run(request, *arguments):
