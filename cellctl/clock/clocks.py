@@ -131,19 +131,21 @@ class LockstepClock(Clock):
             self._writer.close()
 
     async def _answer_ticks(self, reader: asyncio.StreamReader) -> None:
-        with suppress(ConnectionError):
+        with suppress(OSError, ValueError):  # a line that is no JSON, or has no end, is a simulator gone wrong
             while line := await reader.readline():
-                tick = json.loads(line).get("tick")
-                if tick is None:
-                    continue
-                self._fire(tick)
-                for _ in range(4):  # what the timers woke gets its turn before time goes on
-                    await asyncio.sleep(0)
-                self._send({"tock": tick})
+                await self._answer(json.loads(line))
         self._lost_at = (self._read(), time.monotonic_ns())
         while True:
             self._fire(self.now_ns())
             await asyncio.sleep(0.02)
+
+    async def _answer(self, message: object) -> None:
+        tick = message.get("tick") if isinstance(message, dict) else None
+        if isinstance(tick, int):
+            self._fire(tick)
+            for _ in range(4):  # what the timers woke gets its turn before time goes on
+                await asyncio.sleep(0)
+            self._send({"tock": tick})
 
     def _fire(self, now_ns: int) -> None:
         while self._timers and self._timers[0][0] <= now_ns:
@@ -163,5 +165,10 @@ class _HeapTimer:
 
     def run(self) -> None:
         callback, self._callback = self._callback, None
-        if callback:
+        if callback is None:
+            return
+        try:
             callback()
+        except Exception as error:  # as a loop's own timer: told, and time goes on
+            context = {"message": f"a timer of the cell's clock failed: {callback!r}", "exception": error}
+            asyncio.get_running_loop().call_exception_handler(context)

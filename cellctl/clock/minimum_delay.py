@@ -17,6 +17,8 @@ MAX_DRIFT = 3e-4
 
 _SHORTEST_SPAN_NS = 500_000_000
 """Below this span the drift cannot be told from the delays' scatter, and is taken as zero."""
+_ON_THE_LINE = 2
+"""So many messages lie on the line whatever their delays, and so say nothing about it."""
 
 
 @final
@@ -24,7 +26,7 @@ _SHORTEST_SPAN_NS = 500_000_000
 class DelayFit:
     """Cell time = device time + offset + drift × (device time − reference); nanoseconds.
 
-    `sigma_ns`: how far the fastest tenth of the messages lies above the line, a measure of how well the envelope is
+    `sigma_ns`: how far the fastest tenth of the messages (three at least) lies above the line, a measure of how well the envelope is
     supported. A constant part of the delay that every message shares cannot be seen and is in the offset.
     """
 
@@ -70,7 +72,8 @@ class MinimumDelayFit:
         slope = self._slope(points)
         offset = min(y - slope * x for x, y in points)
         above = sorted(y - slope * x - offset for x, y in points)
-        return DelayFit(offset, slope, reference, above[len(above) // 10], len(points))
+        tenth = min(max(len(above) // 10, _ON_THE_LINE), len(above) - 1)
+        return DelayFit(offset, slope, reference, above[tenth], len(points))
 
     @staticmethod
     def _slope(points: list[tuple[int, int]]) -> float:

@@ -30,5 +30,8 @@ def reader_of(source: str) -> TimeReader:
 
 def _mapped(path: Path) -> TimeReader:
     with path.open("rb") as stream:
-        view = memoryview(mmap.mmap(stream.fileno(), 8, access=mmap.ACCESS_READ)).cast("q")
+        try:
+            view = memoryview(mmap.mmap(stream.fileno(), 8, access=mmap.ACCESS_READ)).cast("q")
+        except ValueError as error:
+            raise OSError(f"{path} is no time file: {error}") from error
     return lambda: view[0]

@@ -1,0 +1,306 @@
+"""Clocks: waiting in the cell's time, and time that waits for the engine."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import mmap
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from cellctl.clock import LockstepClock, WallClock, calendar_time, reader_of
+
+MS = 1_000_000
+
+
+class ScriptedCell:
+    """A simulated cell's time file and control port, moved by hand."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "time"
+        self.file.write_bytes((5000 * MS).to_bytes(8, "little"))
+        with self.file.open("r+b") as stream:
+            self._view = mmap.mmap(stream.fileno(), 8)
+        self.heard: list[dict] = []
+        self._server: asyncio.Server | None = None
+        self._reader: asyncio.StreamReader | None = None
+        self._writer: asyncio.StreamWriter | None = None
+        self.met = asyncio.Event()
+
+    @property
+    def now_ns(self) -> int:
+        return int.from_bytes(self._view[:8], "little")
+
+    @now_ns.setter
+    def now_ns(self, value: int) -> None:
+        self._view[:8] = value.to_bytes(8, "little")
+
+    async def attach(self) -> LockstepClock:
+        self._server = await asyncio.start_server(self._meet, "127.0.0.1", 0)
+        clock = await LockstepClock.attach(str(self.file), *self._server.sockets[0].getsockname()[:2])
+        await self.met.wait()
+        return clock
+
+    async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+        self.heard.append(json.loads(await reader.readline()))
+        self.met.set()
+
+    async def tick(self, ms: float = 20) -> int:
+        """Move time on, send the tick, wait for its tock. Returns the cell's time then."""
+        self.now_ns += round(ms * MS)
+        self.say({"tick": self.now_ns})
+        answer = json.loads(await self._reader.readline())
+        assert answer == {"tock": self.now_ns}
+        return self.now_ns
+
+    def say(self, message: dict) -> None:
+        self.raw(json.dumps(message).encode() + b"\n")
+
+    def raw(self, data: bytes) -> None:
+        self._writer.write(data)
+
+    async def die(self) -> None:
+        self._writer.close()
+        self._server.close()
+
+    async def left(self) -> bytes:
+        return await self._reader.read()
+
+
+@pytest.fixture
+def run(tmp_path):
+    def run(script: Callable[[ScriptedCell, LockstepClock], Awaitable[None]]) -> None:
+        async def whole() -> None:
+            async with asyncio.timeout(20):
+                cell = ScriptedCell(tmp_path)
+                clock = await cell.attach()
+                try:
+                    await script(cell, clock)
+                finally:
+                    await clock.aclose()
+                    await cell.die()
+
+        asyncio.run(whole())
+
+    return run
+
+
+def test_attaching_says_so_and_time_is_the_cells(run):
+    async def script(cell, clock):
+        assert cell.heard == [{"op": "attach", "name": "engine"}]
+        assert clock.now_ns() == 5000 * MS
+        cell.now_ns = 6000 * MS
+        assert clock.now() == pytest.approx(6.0)
+        assert reader_of(clock.source)() == 6000 * MS
+
+    run(script)
+
+
+def test_due_timers_have_fired_before_the_tick_is_answered(run):
+    async def script(cell, clock):
+        fired = []
+        for ms in (35, 10, 20, 60):
+            clock.call_later(ms / 1000, lambda ms=ms: fired.append(ms))
+        await cell.tick()
+        assert fired == [10, 20]
+        await cell.tick()
+        assert fired == [10, 20, 35]
+        await cell.tick()
+        assert fired == [10, 20, 35, 60]
+
+    run(script)
+
+
+def test_what_a_sleeper_does_next_is_done_before_time_goes_on(run):
+    async def script(cell, clock):
+        woke = []
+
+        async def sleeper():
+            await clock.sleep(0.015)
+            woke.append(cell.now_ns)
+
+        task = asyncio.create_task(sleeper())
+        await asyncio.sleep(0)
+        assert await cell.tick() == woke[0]
+        await task
+
+    run(script)
+
+
+def test_time_stands_still_for_a_sleeper_until_the_cell_moves(run):
+    async def script(cell, clock):
+        task = asyncio.create_task(clock.sleep(0.001))
+        for _ in range(50):
+            await asyncio.sleep(0)
+        assert not task.done()
+        await cell.tick()
+        await asyncio.wait_for(task, 2)
+
+    run(script)
+
+
+def test_a_timer_taken_back_does_not_fire(run):
+    async def script(cell, clock):
+        fired = []
+        clock.call_later(0.01, lambda: fired.append(1)).cancel()
+        await cell.tick()
+        assert fired == []
+
+    run(script)
+
+
+def test_a_timeout_in_cell_time_raises_timeout_error_and_cancels_the_body(run):
+    async def script(cell, clock):
+        ends = []
+
+        async def body():
+            try:
+                async with clock.timeout(0.03):
+                    try:
+                        await asyncio.Event().wait()
+                    except asyncio.CancelledError:
+                        ends.append(clock.now_ns())
+                        raise
+            except TimeoutError:
+                ends.append("timeout")
+
+        task = asyncio.create_task(body())
+        await asyncio.sleep(0)
+        await cell.tick()
+        assert not task.done()
+        await cell.tick()
+        await asyncio.wait_for(task, 2)
+        assert ends == [5040 * MS, "timeout"]
+
+    run(script)
+
+
+def test_a_body_that_is_done_in_time_is_left_alone_and_its_timer_is_gone(run):
+    async def script(cell, clock):
+        async with clock.timeout(0.01):
+            pass
+        async with clock.timeout(None):
+            await cell.tick(50)
+        await cell.tick(50)
+
+    run(script)
+
+
+def test_cancelling_a_body_under_a_timeout_is_a_cancellation_not_a_timeout(run):
+    async def script(cell, clock):
+        async def body():
+            async with clock.timeout(10):
+                await asyncio.Event().wait()
+
+        task = asyncio.create_task(body())
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    run(script)
+
+
+def test_a_timer_that_raises_does_not_stop_the_cells_time(run):
+    async def script(cell, clock):
+        told = []
+        asyncio.get_running_loop().set_exception_handler(lambda _loop, context: told.append(context["exception"]))
+        clock.call_later(0.01, lambda: 1 / 0)
+        after = asyncio.Event()
+        clock.call_later(0.015, after.set)
+        await cell.tick()
+        assert after.is_set()
+        assert isinstance(told[0], ZeroDivisionError)
+
+    run(script)
+
+
+def test_other_answers_on_the_control_port_are_not_ticks(run):
+    async def script(cell, clock):
+        cell.say({"ok": True})
+        await cell.tick()
+
+    run(script)
+
+
+@pytest.mark.parametrize("last_words", [b"", b'{"tick": 50', b"what?\n", b"[]\n", b"x" * 100_000])
+def test_when_the_simulator_dies_time_runs_on_with_the_wall_and_timeouts_end(run, last_words):
+    async def script(cell, clock):
+        cell.raw(last_words)
+        before = clock.now_ns()
+        await cell.die()
+        with pytest.raises(TimeoutError):
+            async with clock.timeout(0.05):
+                await asyncio.Event().wait()
+        assert clock.now_ns() > before
+        later = clock.now_ns()
+        assert later <= clock.now_ns()
+
+    run(script)
+
+
+def test_closing_detaches(run):
+    async def script(cell, clock):
+        await clock.aclose()
+        assert await asyncio.wait_for(cell.left(), 2) == b""
+
+    run(script)
+
+
+def test_wall_time_counts_from_its_epoch_and_another_process_reads_the_same():
+    clock = WallClock(epoch_ns=time.monotonic_ns())
+    read = reader_of(clock.source)
+    first, second, third = clock.now_ns(), read(), clock.now_ns()
+    assert 0 <= first <= second <= third
+
+
+def test_wall_sleep_and_timeout_follow_the_wall():
+    async def script():
+        clock = WallClock()
+        begun = clock.now_ns()
+        await clock.sleep(0.01)
+        assert clock.now_ns() - begun >= 9 * MS
+        with pytest.raises(TimeoutError):
+            async with clock.timeout(0.01):
+                await asyncio.Event().wait()
+        async with clock.timeout(5):
+            await clock.sleep(0)
+
+    asyncio.run(asyncio.wait_for(script(), 10))
+
+
+def test_a_sleep_that_is_cancelled_leaves_no_timer_behind():
+    async def script():
+        clock = WallClock()
+        task = asyncio.create_task(clock.sleep(60))
+        await asyncio.sleep(0)
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        assert not [h for h in asyncio.get_running_loop()._scheduled if not h.cancelled()]
+
+    asyncio.run(script())
+
+
+@pytest.mark.parametrize("source", ["sundial:", "wall:", "wall:noon", ""])
+def test_a_source_that_is_none_is_a_value_error(source):
+    with pytest.raises(ValueError):
+        reader_of(source)
+
+
+def test_a_time_file_that_is_missing_or_too_short_is_an_os_error(tmp_path):
+    (tmp_path / "short").write_bytes(b"1234")
+    (tmp_path / "empty").write_bytes(b"")
+    for name in ("short", "empty", "missing"):
+        with pytest.raises(OSError, match=name):
+            reader_of(f"file:{tmp_path / name}")
+
+
+def test_the_calendar_is_utc_to_the_second():
+    assert len(calendar_time()) == 20
+    assert time.strptime(calendar_time(), "%Y-%m-%dT%H:%M:%SZ")
