@@ -12,13 +12,15 @@ from typing import Protocol, final
 from cellctl.clock import Clock
 from cellctl.devices import DeviceLost
 from drivers.contact_probe.lines import Line, LineError, Splitter, encode, parse_line
-from drivers.contact_probe.messages import Answer, Boot, Message
+from drivers.contact_probe.messages import Answer, Boot, Heartbeat, Message
 from drivers.contact_probe.port import SerialPort
 
 _REPEAT_AFTER_S = 0.1
 _TIMES = 5
 _DOUBLE_WITHIN_NS = 1_000_000_000
-"""A number seen again so soon is a double; the numbers come round after minutes at the earliest."""
+"""A line seen again so soon is a double; the numbers come round after minutes at the earliest."""
+_BOOT_WITHIN_NS = 120_000_000
+"""The same for BOOT, which is always number 0: two repeats, so that a second reset is not taken for a double."""
 _END_BOUND_S = 1.0
 
 
@@ -85,7 +87,7 @@ class Link:
         self.counts = Counts()
         self.last_alive_ns = clock.now_ns()
         self._device, self._port, self._baud, self._clock, self._hearer = device, port, baud, clock, hearer
-        self._seen: dict[object, int] = {}
+        self._seen: dict[int, tuple[object, int]] = {}
         self._next_seq = 0
         self._asking = asyncio.Lock()
         self._writing = threading.Lock()
@@ -180,13 +182,14 @@ class Link:
         self._send(encode("ACK", line.seq))
 
     def _is_double(self, line: Line, time_ns: int) -> bool:
-        started_anew = isinstance(line.message, Boot)  # its numbers begin again, and so, as a rule, does its count
-        key = ("BOOT", line.tick) if started_anew else line.seq
-        last_ns = self._seen.get(key)
-        double = last_ns is not None and time_ns - last_ns < _DOUBLE_WITHIN_NS
-        if started_anew and not double:
-            self._seen.clear()
-        self._seen[key] = time_ns
+        """The same number saying the same again soon. Heartbeats, never sent again, may well be alike after a reset."""
+        if isinstance(line.message, Heartbeat):
+            return False
+        what, last_ns = self._seen.get(line.seq, (None, 0))
+        key = (line.message, line.tick) if isinstance(line.message, Boot) else line.message
+        within_ns = _BOOT_WITHIN_NS if isinstance(line.message, Boot) else _DOUBLE_WITHIN_NS
+        double = what == key and time_ns - last_ns < within_ns
+        self._seen[line.seq] = key, time_ns
         self.counts.doubles += double
         return double
 

@@ -80,7 +80,7 @@ class TickClock:
         return (tick - other) % _WRAP >= _WRAP // 2
 
     def sigma_ns(self) -> int:
-        """1 σ of `cell_ns`: the envelope's support, the shared delay (uniform from 0 to its bound), and the count's step."""
+        """1 σ of `cell_ns`: the envelope's support, the shared delay (uniform up to its bound), the count's step."""
         hidden = self.hidden_ns if math.isfinite(self.hidden_ns) else 0.0
         step = 1e9 / self._tick_hz
         return math.ceil(math.hypot(self.fit.sigma_ns, hidden / math.sqrt(3), step / math.sqrt(12)))

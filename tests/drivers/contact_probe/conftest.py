@@ -90,6 +90,7 @@ class FakeProbe:
         self.forget_ack: Counter[str] = Counter()  # how many acknowledgements of a kind get lost
         self.commands: list[str] = []
         self.acked: list[int] = []
+        self.host_listens: Callable[[], bool] = lambda: any(t.name == "probe port" for t in threading.enumerate())
         self.on_ack: Callable[[int], None] = lambda _seq: None
         self.events: list[tuple[int, int, Callable[[], Awaitable[None]]]] = []
         self._order = itertools.count()
@@ -205,9 +206,9 @@ class FakeProbe:
     async def _acknowledged(self, seq: int) -> bool:
         with suppress(TimeoutError):
             async with asyncio.timeout(PATIENCE_S):
-                while seq not in self.acked:
+                while self.host_listens() and seq not in self.acked:
                     await self._input(0.05)
-                return True
+                return seq in self.acked
         raise AssertionError(f"line {seq} was not acknowledged")
 
     async def _input(self, patience_s: float) -> bool:

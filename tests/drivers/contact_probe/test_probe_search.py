@@ -237,6 +237,41 @@ def test_after_a_reset_the_count_is_fitted_anew_before_the_next_search(bench):
     bench.run(script)
 
 
+def test_a_second_reset_soon_after_the_first_counts_too(bench):
+    """The same BOOT again, number and count and all: only its time tells it from a line sent again."""
+
+    async def script(b):
+        b.fake.reset()
+        await b.clock.sleep(0.4)
+        b.fake.reset()
+        await b.clock.sleep(0.1)
+        b.fake.forget_ack["BOOT"] = 2
+        b.fake.reset()
+        await b.clock.sleep(0.3)
+        await b.arm()
+        truth = b.clock.time_ns + 300 * MS
+        b.fake.at(truth, b.fake.touch)
+        assert abs((await b.probe.contact()).time_ns - truth) < 0.1 * MS
+
+    bench.run(script)
+
+
+def test_a_line_of_a_restarted_probe_is_no_double_of_an_earlier_one_with_its_number(bench):
+    """Straight after a reset its numbers are those of just before; an edge among them must stop the robot."""
+
+    async def script(b):
+        await b.arm()
+        for _ in range(3):
+            b.fake.say("OPEN", 1)
+        await b.clock.sleep(0.02)
+        b.fake._seq -= 3
+        truth = b.clock.time_ns
+        b.fake.touch()
+        assert abs((await b.probe.contact()).time_ns - truth) < 0.1 * MS
+
+    bench.run(script)
+
+
 def test_three_missed_heartbeats_stop_the_robot_and_mean_loss(bench):
     async def script(b):
         await b.arm()
