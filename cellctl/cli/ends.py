@@ -13,6 +13,7 @@ import typer
 
 from cellctl.devices.errors import DeviceError
 from cellctl.files.problems import InputError
+from cellctl.journal.errors import JournalError
 
 
 @final
@@ -43,6 +44,8 @@ def exit_code_of(call: Callable[[], object]) -> int:
         return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
     except DeviceError as error:
         return _said(str(error), Exit.DEVICE_FAILED)
+    except JournalError as error:
+        return _said(str(error), Exit.BAD_INPUT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.GOOD

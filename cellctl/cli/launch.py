@@ -34,7 +34,7 @@ class Options:
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
-    """Run a campaign into `folder`, which exists. SIGINT and SIGTERM abort it, cleanly, once.
+    """Run a campaign into `folder`, with its simulators where the cell is simulated. SIGINT and SIGTERM abort it.
 
     Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
     """
@@ -42,9 +42,26 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, mailbox.abort)
+    if not campaign.cell.simulated:
+        return await run_on(None, campaign, options, folder, mailbox, watcher)
+    simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, options.simulator_extra)
+    try:
+        return await run_on(simulated, campaign, options, folder, mailbox, watcher)
+    finally:
+        simulated.stop()
+
+
+async def run_on(
+    simulated: SimulatedCell | None,
+    campaign: Campaign,
+    options: Options,
+    folder: Path,
+    mailbox: Mailbox,
+    watcher: Watcher,
+) -> Outcome:
+    """Run a campaign into `folder` on a running simulated cell, or on the real one (None)."""
+    clock = await simulated.clock() if simulated else WallClock()
     async with AsyncExitStack() as stack:
-        simulated = await _simulated(campaign, options, stack)
-        clock = await simulated.clock() if simulated else WallClock()
         stack.push_async_callback(clock.aclose)
         journal = stack.enter_context(Journal.create(folder, clock.now_ns))
         seed = options.seed if options.seed is not None else campaign.cell.seed
@@ -54,14 +71,6 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
         engine = Engine(plan, run, journal, mailbox, watcher)
         return await engine.run(_tell_targets(simulated, devices))
-
-
-async def _simulated(campaign: Campaign, options: Options, stack: AsyncExitStack) -> SimulatedCell | None:
-    if not campaign.cell.simulated:
-        return None
-    simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, options.simulator_extra)
-    stack.callback(simulated.stop)
-    return simulated
 
 
 def _devices(campaign: Campaign, clock: Clock, simulated: SimulatedCell | None) -> dict[str, Device]:

@@ -56,7 +56,7 @@ def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
         "model": verdict.get("model"),
         "table": None,
         "error": str(outcome.error) if outcome.error else None,
-        "robot_link": state.recorded("robot_link")[-1] if state.recorded("robot_link") else None,
+        "stops": verdict.get("stops"),
         "simulated_s": round(outcome.seconds, 3),
         "wall_s": round(wall_s, 3),
     }

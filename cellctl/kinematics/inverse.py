@@ -56,7 +56,7 @@ def inverse(
         new_error = _error(chain.forward(tried), goal[rows])
         better = _size(new_error, reach) < _size(error[rows], reach)
         q[rows[better]], error[rows[better]] = tried[better], new_error[better]
-        damping[rows] = np.where(better, damping[rows] * 1e-2, np.maximum(damping[rows], 1e-12) * 1e2)
+        damping[rows] = np.maximum(damping[rows] * np.where(better, 1e-2, 1e2), 1e-12)
         active[rows] = ~_within(error[rows], tolerance_mm, tolerance_rad) & (damping[rows] < 1e6)
     return InverseResult(
         q.reshape(*batch, chain.n),

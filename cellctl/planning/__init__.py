@@ -1,5 +1,5 @@
 """Which poses to measure next, and the way there."""
 
-from cellctl.planning.touches import PlannedTouch, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.touches import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
 
-__all__ = ["PlannedTouch", "SphereTarget", "TouchOptions", "plan_touches"]
+__all__ = ["OutOfReach", "PlannedTouch", "SphereTarget", "TouchOptions", "plan_touches"]

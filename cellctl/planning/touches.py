@@ -23,6 +23,11 @@ _BATCH, _BATCHES = 512, 16
 
 
 @final
+class OutOfReach(Exception):
+    """Too few touches on a sphere can be reached; the text names the sphere."""
+
+
+@final
 @dataclass(frozen=True, slots=True)
 class SphereTarget:
     """A sphere to touch: where it stands by and large (base frame, mm) and its diameter with the tip's on it."""
@@ -105,7 +110,7 @@ def plan_touches(
     """Plan `counts[i]` touches on `spheres[i]`, in an order whose ways are clear, beginning and ending at home.
 
     The first touch's approach begins at `options.home`; the last one's retreat ends there. The same seed gives the same
-    touches. Raises ValueError naming the sphere on which too few touches are reachable.
+    touches. Raises OutOfReach naming the sphere on which too few touches are reachable.
     """
     options = options or TouchOptions()
     ways = Ways(chain, joints, reach, spheres_of(spheres), options.clearance)
@@ -113,7 +118,7 @@ def plan_touches(
     for index, count in enumerate(counts):
         found = _candidates(chain, joints, ways, spheres[index], index, count, seed, options)
         if len(found) < count:
-            raise ValueError(
+            raise OutOfReach(
                 f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
                 f"limits and clear of the spheres"
             )

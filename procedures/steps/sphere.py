@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import asyncio
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -50,7 +51,7 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     from procedures.steps.sphere_planning import planned_touches
 
-    touches = planned_touches(context, inputs.fit, inputs.held_out, inputs.spheres)
+    touches = await asyncio.to_thread(planned_touches, context, inputs.fit, inputs.held_out, inputs.spheres)
     context.say(f"planned {len(touches)} touches: {inputs.fit} to identify from, {inputs.held_out} held out")
     return Plan(touches=[TouchPlan(**touch) for touch in touches])
 
@@ -132,7 +133,7 @@ def _row(
 class IdentifyInputs(StepInputs):
     """Which model, and whether the certified spacings of the spheres are used."""
 
-    model: str = "auto"
+    model: Literal["auto", "geometry"] = "auto"
     use_distances: bool = True
 
 
@@ -148,6 +149,6 @@ async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
     from procedures.steps.sphere_identification import identify_touches
 
-    found = identify_touches(context, inputs.model, inputs.use_distances)
+    found = await asyncio.to_thread(identify_touches, context, inputs.model, inputs.use_distances)
     await context.record("verdict", found)
     return Identified(verdict=str(found["verdict"]), sentence=str(found["sentence"]))

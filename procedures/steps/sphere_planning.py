@@ -9,7 +9,7 @@ import numpy as np
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.formats.artefact import Artefact
-from cellctl.planning import PlannedTouch, SphereTarget, plan_touches
+from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, plan_touches
 from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
 
@@ -26,7 +26,7 @@ def planned_touches(context: StepContext, fit: int, held_out: int, names: list[s
     reach = Reach(tuple(low.tolist()), tuple(high.tolist()))
     try:
         touches = plan_touches(robot.chain(), robot.joint_map(), reach, targets, counts, context.seed)
-    except ValueError as error:
+    except OutOfReach as error:
         cure = "move the artefact to where the robot reaches all around it, or ask for fewer touches"
         raise InputError(context.cell.problem(("artefact",), str(error), cure)) from error
     sets = _sets(touches, [target.name for target in targets], held_out, context.seed)

@@ -1,0 +1,77 @@
+"""From recorded touches to data set, model and verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cellctl.calibration import Split, fit
+from cellctl.files import sha256_of
+from cellctl.formats import DataSet, ModelFile, RobotFile, artefact_of, fit_report, measurements
+from cellctl.formats.artefact import Artefact
+from cellctl.formats.measurements import ModelChoice
+from cellctl.procedure import StepContext
+
+Row = Mapping[str, Any]
+
+
+def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> dict[str, Any]:
+    """Write `dataset.csv` and `model.json` into the run folder; the verdict with its figures as a row to record.
+
+    Raises InputError where the touches do not allow an identification.
+    """
+    robot = RobotFile.load(context.robot_file)
+    artefact = artefact_of(context.cell, ("artefact",))
+    touches = context.recorded("touch")
+    data = DataSet.of_records([_record(row, artefact) for row in touches], "dataset.csv")
+    data.write(context.run_folder / "dataset.csv")
+    measured = measurements(robot, data, measure="sphere", model=model, artefact=artefact, use_distances=use_distances)
+    result = fit(measured.task, Split.by_column(np.array([of == "test" for of in measured.sets])))
+    hashes = {"cell_sha256": sha256_of(context.cell.text), "data_sha256": sha256_of(_text(context))}
+    ModelFile.of(robot, measured, result, hashes).save(context.run_folder / "model.json")
+    report = fit_report(measured, result)
+    return {
+        "verdict": report["verdict"],
+        "sentence": report["sentence"],
+        "before": report["nominal"],
+        "after": report["test"],
+        "model": report,
+        "stops": _stops(robot, touches),
+    }
+
+
+def _text(context: StepContext) -> bytes:
+    return (context.run_folder / "dataset.csv").read_bytes()
+
+
+def _record(row: Row, artefact: Artefact) -> dict[str, Any]:
+    """A recorded touch as a row of the data set."""
+    sphere = artefact.sphere(row["sphere"])
+    return {
+        **{f"A{axis}": float(value) for axis, value in enumerate(row["joints"], 1)},
+        "sphere": row["sphere"],
+        "radius": sphere.diameter / 2.0 if sphere else None,
+        "set": row["set"],
+        "time": row["time_ns"] * 1e-9,
+        "touch": row["number"],
+        "attempt": row["attempt"],
+        "tick": row["tick"],
+        "bounces": row["bounces"],
+        "stop_cycles": row["stop_cycles"],
+    }
+
+
+def _stops(robot: RobotFile, touches: Sequence[Row]) -> dict[str, Any]:
+    """How the searches stopped: the tip's way from contact to rest by the nominal model, mm; telegrams by their fate."""
+    chain, joints = robot.chain(), robot.joint_map()
+    contact = chain.forward(joints.model([row["joints"] for row in touches]))[:, :3, 3]
+    rest = chain.forward(joints.model([row["resting"] for row in touches]))[:, :3, 3]
+    travel = np.linalg.norm(rest - contact, axis=1)
+    return {
+        "overtravel_mean_mm": float(travel.mean()),
+        "overtravel_max_mm": float(travel.max()),
+        "stop_cycles_max": max(row["stop_cycles"] for row in touches),
+        **{count: sum(row[count] for row in touches) for count in ("late", "lost", "skipped")},
+    }
