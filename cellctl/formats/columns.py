@@ -52,7 +52,7 @@ class Sieve:
                 self.reject(row, f"{name} is missing")
             return math.nan if missing is None else missing
         try:
-            value = float(text)
+            value = float(text if "_" not in text else "text")  # 1_000 is Python's own way to write a number
         except ValueError:
             self.reject(row, f"{name} '{text[:20]}' is not a number")
             return math.nan

@@ -1,0 +1,179 @@
+"""Data sets on normal days: a bad row is named and left out, a bad file is refused, nothing is guessed."""
+
+import contextlib
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellctl.files import InputError
+from cellctl.formats import Artefact, DataSet, RobotFile, measurements
+
+ROBOT = RobotFile.model_validate(
+    {
+        "name": "two joints",
+        "convention": "mdh-hayati",
+        "links": [{"d": 100.0, "alpha": 90.0}, {"a": 300.0}],
+        "joints": [{"min": -90.0, "max": 90.0, "max_speed": 100.0}] * 2,
+        "tool": {"xyz": [0.0, 0.0, 50.0], "mass": 1.0},
+        "repeatability": 0.03,
+    }
+)
+SPHERES = Artefact.model_validate(
+    {
+        "tip_radius": 0.6,
+        "spheres": [{"id": "S1", "diameter": 60.0, "centre": [1.0, 2.0, 3.0]}],
+    }
+)
+
+
+def measured(text, **options):
+    return measurements(ROBOT, DataSet.parse(text, "data.csv"), **options)
+
+
+def test_degrees_and_radians_give_the_same_angles():
+    degrees = measured("A1,A2,X,Y,Z\n30,-60,1,2,3\n").task.rows
+    radians = measured(f"q1,q2,X,Y,Z\n{math.pi / 6!r},{-math.pi / 3!r},1,2,3\n").task.rows
+    np.testing.assert_allclose(degrees.q, [[math.pi / 6, -math.pi / 3]])
+    np.testing.assert_allclose(radians.q, degrees.q, atol=1e-15)
+
+
+def test_sigma_is_the_rows_own_or_the_repeatability_on_one_axis():
+    rows = measured("A1,A2,X,Y,Z,sX,sY,sZ\n1,2,3,4,5,0.1,0.2,0.3\n1,2,3,4,5,,,\n").task.rows
+    np.testing.assert_allclose(rows.sigma, [[0.1, 0.2, 0.3], [0.03 / math.sqrt(3)] * 3])
+
+
+def test_columns_may_stand_in_any_order_and_unknown_ones_are_kept(tmp_path):
+    data = DataSet.parse('note,Z,A2,Y,A1,X\n"a, b",3,20,2,10,1\n', "data.csv")
+    np.testing.assert_allclose(measurements(ROBOT, data).task.rows.xyz, [[1, 2, 3]])
+    data.write(tmp_path / "again.csv")
+    assert DataSet.load(tmp_path / "again.csv").texts("note") == ["a, b"]
+
+
+BAD_ROWS = """\
+A1,A2,X,Y,Z
+1,2,3,4,5
+1,2,3,4
+1,2,3,4,5,6
+1,nan,3,4,5
+1,2,three,4,5
+1,2,3,,5
+1,2,3,inf,5
+
+200,2,3,4,5
+1,"2",3,4,5
+"""
+
+
+def test_each_row_that_cannot_be_used_is_named_by_line_and_reason():
+    found = measured(BAD_ROWS)
+    assert found.lines == (2, 11)
+    reasons = {row.line: row.reason for row in found.rejected}
+    assert sorted(reasons) == [3, 4, 5, 6, 7, 8, 10]
+    assert "4 cells for 5 columns" in reasons[3]
+    assert "A2 is nan" in reasons[5]
+    assert "X 'three' is not a number" in reasons[6]
+    assert "Y is missing" in reasons[7]
+    assert "outside -90…90" in reasons[10]
+
+
+def test_digits_that_only_python_reads_as_a_number_are_text():
+    found = measured("A1,A2,X,Y,Z\n1,2,3,4,5\n1,2,1_000,4,5\n")
+    assert "1_000" in found.rejected[0].reason
+
+
+def test_a_row_after_a_cell_with_a_line_break_keeps_its_own_line():
+    found = measured('A1,A2,X,Y,Z,note\n1,2,3,4,5,"two\nlines"\n1,x,3,4,5,\n')
+    assert found.lines == (2,)
+    assert [row.line for row in found.rejected] == [4]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("\n\n", "is empty"),
+        ("A1,A2,X,Y,Z\n", "holds no rows"),
+        ("A1;A2;X;Y;Z\n1;2;3;4;5\n", "data-sets.md"),
+        ("A1,A1,X,Y,Z\n1,2,3,4,5\n", "more than once"),
+        ("A1,X,Y,Z\n1,3,4,5\n", "missing: A2"),
+        ("A1,A2,q1,q2,X,Y,Z\n1,2,1,2,3,4,5\n", "both"),
+        ("A1,A2,X,Y\n1,2,3,4\n", "column Z"),
+        ("A1,A2,X,Y,Z\n1,2,3,4,nan\n", "no row that can be used"),
+        ("A1,A2,socket\n1,2,P1\n", "sockets"),
+        ("A1,A2,sphere\n1,2,S1\n", "--artefact"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_and_says_why(text, words):
+    with pytest.raises(InputError, match=words):
+        measured(text)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    (tmp_path / "latin.csv").write_bytes(b"A1,A2,\xe4\n1,2,3\n")
+    for name in ("missing.csv", "latin.csv", "."):
+        with pytest.raises(InputError):
+            DataSet.load(tmp_path / name)
+
+
+def test_a_byte_order_mark_is_no_part_of_the_first_name(tmp_path):
+    (tmp_path / "bom.csv").write_bytes(b"\xef\xbb\xbfA1,A2,X,Y,Z\r\n1,2,3,4,5\r\n")
+    assert DataSet.load(tmp_path / "bom.csv").columns[0] == "A1"
+
+
+def test_touches_take_size_and_place_from_the_artefact():
+    rows = "".join(f"{angle},2,S1\n" for angle in range(5))
+    found = measured(f"A1,A2,sphere\n{rows}", artefact=SPHERES)
+    assert found.measure == "sphere"
+    np.testing.assert_allclose(found.task.rows.reach, 30.6)
+    np.testing.assert_allclose(found.task.centres, [[1, 2, 3]])
+    assert found.task.model.deflection is not None
+
+
+def test_touches_of_unknown_or_contradicting_spheres_are_named():
+    text = "A1,A2,sphere,radius\n1,2,S1,30\n1,2,S7,30\n1,2,,30\n1,2,S1,25\n"
+    reasons = [row.reason for row in measured(text, artefact=SPHERES).rejected]
+    assert ["S7" in reasons[0], "missing" in reasons[1], "25" in reasons[2]] == [True] * 3
+
+
+def test_a_radius_column_alone_will_do():
+    found = measured("A1,A2,sphere,radius\n1,2,B,25\n")
+    assert found.task.rows.reach.tolist() == [25.0]
+    assert found.task.centres is None
+
+
+def test_orientation_may_be_angles_or_a_quaternion():
+    angles = measured("A1,A2,X,Y,Z,A,B,C\n1,2,3,4,5,90,0,0\n")
+    half = math.sqrt(0.5)
+    quaternion = measured(f"A1,A2,X,Y,Z,QW,QX,QY,QZ\n1,2,3,4,5,{half},0,0,{half}\n1,2,3,4,5,1,1,0,0\n")
+    assert angles.measure == quaternion.measure == "pose"
+    np.testing.assert_allclose(angles.task.rows.poses, quaternion.task.rows.poses, atol=1e-12)
+    assert "unit quaternion" in quaternion.rejected[0].reason
+
+
+def test_orientation_is_left_alone_where_positions_are_asked_for():
+    found = measured("A1,A2,X,Y,Z,A,B,C\n1,2,3,4,5,oops,0,0\n", measure="position")
+    assert not found.rejected
+
+
+def test_a_set_that_is_neither_fit_nor_test_is_named():
+    found = measured("A1,A2,X,Y,Z,set\n1,2,3,4,5,fit\n1,2,3,4,5,test\n1,2,3,4,5,tset\n1,2,3,4,5,\n")
+    assert found.sets == ("fit", "test")
+    assert [row.line for row in found.rejected] == [4, 5]
+
+
+@given(st.lists(st.tuples(st.floats(-90, 90), st.floats(-1e4, 1e4)), min_size=1, max_size=20))
+def test_records_come_back_from_their_text_bit_for_bit(values):
+    records = [{"A1": a, "A2": 0.0, "X": x, "Y": 1.0, "Z": None} for a, x in values]
+    data = DataSet.of_records(records)
+    assert [float(text) for text in data.texts("A1")] == [a for a, _ in values]
+    assert [float(text) for text in data.texts("X")] == [x for _, x in values]
+    assert set(data.texts("Z")) == {""}
+
+
+@given(st.text(max_size=200))
+def test_no_text_whatever_ends_in_anything_but_a_data_set_or_a_named_mistake(text):
+    with contextlib.suppress(InputError):
+        assert measurements(ROBOT, DataSet.parse(text, "data.csv")).lines
