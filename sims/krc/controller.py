@@ -48,14 +48,26 @@ class KrcServers:
         self._link.close()
 
 
-def start(kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, truth_log: TextIO | None) -> KrcServers:
-    """Start the controller of the cell's robot, which stands bent and clear. Raises BadConfig."""
+def start(
+    kernel: Kernel,
+    cell: SimCell,
+    faults: Faults,
+    loop: ContactLoop,
+    truth_log: TextIO | None,
+    correction: AxisCorrection | None = None,
+) -> KrcServers:
+    """Start the controller of the cell's robot, which stands bent and clear. Raises BadConfig.
+
+    `correction`: the RSI context's AXISCORR and its monitor; with none, as the controller has them by default, ± 5° and
+    6°, so that the monitor never speaks: AXISCORR clamps before it.
+    """
     config = _config(cell)
     settings, joints = cell.simulate.rsi, cell.robot.joints
     speeds = [joint.max_speed for joint in joints]
     world = World(cell, cell.simulate.seed)
     log = ContactLog(truth_log)
-    robot = Robot(kernel, world, loop, log, START, speeds)
+    stance = tuple(min(max(angle, joint.min), joint.max) for angle, joint in zip(START, joints, strict=True))
+    robot = Robot(kernel, world, loop, log, stance, speeds)
     currents = MotorCurrents(kernel, robot, world, cell.robot.tool.mass)
     late = LateCounter(settings.timeout_cycles, settings.counter)
     draw = random.Random(f"{cell.simulate.seed} controller")
@@ -69,7 +81,7 @@ def start(kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, trut
         settings=settings,
         late=late,
         servo=Servo(speeds, settings.cycle_ms * 1e-3, cell.simulate.errors["servo"]),
-        correction=AxisCorrection(),
+        correction=correction or AxisCorrection(),
         limits=tuple((joint.min, joint.max) for joint in joints),
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
     )

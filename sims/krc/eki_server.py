@@ -11,6 +11,8 @@ from sims.krc.eki_stream import DocumentStream
 from sims.krc.program import Program
 
 STATE_EVERY_NS = 100_000_000
+UNREAD = 65_536
+"""Bytes that TCP keeps for a PC that does not read: few, so that what it reads next is not minutes old."""
 MOST_UNSENT = 262_144
 
 
@@ -49,6 +51,7 @@ class EkiServer:
     def _welcome(self, peer: socket.socket) -> None:
         peer.setblocking(False)
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNREAD)
         self._peer, self._stream = peer, DocumentStream()
         self._unsent.clear()
         self._kernel.watch(peer, self._receive)
@@ -70,6 +73,7 @@ class EkiServer:
                 self._program.execute(document)
 
     def _tell(self) -> None:
+        self._flush()
         if not self._unsent:  # who does not read gets the next state, not every one since
             self._program.tell()
         if self._peer:
@@ -78,6 +82,9 @@ class EkiServer:
     def _send(self, document: bytes) -> None:
         """Never blocks: what TCP does not take waits, and who does not read for long is taken for lost."""
         self._unsent += document
+        self._flush()
+
+    def _flush(self) -> None:
         try:
             while self._peer and self._unsent:
                 del self._unsent[: self._peer.send(self._unsent)]

@@ -159,9 +159,11 @@ class Cycle:
         self.end_ns = end_ns
 
     def at(self, time_ns: int) -> Joints:
-        """The cubic."""
+        """The cubic; its ends, which is where it is asked for most, as they were given."""
         if time_ns >= self.end_ns:
             return self._after.joints
+        if time_ns <= self.start_ns:
+            return self._before.joints
         s, h = self.share(time_ns), (self.end_ns - self.start_ns) * 1e-9
         r = 1.0 - s
         a, b = (1.0 + 2.0 * s) * r * r, s * s * (3.0 - 2.0 * s)
@@ -176,6 +178,8 @@ class Cycle:
         """Its derivative."""
         if time_ns >= self.end_ns:
             return self._after.velocity
+        if time_ns <= self.start_ns:
+            return self._before.velocity
         s, h = self.share(time_ns), (self.end_ns - self.start_ns) * 1e-9
         a, c, d = 6.0 * s * (1.0 - s) / h, (1.0 - s) * (1.0 - 3.0 * s), s * (3.0 * s - 2.0)
         before, after = self._before, self._after

@@ -64,6 +64,7 @@ class RsiSession:
         self._stopping = False
         self._ipoc = 0
         self._awaiting = False
+        self._older_in_a_row = 0
         self._reply: Reply | None = None
         self._next: Event | None = None
 
@@ -71,6 +72,7 @@ class RsiSession:
         """RSI_ON, at a cycle of the grid: the first telegram leaves now."""
         self._late.begin()
         self._c.link.drain()
+        self._c.link.alive()
         self._c.link.on_datagram = self._received
         self._cycle()
 
@@ -109,11 +111,15 @@ class RsiSession:
             self._c.link.send(self._c.telegram.print(self._ipoc), awaits_answer=self._awaiting)
 
     def _received(self, data: bytes) -> None:
-        """A datagram from the PC. One that answers an older telegram does not let T go on: the right one may follow."""
+        """A datagram from the PC. One that answers an older telegram does not let T go on: the right one may follow.
+
+        A second one in a row does, or a PC that is always one behind would cost two seconds of wall time a cycle.
+        """
         reply = read_reply(data, self._c.config.receive)
-        if reply and reply.ipoc < self._ipoc:
-            return
+        self._older_in_a_row = self._older_in_a_row + 1 if reply and reply.ipoc < self._ipoc else 0
         self._c.link.alive()
+        if self._older_in_a_row == 1:
+            return
         if not self._c.faults.active("rsi.stall") and reply and self._accepts(reply):
             self._reply = reply
         self._c.link.answered()

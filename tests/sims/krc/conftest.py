@@ -27,15 +27,15 @@ PERFECT = dict.fromkeys(ERRORS, 0.0)
 class Bench:
     """One simulated controller, its time run by a thread; the test is the PC."""
 
-    def __init__(self, cell):
+    def __init__(self, cell, correction, mode):
         self.cell = cell
-        self.kernel = Kernel("lockstep")
+        self.kernel = Kernel(mode)
         self.faults = Faults(self.kernel)
         self.loop = ContactLoop()
         self.truth = io.StringIO()
         self.changes = []
         self.loop.subscribe(lambda closed: self.changes.append((self.kernel.now, closed)))
-        self.krc = start(self.kernel, cell, self.faults, self.loop, self.truth)
+        self.krc = start(self.kernel, cell, self.faults, self.loop, self.truth, correction)
         for fault in cell.simulate.faults:
             self.faults.schedule(fault)
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -65,11 +65,22 @@ class Bench:
         if self.failure:
             raise self.failure
 
+    def let_pass(self, seconds):
+        """Until so much of the cell's time has gone by."""
+        until, looks = self.kernel.now + seconds * 1e9, 0
+        while self.kernel.now < until:
+            looks += 1
+            assert looks < PATIENCE_S * 100
+            threading.Event().wait(0.01)
+
     def world(self):
         return World(self.cell, self.cell.simulate.seed)
 
     def connect(self):
-        self.tcp = socket.create_connection(("127.0.0.1", self.krc.eki_port), PATIENCE_S)
+        self.tcp = socket.socket()
+        self.tcp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.tcp.settimeout(PATIENCE_S)
+        self.tcp.connect(("127.0.0.1", self.krc.eki_port))
         self.stream = b""
 
     # the transfer channel
@@ -162,7 +173,7 @@ def bench():
     """Start a controller: `bench(errors={…}, rsi={…}, faults=[…], cell=…)`; all errors off unless named."""
     benches = []
 
-    def begin(errors=None, rsi=None, faults=(), cell=CELL, ethernet=None):
+    def begin(errors=None, rsi=None, faults=(), cell=CELL, ethernet=None, correction=None, mode="lockstep"):
         simulate = replace(
             cell.simulate,
             errors={**PERFECT, **(errors or {})},
@@ -172,7 +183,7 @@ def bench():
         if ethernet is not None:
             address = f"kuka+rsi://127.0.0.1:0?ethernet={ethernet.name}"
             cell = replace(cell, path=ethernet.parent / "cell.yaml", addresses={"robot": address})
-        benches.append(Bench(replace(cell, simulate=simulate)))
+        benches.append(Bench(replace(cell, simulate=simulate), correction, mode))
         return benches[-1]
 
     yield begin

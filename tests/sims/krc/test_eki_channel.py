@@ -154,6 +154,16 @@ def test_a_lost_connection_stops_the_robot_and_the_next_one_finds_it_held(bench)
     assert pc.ptp(HOME)[1] == 0
 
 
+def test_a_pc_that_did_not_read_for_a_while_gets_every_reply_in_order(bench):
+    pc = bench()
+    count = 1200  # replies of 200 bytes: more than TCP keeps for it
+    for number in range(count):
+        pc.put(f'<Cmd Id="{number}" Op="HELLO"/>')
+    pc.let_pass(0.5)
+    assert [pc.reply()[0] for _ in range(count)] == [str(number) for number in range(count)]
+    assert pc.ptp(THERE)[1] == 0
+
+
 def test_only_one_pc_is_served_at_a_time(bench):
     pc = bench()
     pc.command("HELLO")

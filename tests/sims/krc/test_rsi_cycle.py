@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from sims.krc.currents import NM_PER_A
 from sims.krc.signal_flow import AxisCorrection
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
@@ -113,6 +114,19 @@ def test_the_overall_ceiling_is_six_degrees_on_any_axis_where_axiscorr_lets_more
     assert not AxisCorrection().exceeded(AxisCorrection().clamp((50.0,) * 6))
 
 
+def test_a_correction_over_the_ceiling_stops_rsi_with_its_message(bench):
+    pc = bench(correction=AxisCorrection(limit_deg=90.0))
+    pc.rsi_on()
+    pc.cycles(3, (0.0, 0.0, 6.0, 0.0, 0.0, 0.0))
+    pc.cycles(1, (0.0, 0.0, 6.001, 0.0, 0.0, 0.0))
+    number, code, joints, text = pc.reply()
+    assert (number, code) == ("7", 31)
+    assert "KSS29000" in text
+    assert "Permissible overall correction exceeded: RSI is stopped" in text
+    assert joints[2] == pytest.approx(96.0, abs=0.01)
+    pc.state(['Prog="ERROR"', 'Msg="KSS29000'])
+
+
 def test_stop_ends_rsi_where_the_robot_stands_and_the_program_takes_over_from_there(bench):
     pc = bench(errors={"servo": 1})
     pc.rsi_on()
@@ -206,6 +220,53 @@ def test_an_ipoc_that_was_not_echoed_unchanged_counts_as_missing(bench):
         telegram = pc.telegram()
         pc.answer(telegram, a1(1.0), ipoc=ipoc_of(telegram) + 4)
     assert pc.reply()[1:3] == (31, HOME)
+
+
+def test_a_pc_that_is_always_one_telegram_behind_is_counted_late_to_the_end(bench):
+    pc = bench(rsi={"timeout_cycles": 20})
+    pc.rsi_on()
+    for _ in range(21):
+        telegram = pc.telegram()
+        pc.answer(telegram, a1(1.0), ipoc=ipoc_of(telegram) - 4)
+    assert pc.reply()[1:3] == (31, HOME)
+
+
+def test_a_pc_that_was_taken_for_dead_is_waited_for_again_when_it_speaks(bench):
+    pc = bench(rsi={"timeout_cycles": 1_000_000})
+    pc.rsi_on()
+    pc.telegram()
+    while not pc.kernel.is_dead("rsi"):
+        telegram = pc.telegram()  # none before the two seconds are over
+    pc.answer(telegram)
+    before = delay_of(pc.cycles(400)[-1])
+    assert delay_of(pc.cycles(50)[-1]) == before
+    assert pc.finish()[1] == 0
+
+
+@pytest.mark.realtime
+def test_in_real_time_an_answer_after_the_next_telegram_is_late(bench):
+    pc = bench(mode="realtime", rsi={"timeout_cycles": 1_000_000})
+    pc.rsi_on()
+    first = pc.telegram()
+    second = pc.telegram()  # comes without an answer to the first
+    pc.answer(first, a1(1.0))
+    pc.answer(second)
+    third = pc.telegram()
+    assert delay_of(second) == 1 <= delay_of(third)
+    assert axes_of(third)[0] == 0.0
+    pc.put('<Cmd Id="9" Op="HALT"/>')
+    assert pc.reply()[:2] == ("7", 30)
+
+
+def test_motor_currents_carry_the_tools_weight(bench):
+    pc = bench()
+    pc.rsi_on()
+    (telegram,) = pc.cycles(1)
+    lever_m = (pc.world().true_tcp(HOME)[0] - 180.0) * 1e-3  # A2's axis is 180 mm in front of A1's
+    current = axes_of(telegram, "MACur")
+    assert abs(current[1]) * NM_PER_A == pytest.approx(1.535 * 9.80665 * lever_m, abs=0.01)
+    assert current[0] == pytest.approx(0.0, abs=1e-3)
+    assert pc.finish()[1] == 0
 
 
 def test_a_pc_that_says_nothing_is_counted_late_to_the_end(bench):
