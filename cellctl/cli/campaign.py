@@ -33,7 +33,7 @@ def load_campaign(procedure_file: Path, cell_file: Path | None, settings: list[s
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)
     cell = _cell(procedure, cell_file, drivers, problems)
-    kinds: Devices = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
+    kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
     parameters: dict[str, Any] = {}
     try:
         parameters = checked_parameters(procedure, settings, registry, kinds)

@@ -11,10 +11,6 @@ from typing import final
 
 import typer
 
-from cellctl.devices.errors import DeviceError
-from cellctl.files.problems import InputError
-from cellctl.journal.errors import JournalError
-
 
 @final
 class Exit(IntEnum):
@@ -39,18 +35,29 @@ def exit_code_of(call: Callable[[], object]) -> int:
         return _said("aborted", Exit.ABORTED)
     except KeyboardInterrupt:
         return _said("aborted by the operator", Exit.ABORTED)
-    except InputError as error:
-        count = len(error.problems)
-        return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
-    except DeviceError as error:
-        return _said(str(error), Exit.DEVICE_FAILED)
-    except JournalError as error:
-        return _said(str(error), Exit.BAD_INPUT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.GOOD
     except Exception as error:
-        return _other(error)
+        return _ended_by(error)
+
+
+def _ended_by(error: Exception) -> int:
+    """Say `error` as its kind asks for. The kinds are imported here, so that `--help` need not wait for them."""
+    from cellctl.devices.errors import DeviceError
+    from cellctl.files.problems import InputError
+    from cellctl.journal.errors import JournalError
+
+    match error:
+        case InputError():
+            count = len(error.problems)
+            return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
+        case DeviceError():
+            return _said(str(error), Exit.DEVICE_FAILED)
+        case JournalError():
+            return _said(str(error), Exit.BAD_INPUT)
+        case _:
+            return _other(error)
 
 
 def _other(error: Exception) -> int:

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cellctl.devices import Contact, ContactProbe, JointReadings, NoContact, SearchEnd, SearchingRobot, SearchResult
+from cellctl.devices import (
+    Contact,
+    ContactProbe,
+    DeviceError,
+    JointReadings,
+    NoContact,
+    SearchEnd,
+    SearchingRobot,
+    SearchResult,
+)
 from cellctl.procedure import StepContext, StepInputs, StepResult, step
 
 Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
@@ -104,9 +114,13 @@ async def _search(
     await probe.arm(on_edge=robot.stop_now, on_alive=alive.beat)
     try:
         found = await robot.search(tuple(planned.end), speed_deg_s, {"probe": _PROBE_PATIENCE_S})
-        return found, await probe.contact() if found.end is SearchEnd.STOPPED else None
-    finally:
-        await probe.disarm()
+        contact = await probe.contact() if found.end is SearchEnd.STOPPED else None
+    except BaseException:
+        with suppress(DeviceError):  # what ended the search is what the operator has to hear
+            await probe.disarm()
+        raise
+    await probe.disarm()
+    return found, contact
 
 
 def _row(

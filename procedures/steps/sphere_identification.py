@@ -64,7 +64,7 @@ def _record(row: Row, artefact: Artefact) -> dict[str, Any]:
 
 
 def _stops(robot: RobotFile, touches: Sequence[Row]) -> dict[str, Any]:
-    """How the searches stopped: the tip's way from contact to rest by the nominal model, mm; telegrams by their fate."""
+    """How the searches stopped: the tip's way from contact to rest in mm by the nominal model; telegrams by fate."""
     chain, joints = robot.chain(), robot.joint_map()
     contact = chain.forward(joints.model([row["joints"] for row in touches]))[:, :3, 3]
     rest = chain.forward(joints.model([row["resting"] for row in touches]))[:, :3, 3]

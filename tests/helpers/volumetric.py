@@ -1,4 +1,4 @@
-"""How good an identified robot is all over its workspace, against the simulated world's truth. For tests and studies only.
+"""How good an identified robot is all over its workspace, against the simulated world's truth: for tests and studies.
 
 The workspace: tool tip in a box of 700 × 1000 × 650 mm before the robot, shaft within 60° of straight down, any spin.
 """

@@ -1,0 +1,3 @@
+from cellctl.cli.main import main
+
+main()

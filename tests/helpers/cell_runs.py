@@ -1,0 +1,150 @@
+"""Campaigns on a simulated cell, as the command line runs them, with a look at the controller after the end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cellctl.cli.campaign import load_campaign
+from cellctl.cli.launch import Options, run_on
+from cellctl.cli.simulated import SimulatedCell
+from cellctl.engine import Mailbox, NobodyWatching, Outcome
+from cellctl.journal import RunState, fold, read_journal
+
+ROOT = Path(__file__).parents[2]
+SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"
+CELL = ROOT / "procedures" / "cells" / "sphere_cell.yaml"
+
+TOUCHES = """
+procedure: touches
+title: Some touches, nothing identified
+steps:
+  - id: plan
+    do: sphere.plan
+    with: {fit: 5, held_out: 1}
+    timeout: 120
+  - id: points
+    for_each: ${plan.touches}
+    as: planned
+    steps:
+      - id: touch
+        do: sphere.touch
+        with: {touch: "${planned}", speed_mm_s: 5}
+        timeout: 120
+        retry: {attempts: 2, on: [NoContact]}
+cleanup:
+  - {id: hold, do: robot.stop, timeout: 15}
+"""
+
+
+def touches_procedure(folder: Path) -> Path:
+    """A procedure of six touches without identification."""
+    path = folder / "touches.yaml"
+    path.write_text(TOUCHES)
+    return path
+
+
+def cell_with(folder: Path, simulate: str = "", replace: dict[str, str] | None = None) -> Path:
+    """A copy of the shipped cell with lines added to its `simulate:` section, and pieces of text replaced."""
+    text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
+    text = text.replace("ethernet=rsi_ethernet.xml", f"ethernet={CELL.parent}/rsi_ethernet.xml")
+    for old, new in (replace or {}).items():
+        assert old in text, f"the shipped cell has no '{old}'"
+        text = text.replace(old, new)
+    path = folder / "cell.yaml"
+    path.write_text(text.rstrip() + "\n" + simulate)
+    return path
+
+
+def faults(*settings: str) -> str:
+    """Lines of a `simulate:` section with these faults."""
+    return "  faults:\n" + "".join(f"    - {{{setting}}}\n" for setting in settings)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A campaign that has ended: how, what its journal holds, the simulator's truth of every contact, and what the
+    controller says of itself afterwards: two states, 300 ms of its time apart.
+    """
+
+    outcome: Outcome
+    journal: RunState
+    truth: list[dict[str, Any]]
+    states: list[dict[str, str]]
+
+    @property
+    def touches(self) -> list[dict[str, Any]]:
+        return [dict(row) for row in self.journal.recorded("touch")]
+
+    def robot_is_held(self) -> bool:
+        """The controller is neither moving nor under RSI, and the joints do not change."""
+        first, last = self.states[0], self.states[-1]
+        still = all(abs(float(first[axis]) - float(last[axis])) < 1e-3 for axis in ("A1", "A2", "A3", "A4", "A5", "A6"))
+        return still and {first["Prog"], last["Prog"]} <= {"READY", "STOPPED", "ERROR"}
+
+
+def run_here(
+    procedure: Path, cell: Path, folder: Path, *, seed: int | None = None, clock: Any = None, meanwhile: Any = None
+) -> Ended:
+    """Run a campaign in this process on simulators that outlive it; `meanwhile(mailbox, run folder)` is a coroutine
+    function that runs beside it.
+    """
+
+    async def go() -> Ended:
+        campaign = load_campaign(procedure, cell, [])
+        run, log = folder / "run", folder / "truth.jsonl"
+        simulated = await SimulatedCell.start(campaign.cell, seed, clock, ("--truth-log", str(log)))
+        try:
+            mailbox = Mailbox()
+            options = Options(seed, clock, folder)
+            engine = asyncio.create_task(run_on(simulated, campaign, options, run, mailbox, NobodyWatching()))
+            if meanwhile:
+                await meanwhile(mailbox, run)
+            outcome = await engine
+            eki = str(simulated.address("robot").query["eki"])
+            states = await asyncio.to_thread(controller_states, eki)
+        finally:
+            simulated.stop()
+        truth = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+        return Ended(outcome, fold(read_journal(run)), truth, states)
+
+    return asyncio.run(go())
+
+
+def controller_states(eki: str) -> list[dict[str, str]]:
+    """Some `Stat` documents of the controller, read by hand."""
+    host, _, port = eki.rpartition(":")
+    text = ""
+    with socket.create_connection((host, int(port)), timeout=10.0) as line:
+        while text.count("</Stat>") < 4:
+            received = line.recv(4096)
+            assert received, "the controller closed the channel"
+            text += received.decode()
+    return [dict(re.findall(r'(\w+)="([^"]*)"', stat)) for stat in re.findall(r"<Stat .*?</Stat>", text, re.DOTALL)]
+
+
+def cellctl(*arguments: str | Path, timeout: float = 240.0) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own."""
+    command = [sys.executable, "-m", "cellctl", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, cwd=ROOT)
+
+
+@contextmanager
+def busy_machine(processes: int = 2) -> Iterator[None]:
+    """Keep the processors busy meanwhile."""
+    spin = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for process in spin:
+            process.kill()
+            process.wait()
