@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import yaml
+from yaml.reader import ReaderError
 
 from cellctl.files.problems import InputError, Problem
 
@@ -17,10 +18,11 @@ Path = tuple[str | int, ...]
 _PLAIN = (
     ("null", re.compile(r"~|null|Null|NULL|")),
     ("bool", re.compile(r"true|false|True|False|TRUE|FALSE")),
-    ("int", re.compile(r"[-+]?[0-9]+")),
+    ("int", re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")),
     ("float", re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")),
 )
 """YAML 1.2 core schema: what an unquoted scalar is, the first that matches whole."""
+_LONGEST_INTEGER = 300
 
 
 @final
@@ -62,20 +64,44 @@ def load_yaml(path: pathlib.Path) -> Document:
 
 def parse_yaml(text: str, file: str) -> Document:
     """Parse YAML `text` strictly; `file` names it in errors. Raises InputError."""
+    reader = _Reader(file)
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        data = reader.read(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
         what = f"is not valid YAML: {error.problem or error.context}"
         raise InputError(Problem(file, line, column, what, "check indentation, colons and quotes here")) from error
-    except yaml.YAMLError as error:
-        raise InputError(Problem(file, 0, 0, f"is not valid YAML: {error}")) from error
-    reader = _Reader(file)
-    data = reader.value(root, ()) if root is not None else None
+    except ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        what = f"a character that text does not hold (U+{error.character:04X})"
+        raise InputError(Problem(file, line, 0, what, "remove it")) from error
+    except RecursionError as error:
+        raise InputError(Problem(file, 0, 0, "is nested too deeply to be meant", "check its brackets")) from error
     if reader.problems:
         raise InputError(reader.problems)
     return Document(file, text, data, reader.marks, reader.keys)
+
+
+class _Loader(yaml.SafeLoader):
+    """Composes, and notes the aliases and tags, which cannot be told from the nodes afterwards."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.refused: list[tuple[int, int, str, str]] = []
+        self.aliased = False
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            self.aliased = True
+            self._refuse(event, f"an alias (*{event.anchor}) is not allowed", "write the value out")
+        elif tag := getattr(event, "tag", None):
+            self._refuse(event, f"a tag ({tag.replace('tag:yaml.org,2002:', '!!')}) is not allowed", "remove it")
+        return super().compose_node(parent, index)
+
+    def _refuse(self, at: yaml.Node | yaml.Event, what: str, cure: str) -> None:
+        self.refused.append((*_mark(at), what, cure))
 
 
 class _Reader:
@@ -84,14 +110,20 @@ class _Reader:
         self.marks: dict[Path, tuple[int, int]] = {}
         self.keys: dict[Path, tuple[int, int]] = {}
         self.problems: list[Problem] = []
-        self._seen: set[int] = set()
+
+    def read(self, text: str) -> Any:
+        loader = _Loader(text)
+        try:
+            root: yaml.Node | None = loader.get_single_node()
+        finally:
+            loader.dispose()
+        self.problems.extend(Problem(self.file, *refused) for refused in loader.refused)
+        if root is None or loader.aliased:  # an alias may be a part of itself
+            return None
+        return self.value(root, ())
 
     def value(self, node: yaml.Node, path: Path) -> Any:
         self.marks[path] = _mark(node)
-        if id(node) in self._seen:
-            self._report(node, "an alias (*name) is not allowed here", "write the value out")
-            return None
-        self._seen.add(id(node))
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, path)
         if isinstance(node, yaml.SequenceNode):
@@ -108,7 +140,7 @@ class _Reader:
             if key in result:
                 first = self.keys[(*path, key)][0]
                 self._report(key_node, f"'{key}' stands twice (first on line {first})", "remove one of them")
-            self.keys[(*path, key)] = _mark(key_node)
+            self.keys.setdefault((*path, key), _mark(key_node))
             result[key] = self.value(value_node, (*path, key))
         return result
 
@@ -116,10 +148,11 @@ class _Reader:
         text = str(node.value)
         if getattr(node, "style", None) is not None:  # quoted, or a block: always text
             return text
-        for kind, pattern in _PLAIN:
-            if pattern.fullmatch(text):
-                return _CONVERT[kind](text)
-        return text
+        kind = next((kind for kind, pattern in _PLAIN if pattern.fullmatch(text)), "")
+        if kind == "int" and len(text) > _LONGEST_INTEGER:
+            self._report(node, f"a whole number of {len(text)} digits cannot be meant")
+            return None
+        return _CONVERT[kind](text) if kind else text
 
     def _report(self, node: yaml.Node, what: str, cure: str = "") -> None:
         line, column = _mark(node)
@@ -129,10 +162,11 @@ class _Reader:
 _CONVERT: dict[str, Any] = {
     "null": lambda _: None,
     "bool": lambda text: text.lower() == "true",
-    "int": int,
+    "int": lambda text: int(text, 0 if text.startswith(("0o", "0x")) else 10),
     "float": lambda text: float(re.sub(r"\.(?=[a-zA-Z])", "", text)),
 }
 
 
-def _mark(node: yaml.Node) -> tuple[int, int]:
-    return node.start_mark.line + 1, node.start_mark.column + 1
+def _mark(at: yaml.Node | yaml.Event) -> tuple[int, int]:
+    mark = at.start_mark
+    return (mark.line + 1, mark.column + 1) if mark else (0, 0)

@@ -15,13 +15,24 @@ Model = TypeVar("Model", bound=BaseModel)
 
 def validated(document: Document, model: type[Model], at: Path = ()) -> Model:
     """The part of `document` at `at` as `model`. Raises InputError with all mistakes, placed in the file."""
-    value = document.data
-    for key in at:
-        value = value[key]
+    value = _part(document, at)
     try:
         return model.model_validate(value)
     except ValidationError as error:
         raise InputError(problems_of(error, document, at, model)) from error
+
+
+def _part(document: Document, at: Path) -> Any:
+    value = document.data
+    for depth, key in enumerate(at):
+        try:
+            value = value[key]
+        except (KeyError, IndexError, TypeError) as error:
+            raise InputError(document.problem(at[:depth], f"'{key}' is missing", f"add '{key}:'")) from error
+    if value is None:
+        name = f"'{at[-1]}'" if at else "the file"
+        raise InputError(document.problem(at, f"{name} is empty", "the manual shows what belongs here"))
+    return value
 
 
 def problems_of(
@@ -30,18 +41,21 @@ def problems_of(
     """The mistakes in a pydantic error as problems placed in `document`, whose part at `at` was validated."""
     found: dict[tuple[Path, str], Problem] = {}
     for detail in error.errors(include_url=False):
-        path = _known_part(document, (*at, *detail["loc"]))
+        path = _known_part(document, (*at, *detail["loc"]), named=detail["type"] in ("missing", "extra_forbidden"))
         unknown = detail["type"] == "extra_forbidden"
         what, cure = _words(detail, path, model)
         found[(path, what)] = document.problem(path, what, cure, key=unknown)
     return list(found.values())
 
 
-def _known_part(document: Document, path: tuple[Any, ...]) -> Path:
-    """`path` without the parts that only pydantic knows (names of union members and validators)."""
+def _known_part(document: Document, path: tuple[Any, ...], *, named: bool) -> Path:
+    """`path` without the parts that only pydantic knows (names of union members and validators).
+
+    Where the mistake is a name that is missing or not known, the last part is that name.
+    """
     known: Path = ()
     for index, part in enumerate(path):
-        if (*known, part) in document.marks or index == len(path) - 1:
+        if (*known, part) in document.marks or (named and index == len(path) - 1):
             known = (*known, part)
     return known
 
