@@ -26,8 +26,9 @@ _ON_THE_LINE = 2
 class DelayFit:
     """Cell time = device time + offset + drift × (device time − reference); nanoseconds.
 
-    `sigma_ns`: how far the fastest tenth of the messages (three at least) lies above the line, a measure of how well the envelope is
-    supported. A constant part of the delay that every message shares cannot be seen and is in the offset.
+    `sigma_ns`: how far the fastest tenth of the messages (three at least) lies above the line, a measure of how well
+    the envelope is supported. A constant part of the delay that every message shares cannot be seen; it is in the
+    offset.
     """
 
     offset_ns: float

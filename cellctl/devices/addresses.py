@@ -24,15 +24,22 @@ class Address:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Read an address. Raises ValueError with what is wrong with it."""
-        parts = urlsplit(text)
-        if not parts.scheme or "://" not in text:
+        try:
+            parts = urlsplit(text)
+            port = parts.port
+            pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
+        except ValueError as error:
+            raise ValueError(f"'{text}' is no device address: {error}") from error
+        if not parts.scheme or not text.lower().startswith(f"{parts.scheme}://"):
             raise ValueError(f"'{text}' is no device address (scheme://…)")
-        pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
+        if parts.fragment or "@" in parts.netloc:
+            raise ValueError(f"'{text}': a device address has no user and no '#'")
         if len(dict(pairs)) != len(pairs):
             raise ValueError(f"'{text}' gives a setting twice")
-        return cls(parts.scheme, parts.hostname or "", parts.port, parts.path, dict(pairs))
+        return cls(parts.scheme, parts.hostname or "", port, parts.path, dict(pairs))
 
     def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
         port = "" if self.port is None else f":{self.port}"
         query = f"?{urlencode(self.query, safe='/:')}" if self.query else ""
-        return f"{self.scheme}://{self.host}{port}{self.path}{query}"
+        return f"{self.scheme}://{host}{port}{self.path}{query}"

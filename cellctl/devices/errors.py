@@ -10,7 +10,10 @@ class DeviceError(Exception):
         self.device = device
         self.what = what
         self.cure = cure
-        super().__init__(f"{device}: {what}" + (f"\n    {cure}" if cure else ""))
+        super().__init__(device, what, cure)  # all of it, so that it can be sent from process to process
+
+    def __str__(self) -> str:
+        return f"{self.device}: {self.what}" + (f"\n    {self.cure}" if self.cure else "")
 
 
 class DeviceUnreachable(DeviceError):

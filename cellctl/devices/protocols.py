@@ -5,6 +5,7 @@ All waiting is in the cell's time. Joint readings are the controller's own A1…
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -104,9 +105,9 @@ class SearchResult:
         times = self.times_ns
         if len(times) < 2 or not times[0] <= time_ns <= times[-1]:
             raise ValueError(f"time {time_ns} ns lies outside the search's samples")
-        after = next(i for i in range(1, len(times)) if times[i] >= time_ns)
+        after = bisect_left(times, time_ns, lo=1)
         t0, t1 = times[after - 1], times[after]
-        share = (time_ns - t0) / (t1 - t0)
+        share = (time_ns - t0) / (t1 - t0) if t1 > t0 else 0.0
         before_row, after_row = self.joints[after - 1], self.joints[after]
         return tuple(a + share * (b - a) for a, b in zip(before_row, after_row, strict=True))
 
