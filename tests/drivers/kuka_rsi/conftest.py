@@ -86,6 +86,7 @@ class FakeController:
     standing_message: str = ""
     garbage: bytes = b""
     move_takes_s: float = 0.2
+    halts_ended: int = 0
 
     def __post_init__(self) -> None:
         self.now_ns = 0
@@ -124,6 +125,10 @@ class FakeController:
 
     def hang_up(self) -> None:
         self._due.append((self.now_ns, lambda: self._eki and self._eki.shutdown(socket.SHUT_RDWR)))
+
+    def switch_rsi_on_by_hand(self) -> None:
+        """Somebody runs the RSI program at the pendant, with no command from the PC."""
+        self._due.append((self.now_ns, lambda: self._rsi_on(0)))
 
     @property
     def in_rsi(self) -> bool:
@@ -249,12 +254,15 @@ class FakeController:
         elif self._rsi or self._moving:
             self._reply(number, 10)
         elif operation == "RSI":
-            self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self.cycles = 0
-            self._rsi, self.program = (number, list(self.joints), [0.0] * 6), "RSI"
+            self._rsi_on(number)
             self._reply(number, 1)
         elif operation == "PTP":
             self._move(number, document)
+
+    def _rsi_on(self, number: int) -> None:
+        self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.cycles = 0
+        self._rsi, self.program = (number, list(self.joints), [0.0] * 6), "RSI"
 
     def _move(self, number: int, document: bytes) -> None:
         target = [float(value) for value in re.findall(rb'A\d="([^"]*)"', document)]
@@ -277,7 +285,12 @@ class FakeController:
         self.program = "STOPPED"
         if stopped is not None:
             self._reply(stopped, 30)
-        self._after(0.1, lambda: self._reply(number, 0))
+
+        def stand() -> None:
+            self.halts_ended += 1
+            self._reply(number, 0)
+
+        self._after(0.1, stand)
 
     def _q(self) -> str:
         return "<Q " + " ".join(f'A{i}="{value:.4f}"' for i, value in enumerate(self.joints, 1)) + "/>"

@@ -426,3 +426,28 @@ def test_a_robot_that_was_moved_since_is_not_searched_with(controller, connected
 
     run(search())
     assert {answer.correction for answer in controller.answers} == {(0,) * 6}
+
+
+@pytest.mark.parametrize("cancelled", [False, True])
+def test_rsi_switched_on_by_hand_after_a_search_gets_zero_not_the_last_correction(
+    controller, connected, run, cancelled
+):
+    async def search():
+        async with connected() as robot:
+            reached, answered = asyncio.Event(), asyncio.Event()
+            loop = asyncio.get_running_loop()
+            controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(reached.set) if cycle == 150 else None
+            task = asyncio.create_task(robot.search(TWO_DEG, 2.0))
+            await reached.wait()
+            if cancelled:
+                task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(answered.set) if cycle == 20 else None
+            before = len(controller.answers)
+            controller.switch_rsi_on_by_hand()
+            await answered.wait()
+            return controller.answers[before - 1], controller.answers[before:]
+
+    last, by_hand = run(search())
+    assert last.correction[1] > 0.1
+    assert {(answer.correction, answer.stop) for answer in by_hand} == {((0,) * 6, False)}
