@@ -20,7 +20,7 @@ _TIMES = 5
 _DOUBLE_WITHIN_NS = 1_000_000_000
 """A line seen again so soon is a double; the numbers come round after minutes at the earliest."""
 _BOOT_WITHIN_NS = 120_000_000
-"""The same for BOOT, which is always number 0: two repeats, so that a second reset is not taken for a double."""
+"""The same for BOOT, always number 0: two repeats, so that a second reset is not taken for a double."""
 _END_BOUND_S = 1.0
 
 
@@ -87,7 +87,7 @@ class Link:
         self.counts = Counts()
         self.last_alive_ns = clock.now_ns()
         self._device, self._port, self._baud, self._clock, self._hearer = device, port, baud, clock, hearer
-        self._seen: dict[int, tuple[object, int]] = {}
+        self._seen: dict[int, tuple[Message, int]] = {}
         self._next_seq = 0
         self._asking = asyncio.Lock()
         self._writing = threading.Lock()
@@ -185,11 +185,10 @@ class Link:
         """The same number saying the same again soon. Heartbeats, never sent again, may well be alike after a reset."""
         if isinstance(line.message, Heartbeat):
             return False
-        what, last_ns = self._seen.get(line.seq, (None, 0))
-        key = (line.message, line.tick) if isinstance(line.message, Boot) else line.message
+        said, last_ns = self._seen.get(line.seq, (None, 0))
         within_ns = _BOOT_WITHIN_NS if isinstance(line.message, Boot) else _DOUBLE_WITHIN_NS
-        double = what == key and time_ns - last_ns < within_ns
-        self._seen[line.seq] = key, time_ns
+        double = said == line.message and time_ns - last_ns < within_ns
+        self._seen[line.seq] = line.message, time_ns
         self.counts.doubles += double
         return double
 

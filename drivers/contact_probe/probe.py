@@ -89,7 +89,7 @@ class SerialProbe:
         return Health(beat.state != "FAULT", f"{beat.state}, loop at {beat.loop_mv} mV", figures)
 
     async def stop(self) -> None:
-        """Disarm. A probe that does not answer comes to its safe state by itself: not hearing us, it drops its output."""
+        """Disarm. A probe that does not answer comes to its safe state by itself: it does not hear us either."""
         if self._session:
             with suppress(DeviceLost):
                 await self.disarm()

@@ -56,6 +56,7 @@ class Session:
             raise DeviceUnreachable(self._device, "says that its clock stands still (tick_hz 0)", "check its firmware")
         self.ticks = TickClock(who.tick_hz)
         await self.settled()
+        self.resets = 0  # the one that opening the port may cause is none
         return who
 
     async def settled(self) -> TickClock:

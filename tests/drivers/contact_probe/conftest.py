@@ -272,12 +272,15 @@ class Stop:
 
     def __init__(self) -> None:
         self.times = 0
+        self.since = lambda: 0
+        self.at_ns = 0
         self.beats: list[int] = []
         self.entered, self.left = threading.Event(), threading.Event()
         self.linger_s = 0.0
 
     def on_edge(self) -> None:
         self.times += 1
+        self.at_ns = self.since()
         self.entered.set()
         if self.linger_s:
             threading.Event().wait(self.linger_s)
@@ -293,6 +296,7 @@ class Bench:
     def __init__(self) -> None:
         self.fake, self.stop, self.random = FakeProbe(), Stop(), random.Random(5)
         self.clock = self.fake.clock
+        self.stop.since = self.clock.now_ns
         address = Address.parse(f"contact+serial://{self.fake.path}?baud={BAUD}")
         self.probe = open_probe("probe", address, Surroundings(self.clock, Path()))
 
