@@ -10,6 +10,9 @@ import typer
 if TYPE_CHECKING:
     from cellctl.journal import RunState
 
+_COLUMNS = ["run", "began", "state", "touches", "verdict"]
+_KEYS = ("run", "began", "state", "points", "verdict")
+
 
 def runs(
     folder: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
@@ -21,9 +24,6 @@ def runs(
 
     Example: cellctl runs --json -
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from cellctl.cli.results import write_json
     from cellctl.journal import JournalError, fold, read_journal
 
@@ -40,12 +40,8 @@ def runs(
     if not found:
         typer.echo(f"No runs in {folder}. `cellctl run procedures/sphere_selfcal.yaml` makes one.")
         return
-    table = Table(box=None, pad_edge=False)
-    for column in ("run", "began", "state", "touches", "verdict"):
-        table.add_column(column)
-    for row in found:
-        table.add_row(*(str(row.get(key) or "") for key in ("run", "began", "state", "points", "verdict")))
-    Console().print(table)
+    for line in _aligned([_COLUMNS, *([str(row.get(key) or "-") for key in _KEYS] for row in found)]):
+        typer.echo(line)
 
 
 def show(
@@ -73,6 +69,11 @@ def show(
     if events:
         for entry in entries:
             typer.echo(f"{entry.seq:6d} {entry.time_ns * 1e-9:12.3f} s  {entry.event}")
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _summary(place: Path, state: RunState) -> dict[str, Any]:

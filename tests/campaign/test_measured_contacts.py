@@ -1,0 +1,69 @@
+"""The measured contact is where contact was, and a search comes out the same on any machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cell_runs import CELL, Ended, busy_machine, cell_with, run_here, touches_procedure
+from volumetric import truth
+
+from cellctl.engine import State
+
+pytestmark = pytest.mark.campaign
+
+REPEATABILITY_MM = 0.03
+ALLOWANCE_MM = 0.01
+
+
+def off_truth(ended: Ended, cell: Path, folder: Path) -> np.ndarray:
+    """Distances (N,), mm, from the true mean tip at the measured joints to where the tip was at contact."""
+    joints = np.array([row["joints"] for row in ended.touches])
+    measured = truth(cell, 1, joints, folder)
+    contacts = np.array([contact["tcp"] for contact in ended.truth])
+    return np.linalg.norm(measured - contacts, axis=1)
+
+
+def test_without_scatter_the_measured_contact_is_the_true_one_to_a_hundredth(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, "  errors: {repeatability: 0}\n")
+    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    assert ended.outcome.state is State.FINISHED
+    assert off_truth(ended, cell, tmp_path).max() <= ALLOWANCE_MM
+
+
+def test_the_measured_contact_is_the_true_one_within_repeatability(tmp_path: Path) -> None:
+    ended = run_here(touches_procedure(tmp_path), cell_with(tmp_path), tmp_path)
+    rms = float(np.sqrt(np.mean(off_truth(ended, CELL, tmp_path) ** 2)))
+    assert 0.2 * REPEATABILITY_MM < rms <= REPEATABILITY_MM + ALLOWANCE_MM
+
+
+def test_the_stopped_pose_would_be_a_worse_measurement_than_the_contact(tmp_path: Path) -> None:
+    ended = run_here(touches_procedure(tmp_path), cell_with(tmp_path), tmp_path)
+    overtravel = [contact["overtravel_mm"] for contact in ended.truth]
+    assert min(overtravel) > 3 * ALLOWANCE_MM
+    assert max(overtravel) < 0.4
+    assert all(row["stop_cycles"] <= 2 for row in ended.touches)
+
+
+def test_over_travel_in_lockstep_is_the_same_on_an_idle_and_on_a_busy_machine(tmp_path: Path) -> None:
+    idle, busy = tmp_path / "idle", tmp_path / "busy"
+    idle.mkdir()
+    busy.mkdir()
+    first = run_here(touches_procedure(idle), cell_with(idle), idle)
+    with busy_machine():
+        second = run_here(touches_procedure(busy), cell_with(busy), busy)
+    over = [[contact["overtravel_mm"] for contact in ended.truth] for ended in (first, second)]
+    assert over[0] == pytest.approx(over[1], abs=1e-6)
+    late = [[row[count] for row in ended.touches for count in ("late", "lost", "skipped")] for ended in (first, second)]
+    assert late[0] == late[1] == [0] * 18
+
+
+@pytest.mark.realtime
+def test_the_same_campaign_runs_in_real_time(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path)
+    ended = run_here(touches_procedure(tmp_path), cell, tmp_path, clock="realtime")
+    assert ended.outcome.state is State.FINISHED
+    assert len(ended.touches) == 6
+    rms = float(np.sqrt(np.mean(off_truth(ended, cell, tmp_path) ** 2)))
+    assert rms <= REPEATABILITY_MM + 2 * ALLOWANCE_MM

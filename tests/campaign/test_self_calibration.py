@@ -1,0 +1,95 @@
+"""The main job, whole, through the command line: what a person gets on a fresh machine, for five different robots."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cell_runs import CELL, ROOT, SELFCAL, cellctl
+from volumetric import volumetric_errors
+
+from cellctl.formats import ModelFile
+from cellctl.journal import StepStarted, fold, read_journal
+
+pytestmark = pytest.mark.campaign
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
+def test_the_robot_is_identified_and_the_whole_workspace_is_better(seed: int, tmp_path: Path) -> None:
+    result_file = tmp_path / "result.json"
+    done = cellctl("run", SELFCAL, "--seed", str(seed), "--runs", tmp_path / "runs", "--json", result_file)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(result_file.read_text())
+    assert result["verdict"] == "better"
+    assert result["state"] == "finished"
+    assert result["points"] == 80
+    assert result["model"]["n_fit"] + len(result["model"]["outliers"]) == 50
+    assert result["model"]["n_test"] == 30
+    assert result["before"]["mean"] >= 0.5
+    assert result["after"]["mean"] <= 0.05
+    assert result["after"]["max"] <= 0.20
+    run = tmp_path / "runs" / result["run"]
+    model = ModelFile.load(run / "model.json")
+    errors = volumetric_errors(model, CELL, seed, tmp_path)
+    assert float(np.sqrt(np.mean(errors**2))) <= 0.25
+    with (run / "dataset.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 80
+    assert {row["sphere"] for row in rows} == {"S1", "S2", "S3"}
+
+
+def test_the_data_set_and_model_of_a_run_are_what_fit_and_predict_take(tmp_path: Path) -> None:
+    settings = ["--set", "touches_fit=20", "--set", "touches_test=10", "--json", str(tmp_path / "result.json")]
+    done = cellctl("run", SELFCAL, "--runs", tmp_path, *settings)
+    result = json.loads((tmp_path / "result.json").read_text())
+    run = tmp_path / result["run"]
+    assert done.returncode == (0 if result["verdict"] == "better" else 1)
+    robot = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
+    fitted = cellctl("fit", robot, run / "dataset.csv", "--artefact", CELL, "--json", "-")
+    again = json.loads(fitted.stdout)
+    assert again["test"] == pytest.approx(result["after"])
+    assert again["unobservable"] == result["model"]["unobservable"]
+    predicted = cellctl("predict", run / "model.json", run / "dataset.csv", "-o", tmp_path / "predicted.csv")
+    assert predicted.returncode == 0, predicted.stderr
+    assert len((tmp_path / "predicted.csv").read_text().splitlines()) == 31
+    shown = cellctl("show", run)
+    assert result["sentence"] in shown.stdout
+    listed = cellctl("runs", "--runs", tmp_path)
+    assert result["run"] in listed.stdout
+
+
+def test_ctrl_c_twice_ends_with_130_the_robot_held_and_every_finished_touch_recorded(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "cellctl", "run", str(SELFCAL), "--runs", str(tmp_path), "--clock", "realtime"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
+        _until_touches_began(tmp_path, 2)
+        os.kill(process.pid, signal.SIGINT)
+        os.kill(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "aborted by the operator" in said
+    assert "the robot is held" in said
+    assert "Traceback" not in said
+    state = fold(read_journal(next(tmp_path.iterdir())))
+    assert state.state == "aborted"
+    assert not state.in_flight
+    assert state.steps["cleanup.hold"].outcome == "done"
+    assert len(state.recorded("touch")) >= 1
+
+
+def _until_touches_began(runs: Path, count: int) -> None:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        time.sleep(0.1)  # noqa: TID251 - another process, in wall time
+        for journal in runs.glob("*/journal.sqlite"):
+            events = [entry.event for entry in read_journal(journal)]
+            if sum(isinstance(event, StepStarted) and event.step.endswith("touch") for event in events) >= count:
+                return
+    raise AssertionError("the campaign did not get that far")
