@@ -1,12 +1,13 @@
-"""The command line of the simulators: `run` a cell's hardware, or ask for the `truth`."""
+"""The command line of the simulators: `run` a cell's hardware, `check` its file, or ask for the `truth`."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
-from sims.cell import CellError
+from sims.cell import CellError, read_cell
 from sims.running import Settings, run_cell
 from sims.truth import TruthError, write_truth
 
@@ -25,8 +26,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m sims", description="The hardware of a cell, simulated.")
-    verbs = parser.add_subparsers(required=True, metavar="run|truth")
+    verbs = parser.add_subparsers(required=True, metavar="run|check|truth")
     _add_run(verbs.add_parser("run", help="stand in for the hardware of a cell file that has a simulate: section"))
+    _add_check(verbs.add_parser("check", help="every mistake in a cell file, as JSON; starts nothing"))
     _add_truth(verbs.add_parser("truth", help="the simulated robot's true tool centre point at given joints"))
     return parser
 
@@ -41,6 +43,11 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.set_defaults(do=_run)
 
 
+def _add_check(check: argparse.ArgumentParser) -> None:
+    check.add_argument("cell", type=Path, help="cell file")
+    check.set_defaults(do=_check)
+
+
 def _add_truth(truth: argparse.ArgumentParser) -> None:
     truth.add_argument("cell", type=Path, help="cell file")
     truth.add_argument("joints", type=Path, help="CSV with columns A1…An, degrees")
@@ -51,6 +58,17 @@ def _add_truth(truth: argparse.ArgumentParser) -> None:
 
 def _run(asked: argparse.Namespace) -> None:
     run_cell(asked.cell, Settings(asked.seed, asked.clock, asked.ready, asked.parent, asked.truth_log))
+
+
+def _check(asked: argparse.Namespace) -> int:
+    """Print the mistakes as a JSON list of texts, each begun by the value's path in the file; 2 where there are any."""
+    try:
+        read_cell(asked.cell)
+    except CellError as error:
+        print(json.dumps(error.problems))
+        return 2
+    print("[]")
+    return 0
 
 
 def _truth(asked: argparse.Namespace) -> None:

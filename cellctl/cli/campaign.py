@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
+from cellctl.cli.simulated import simulation_mistakes
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
@@ -52,7 +53,10 @@ def _cell(
         problems.append(procedure.document.problem((), "names no cell", "add `cell:`, or give --cell"))
         return None
     try:
-        return Cell.load(path, drivers)
+        cell = Cell.load(path, drivers)
     except InputError as error:
         problems += error.problems
         return None
+    if cell.simulated:
+        problems += simulation_mistakes(cell.document, path)
+    return cell

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -15,7 +16,7 @@ from typing import Any, Self, final
 from cellctl.clock import Clock, LockstepClock, WallClock
 from cellctl.devices import Address, DeviceError, DeviceUnreachable
 from cellctl.devices.cell import Cell, ClockMode
-from cellctl.files import InputError, Problem
+from cellctl.files import Document, InputError, Problem
 
 _START_SECONDS = 20.0
 
@@ -104,6 +105,23 @@ def simulator_command(
     if clock is not None:
         command += ["--clock", clock]
     return command
+
+
+def simulation_mistakes(document: Document, path: Path) -> list[Problem]:
+    """What the simulators find wrong with a cell file, each placed in it. They start nothing for that."""
+    command = [sys.executable, "-m", "sims", "check", str(path)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 2) or not done.stdout:
+        raise DeviceUnreachable("simulator", f"cannot check {path}:\n{done.stderr.strip()}")
+    return [_placed(document, text) for text in json.loads(done.stdout)]
+
+
+def _placed(document: Document, text: str) -> Problem:
+    """`simulate.faults[0]: …` as a problem at that value of the document."""
+    where, _, what = text.partition(": ")
+    parts = re.findall(r"[A-Za-z_]\w*|\d+", where) if re.fullmatch(r"[\w.\[\]]+", where) else []
+    place = tuple(int(part) if part.isdigit() else part for part in parts)
+    return document.problem(place, text if not place else f"{where}: {what}", key=True)
 
 
 async def _until_ready(process: subprocess.Popen[bytes], ready: Path) -> None:
