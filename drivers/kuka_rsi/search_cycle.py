@@ -27,6 +27,9 @@ _LONGEST_PAUSE_NS = 1_000_000_000
 _START_TOLERANCE_DEG = 0.1
 """The pose at RSI_ON may differ by this from the one that the search was planned from."""
 
+_FARTHEST_BEHIND_DEG = 1.0
+"""Joints further than this behind the set-point do not follow; a servo's lag at the speeds allowed is a third of it."""
+
 
 class Phase(IntEnum):
     """Where a search is."""
@@ -50,6 +53,7 @@ class Cause(IntEnum):
     START = 5
     RESTARTED = 6
     LEFT = 7
+    BEHIND = 8
 
 
 @final
@@ -89,6 +93,9 @@ class SearchCycle:
         self._limits = limits
         self._began_ns: int | None = None
         self._ipoc = 0
+        self._reported_late = 0
+        self._late_in_a_row = 0
+        self._start = order.start
         self._sent: Correction = (0.0,) * AXES
         self._held_cycles = 0
         self._stood_by_stop = False
@@ -104,7 +111,9 @@ class SearchCycle:
         """
         gap = self._take_in(telegram, now_ns)
         self._look_for_trouble(now_ns, stopped, beats, leave)
+        self._look_whether_it_follows(telegram.joints)
         before = self._sent
+        self._count_late_in_a_row(telegram)
         self._move(gap)
         self._count_stop(stopped, before)
         self._settle(telegram.joints)
@@ -114,6 +123,7 @@ class SearchCycle:
         """The cycles since the last telegram answered; learns the cycle first."""
         if self._began_ns is None:
             self._began_ns, self._ipoc = now_ns, telegram.ipoc
+            self._reported_late = telegram.delay or 0
             self._check_start(telegram.joints)
         before, self._ipoc = self._ipoc, telegram.ipoc
         if not self.timing.learnt:
@@ -131,6 +141,7 @@ class SearchCycle:
 
     def _check_start(self, joints: tuple[float, ...]) -> None:
         away = max(abs(a - b) for a, b in zip(joints, self.order.start, strict=True))
+        self._start = joints
         if away > _START_TOLERANCE_DEG:
             self._end(Cause.START)
 
@@ -155,6 +166,17 @@ class SearchCycle:
         if self.cause is Cause.NONE:
             self._look_at_guards(now_ns, beats)
 
+    def _look_whether_it_follows(self, joints: tuple[float, ...]) -> None:
+        """Corrections that the controller does not take must not pile up: taken at last, they would be one leap."""
+        behind = (abs(a + b - c) for a, b, c in zip(self._start, self._sent, joints, strict=True))
+        if self.cause is Cause.NONE and max(behind) > _FARTHEST_BEHIND_DEG:
+            self._end(Cause.BEHIND)
+
+    def _count_late_in_a_row(self, telegram: Telegram) -> None:
+        """Where the controller counts one more late answer than before, it did not take the last correction."""
+        before, self._reported_late = self._reported_late, telegram.delay or 0
+        self._late_in_a_row = self._late_in_a_row + 1 if self._reported_late > before else 0
+
     def _look_at_guards(self, now_ns: int, beats: Sequence[int]) -> None:
         """A guard's beat counts from the search's start at the earliest, whether it ever beat before or not."""
         for slot, oldest_ns in enumerate(self.order.guards_ns):
@@ -172,15 +194,16 @@ class SearchCycle:
             self.phase = Phase.SETTLING
 
     def _move(self, gap: int) -> None:
-        if self.phase in (Phase.MOVING, Phase.BRAKING) and gap > 1:
+        """One step; none while answers are late, so that the first one in time again is no leap."""
+        if self.phase in (Phase.MOVING, Phase.BRAKING) and (gap > 1 or self._late_in_a_row > 1):
             self._stood()
         if self.phase is Phase.BRAKING:
             self._brake()
-        elif self.phase is Phase.MOVING and gap:
+        elif self.phase is Phase.MOVING and gap and not self._late_in_a_row:
             self._advance()
 
     def _stood(self) -> None:
-        """Telegrams went unanswered: meanwhile the controller held the last correction, and the set-point stood."""
+        """Telegrams or answers were lost: meanwhile the controller held a correction, and the set-point stood."""
         self._watch.stood()
         self._set_point.stand_and_go()
 

@@ -91,7 +91,9 @@ class Search:
             if len(record.samples) > heard:
                 heard, heard_at = len(record.samples), now
             if now > deadline or now - heard_at > _SILENCE_S:
-                raise DeviceLost(self.device, f"the search did not end (no telegram for {now - heard_at:.1f} s)")
+                counts = ", ".join(f"{name} {count}" for name, count in record.counts().items())
+                what = f"the search did not end (no telegram for {now - heard_at:.1f} s; {counts})"
+                raise DeviceLost(self.device, what)
 
     async def _last_reply(self, pending: Pending) -> Reply | None:
         if not self.process.alive():
@@ -120,25 +122,26 @@ class Search:
             case Cause.STOPPED:
                 return record.result(SearchEnd.STOPPED, status, resting)
             case Cause.TRAVEL:
-                self._check_followed(resting)
+                if short := self._short_of_the_end(resting):
+                    raise self._not_followed(short)
                 return record.result(SearchEnd.TRAVEL, status, resting)
+            case Cause.BEHIND:
+                raise self._not_followed("more than 1 deg behind the set-point")
         raise self._trouble(status)
 
-    def _check_followed(self, resting: tuple[float, ...]) -> None:
+    def _short_of_the_end(self, resting: tuple[float, ...]) -> str:
+        """The axes that rest away from the end of the line, in words; empty where none does."""
+        away = [rest - a - b for rest, a, b in zip(resting, self.order.start, self.order.correction, strict=True)]
+        return ", ".join(f"A{i} {off:+.2f} deg off" for i, off in enumerate(away, 1) if abs(off) > _FOLLOWED_DEG)
+
+    def _not_followed(self, how: str) -> DeviceFault:
         """AXISCORR clamps silently, and a wrongly wired context does nothing at all."""
-        ends = [a + b for a, b in zip(self.order.start, self.order.correction, strict=True)]
-        short = [
-            f"A{i} {rest - end:+.2f}"
-            for i, (rest, end) in enumerate(zip(resting, ends, strict=True), 1)
-            if abs(rest - end) > _FOLLOWED_DEG
-        ]
-        if short:
-            raise DeviceFault(
-                self.device,
-                f"the axes did not follow the corrections to the end of the line (deg off: {', '.join(short)})",
-                "AXISCORR clamps silently at its limits (5 deg where none are set); or the context is wired to other "
-                "channels; or SENTYPE on the controller is not the one in " + self.configuration,
-            )
+        return DeviceFault(
+            self.device,
+            f"the axes did not follow the corrections ({how})",
+            "AXISCORR clamps silently at its limits (5 deg where none are set); or the context is wired to other "
+            f"channels; or SENTYPE on the controller is not the one in {self.configuration}; or answers were lost.",
+        )
 
     def _trouble(self, status: SearchStatus) -> Exception:
         match status.cause:

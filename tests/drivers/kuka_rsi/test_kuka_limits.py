@@ -96,10 +96,10 @@ class Rig:
         self.beats = [-(1 << 62)] * 8
         self.correction = HOME
 
-    def cycle(self, *, stopped=False, gap=1, leave=False, joints=None):
+    def cycle(self, *, stopped=False, gap=1, leave=False, joints=None, delay=None):
         self.now_ns += 4_000_000 * gap
         self.ipoc += 4 * gap
-        telegram = Telegram(str(self.ipoc), self.ipoc, joints or self.correction, None)
+        telegram = Telegram(str(self.ipoc), self.ipoc, joints or self.correction, delay)
         self.correction, stop = self.search.answer(telegram, self.now_ns, stopped, self.beats, leave=leave)
         return stop
 
@@ -131,6 +131,30 @@ def test_the_first_telegrams_are_answered_with_zero_until_the_cycle_is_known():
     assert rig.correction == HOME
     rig.run(2)
     assert rig.correction[1] > 0
+
+
+def test_while_answers_are_late_the_set_point_waits_and_then_goes_on_from_standstill():
+    rig = Rig()
+    rig.run(100, delay=5)
+    before = rig.correction
+    for late in range(6, 30):
+        rig.cycle(delay=late)
+        assert rig.correction == before
+    rig.cycle(delay=29)
+    assert 0 < rig.correction[1] - before[1] < 1e-4
+    rig.run(100, delay=0)
+    assert rig.correction[1] > before[1] + 0.5
+
+
+def test_one_late_answer_delays_the_path_by_one_cycle_and_makes_no_leap():
+    in_time, late = Rig(), Rig()
+    in_time.run(150, delay=0)
+    late.run(100, delay=0)
+    before = late.correction
+    late.cycle(delay=1)
+    assert late.correction == before
+    late.run(50, delay=1)
+    assert late.correction == in_time.correction
 
 
 def test_a_stop_while_settling_at_the_end_of_travel_is_a_contact():

@@ -306,11 +306,23 @@ def test_corrections_without_effect_are_named_with_sentype(controller, connected
 
     async def search():
         async with connected() as robot:
-            with pytest.raises(DeviceFault, match=r"did not follow.*A2 -2\.00") as fault:
-                await robot.search(TWO_DEG, 2.0)
+            with pytest.raises(DeviceFault, match=r"did not follow.*A2 -0\.50 deg off") as fault:
+                await robot.search((0.0, -89.5, 90.0, 0.0, 45.0, 0.0), 2.0)
             return fault.value
 
     assert "SENTYPE" in run(search()).cure
+
+
+def test_corrections_do_not_pile_up_where_the_robot_does_not_follow(controller, connected, run):
+    controller.follow = 0.0
+
+    async def search():
+        async with connected() as robot:
+            with pytest.raises(DeviceFault, match="1 deg behind"):
+                await robot.search(TWO_DEG, 2.0)
+
+    run(search())
+    assert max(answer.correction[1] for answer in controller.answers) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_guard_that_grows_old_holds_the_robot_and_is_named(controller, connected, run):
