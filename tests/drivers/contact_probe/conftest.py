@@ -90,7 +90,6 @@ class FakeProbe:
         self.forget_ack: Counter[str] = Counter()  # how many acknowledgements of a kind get lost
         self.commands: list[str] = []
         self.acked: list[int] = []
-        self.host_listens: Callable[[], bool] = lambda: any(t.name == "probe port" for t in threading.enumerate())
         self.on_ack: Callable[[int], None] = lambda _seq: None
         self.events: list[tuple[int, int, Callable[[], Awaitable[None]]]] = []
         self._order = itertools.count()
@@ -195,18 +194,19 @@ class FakeProbe:
             self.spoil[kind] -= 1
             line = line[:3] + bytes([line[3] ^ 0x05]) + line[4:]
         self.acked.clear()
+        listener = next((t for t in threading.enumerate() if t.name == "probe port"), None)
         os.write(self._master, line)
-        acked = not spoilt and await self._acknowledged(seq)
+        acked = not spoilt and listener is not None and await self._acknowledged(seq, listener)
         if acked and self.forget_ack[kind] > 0:
             self.forget_ack[kind] -= 1
             acked = False
         if not acked and kind != "HB":
             self.after(50, lambda: self._transmit(kind, seq, fields))
 
-    async def _acknowledged(self, seq: int) -> bool:
+    async def _acknowledged(self, seq: int, listener: threading.Thread) -> bool:
         with suppress(TimeoutError):
             async with asyncio.timeout(PATIENCE_S):
-                while self.host_listens() and seq not in self.acked:
+                while listener.is_alive() and seq not in self.acked:
                     await self._input(0.05)
                 return seq in self.acked
         raise AssertionError(f"line {seq} was not acknowledged")
