@@ -25,11 +25,13 @@ from cellctl.devices.protocols import (
     SearchResult,
     Surroundings,
 )
+from cellctl.devices.tables import ControllerTable, TableInfo, TableRow, TableState, TableStore
 
 __all__ = [
     "Address",
     "Contact",
     "ContactProbe",
+    "ControllerTable",
     "Device",
     "DeviceError",
     "DeviceFault",
@@ -48,4 +50,8 @@ __all__ = [
     "SearchResult",
     "SearchingRobot",
     "Surroundings",
+    "TableInfo",
+    "TableRow",
+    "TableState",
+    "TableStore",
 ]
