@@ -54,7 +54,7 @@ class TableStore(Device, Protocol):
     async def push_table(self, table: ControllerTable) -> TableState:
         """Stage in blocks, read every row back, compare, activate at once; the old table is in force until then.
 
-        Raises DeviceRefused (another serial, another check sum, too many rows), DeviceFault (what was read back differs),
+        Raises DeviceRefused (another serial or check sum, too many rows), DeviceFault (what was read back differs),
         DeviceLost: where the connection was lost at the activation itself, its text says that the state is uncertain
         until `table_state` has been asked.
         """
