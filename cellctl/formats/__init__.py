@@ -1,4 +1,4 @@
-"""Files ↔ what the pure rooms work on: robots, artefacts, data sets, models. NumPy loads when arrays are asked for."""
+"""Files ↔ what the pure rooms work on: robots, artefacts, data sets, models, tables. NumPy loads when it is needed."""
 
 from cellctl.formats.artefact import Artefact, artefact_of, load_artefact
 from cellctl.formats.dataset import DataSet, Rejected
@@ -6,6 +6,9 @@ from cellctl.formats.fit_report import fit_report, sentence
 from cellctl.formats.measurements import Measurements, measurements, nominal_model
 from cellctl.formats.model import ModelFile
 from cellctl.formats.robot import RobotFile
+from cellctl.formats.table import TableFile
+from cellctl.formats.table_making import compensated_targets, table_of
+from cellctl.formats.table_refusals import table_problems
 
 __all__ = [
     "Artefact",
@@ -14,10 +17,14 @@ __all__ = [
     "ModelFile",
     "Rejected",
     "RobotFile",
+    "TableFile",
     "artefact_of",
+    "compensated_targets",
     "fit_report",
     "load_artefact",
     "measurements",
     "nominal_model",
     "sentence",
+    "table_of",
+    "table_problems",
 ]

@@ -1,0 +1,129 @@
+"""Pseudo-target compensation, differential form.
+
+A controller computes with its nominal kinematics f; the robot does f*. It is sent to a pseudo-target T_s instead of the
+target T_d, chosen so that f*(f⁻¹(T_s)) = T_d, by repeating
+
+    T_s ← T_s + (T_d − f*(f⁻¹(T_s)))
+
+with the difference of two poses as a shift and a small rotation vector, both along the measuring frame's axes. f and f*
+differ by millimetres over metres, so each pass shrinks what is left by that ratio: two or three do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from cellctl.calibration import RobotModel
+from cellctl.kinematics import Bools, Floats, SerialChain, inverse, rotation_vector
+
+METHODS = ("pseudo-target",)
+"""Methods that `compensate` knows."""
+
+_TOLERANCE_RAD = 1e-7
+"""Orientation left at the end: 0.1 µm on a tool of a metre."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """Joints for N targets, as a nominal controller has them and as the identified robot needs them.
+
+    nominal_q, compensated_q (N, n): model angles, rad. predicted_before_mm, predicted_after_mm (N,): distance of the
+    identified robot's tool centre point from the target at these, mm. passes: how many were made. converged (N,): the
+    target is reached within tolerance; where it is not, the other arrays hold the nearest that was found.
+    """
+
+    nominal_q: Floats
+    compensated_q: Floats
+    predicted_before_mm: Floats
+    predicted_after_mm: Floats
+    passes: int
+    converged: Bools
+
+
+def compensate(
+    nominal: SerialChain,
+    identified: RobotModel,
+    targets: ArrayLike,
+    start: ArrayLike,
+    *,
+    method: str = "pseudo-target",
+    tolerance_mm: float = 1e-4,
+    passes: int = 20,
+) -> Compensated:
+    """Joints that take the identified robot to `targets` (N, 4, 4), mm, found from postures near `start` (N, n), rad.
+
+    nominal: the controller's chain, its deviations not looked at. identified: the robot, tool deflection included, its
+    base and tool counted from the same poses as the nominal's. Targets lie in the frame that the model was identified
+    in. For a model from touches that is the frame of its sphere centres: the base's heading and height (θ1, d1) trade
+    against the centres, so model and centres belong together, and targets near a sphere have to be built on the centre
+    that came with the model.
+
+    Joint limits are the caller's, as in `inverse`. Raises ValueError for an unknown method or shapes that do not fit.
+    """
+    if method not in METHODS:
+        raise ValueError(f"compensation method '{method}' is not known, or not ready yet (ready: {', '.join(METHODS)})")
+    controller = nominal.with_parameters({})
+    wanted, begin = _checked(targets, start, controller, identified)
+    first = inverse(controller, wanted, begin)
+    q, reached = first.q, first.converged
+    pseudo, rest = wanted.copy(), _difference(wanted, identified.pose(q))
+    made = 0
+    while made < passes and not _within(rest[reached], tolerance_mm).all():
+        pseudo = _moved(pseudo, np.where(reached[:, None], rest, 0.0))
+        found = inverse(controller, pseudo, q)
+        q, reached = np.where(reached[:, None], found.q, q), reached & found.converged
+        rest = _difference(wanted, identified.pose(q))
+        made += 1
+    return Compensated(
+        nominal_q=first.q,
+        compensated_q=q,
+        predicted_before_mm=_distance(_difference(wanted, identified.pose(first.q))),
+        predicted_after_mm=_distance(rest),
+        passes=made,
+        converged=np.asarray(reached & _within(rest, tolerance_mm)),
+    )
+
+
+def _checked(
+    targets: ArrayLike, start: ArrayLike, controller: SerialChain, identified: RobotModel
+) -> tuple[Floats, Floats]:
+    wanted, begin = np.array(targets, float), np.array(start, float)
+    if wanted.ndim != 3 or wanted.shape[1:] != (4, 4):
+        raise ValueError(f"targets of shape {wanted.shape}, not (N, 4, 4)")
+    if identified.n != controller.n:
+        raise ValueError(f"the identified robot has {identified.n} joints, the nominal one {controller.n}")
+    if begin.shape != (len(wanted), controller.n):
+        raise ValueError(f"postures of shape {begin.shape} for {len(wanted)} targets and {controller.n} joints")
+    frames = ((controller.base, identified.chain.base), (controller.tool, identified.chain.tool))
+    if not all(np.allclose(ours, theirs, atol=1e-9) for ours, theirs in frames):
+        raise ValueError("base or tool of the nominal and the identified robot count from different poses")
+    return wanted, begin
+
+
+def _difference(goal: Floats, actual: Floats) -> Floats:
+    """Shift (mm) and rotation vector (rad) from actual to goal (N, 6), along the measuring frame's axes."""
+    turn = np.matmul(goal[:, :3, :3], np.swapaxes(actual[:, :3, :3], -1, -2))
+    return np.concatenate([goal[:, :3, 3] - actual[:, :3, 3], rotation_vector(turn)], axis=-1)
+
+
+def _moved(poses: Floats, by: Floats) -> Floats:
+    """`poses` (N, 4, 4) shifted and turned by (N, 6): the place shifts, the turn is about the place."""
+    result = poses.copy()
+    result[:, :3, 3] += by[:, :3]
+    result[:, :3, :3] = np.matmul(Rotation.from_rotvec(by[:, 3:]).as_matrix(), poses[:, :3, :3])
+    return result
+
+
+def _distance(difference: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(difference[:, :3], axis=-1))
+
+
+def _within(difference: Floats, tolerance_mm: float) -> Bools:
+    turned = np.linalg.norm(difference[:, 3:], axis=-1)
+    return np.asarray((_distance(difference) <= tolerance_mm) & (turned <= _TOLERANCE_RAD))

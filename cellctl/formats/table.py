@@ -1,0 +1,188 @@
+"""Table files: compensated joints for targets, whose robot they are for, how good they are foreseen to be. JSON.
+
+docs/reference/table-files.md says what each field means; `table.schema.json` beside this file is its JSON Schema.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Self, final
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
+from cellctl.formats.model import JointRegion
+from cellctl.formats.robot import Number, Tool
+
+if TYPE_CHECKING:
+    from cellctl.kinematics import Floats
+
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+_Name = Annotated[str, Field(min_length=1)]
+_Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+_Joints = Annotated[list[Number], Field(min_length=1, max_length=20)]
+_Size = Annotated[float, Field(allow_inf_nan=False, ge=0)]
+
+JOINT_DECIMALS = 6
+"""Decimals of a joint reading, deg, as the controller takes it: what the file says is what the controller holds."""
+
+
+@final
+class TableRobot(BaseModel):
+    """Whose controller a table is for: its serial, and the robot file's name."""
+
+    model_config = _STRICT
+    serial: _Name
+    name: _Name
+
+
+@final
+class TableSource(BaseModel):
+    """What a table was made from: run (None: no run), SHA-256 of the model file's content, compensation method."""
+
+    model_config = _STRICT
+    run: str | None
+    model_sha256: _Sha256
+    method: _Name
+
+
+@final
+class Row(BaseModel):
+    """One target and its joints.
+
+    target: X, Y, Z, mm, and KUKA angles A, B, C, deg, of the tool centre point in the model's frame. nominal,
+    compensated: A1…An, deg. predicted_before_mm, predicted_after_mm: distance of the identified robot's tool centre
+    point from the target with these. sigma_mm: 1 σ (3-D) of that prediction.
+    """
+
+    model_config = _STRICT
+    target: Annotated[list[Number], Field(min_length=6, max_length=6)]
+    nominal: _Joints
+    compensated: _Joints
+    predicted_before_mm: _Size
+    predicted_after_mm: _Size
+    sigma_mm: _Size
+
+    @property
+    def correction_deg(self) -> float:
+        """The joint that is corrected most, deg."""
+        return max(abs(after - before) for before, after in zip(self.nominal, self.compensated, strict=True))
+
+
+@final
+class TableFile(BaseModel):
+    """A compensation table.
+
+    id: SHA-256 of the content without `id` and `created`. simulated: learnt on a simulator. payload: kg. joint_region:
+    readings within which the model holds, deg. created: when, ISO 8601, a label.
+    """
+
+    model_config = _STRICT
+    format: Literal["cellctl table 1"]
+    id: _Sha256
+    created: _Name
+    robot: TableRobot
+    simulated: bool
+    tool: Tool
+    payload: _Size
+    source: TableSource
+    joint_region: JointRegion
+    rows: Annotated[list[Row], Field(min_length=1)]
+
+    @classmethod
+    def of(
+        cls,
+        rows: list[Row],
+        *,
+        robot: TableRobot,
+        simulated: bool,
+        tool: Tool,
+        source: TableSource,
+        joint_region: JointRegion,
+        created: str,
+    ) -> Self:
+        """A table of `rows`, with its id; the payload is the tool's mass."""
+        draft = cls(
+            format="cellctl table 1",
+            id="0" * 64,
+            created=created,
+            robot=robot,
+            simulated=simulated,
+            tool=tool,
+            payload=tool.mass,
+            source=source,
+            joint_region=joint_region,
+            rows=rows,
+        )
+        return draft.model_copy(update={"id": draft.content_id()})
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a table file. Raises InputError where it is none, or where its content is not what its id says."""
+        try:
+            table = cls.model_validate(json.loads(path.read_bytes()))
+        except OSError as error:
+            raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+        except ValidationError as error:
+            places = {".".join(str(part) for part in detail["loc"]): detail["msg"] for detail in error.errors()}
+            what = [f"is no table file: {at or 'content'}: {why}" for at, why in places.items()]
+            raise InputError(Problem(str(path), 0, 0, words) for words in what[:5]) from error
+        except ValueError as error:
+            cure = "give a file that `cellctl compensate` or a campaign wrote"
+            raise InputError(Problem(str(path), 0, 0, f"is no table file: {error}", cure)) from error
+        problems = [Problem(str(path), 0, 0, words, cure) for words, cure in _contradictions(table)]
+        if problems:
+            raise InputError(problems)
+        return table
+
+    def content_id(self) -> str:
+        """SHA-256 of the content without `id` and `created`, as canonical JSON."""
+        return sha256_of(self.model_dump(exclude={"id", "created"}))
+
+    def text(self) -> str:
+        """The file's content: the same table gives the same bytes."""
+        return canonical_json(self.model_dump()) + "\n"
+
+    def save(self, path: Path) -> None:
+        """Write the file. Raises OSError."""
+        write_atomically(path, self.text())
+
+    def pairs(self) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]:
+        """Nominal and compensated readings of each row, deg: `TableRow(*pair)` takes each."""
+        return tuple((tuple(row.nominal), tuple(row.compensated)) for row in self.rows)
+
+    @property
+    def max_correction_deg(self) -> float:
+        """The largest correction of a joint in any row, deg."""
+        return max(row.correction_deg for row in self.rows)
+
+
+def table_rows(
+    targets: Floats, nominal: Floats, compensated: Floats, before_mm: Floats, after_mm: Floats, sigma_mm: Floats
+) -> list[Row]:
+    """Rows from arrays: targets (N, 6), readings (N, n), deg, rounded as the controller takes them; mm (N,)."""
+    import numpy as np
+
+    columns = (
+        np.round(targets, 9) + 0.0,
+        *(np.round(joints, JOINT_DECIMALS) + 0.0 for joints in (nominal, compensated)),
+    )
+    figures = (np.round(column, 9) + 0.0 for column in (before_mm, after_mm, sigma_mm))  # + 0.0: no minus zero
+    names = ("target", "nominal", "compensated", "predicted_before_mm", "predicted_after_mm", "sigma_mm")
+    listed = [column.tolist() for column in (*columns, *figures)]
+    return [Row(**dict(zip(names, values, strict=True))) for values in zip(*listed, strict=True)]
+
+
+def _contradictions(table: TableFile) -> list[tuple[str, str]]:
+    """What a table file's parts say against each other, each with its cure."""
+    found = []
+    if table.id != table.content_id():
+        found.append(
+            (f"was changed after it was made: its content is not that of table {table.id[:12]}…", "make it again")
+        )
+    count = len(table.joint_region.min)
+    for number, row in enumerate(table.rows, 1):
+        if {len(row.nominal), len(row.compensated), len(table.joint_region.max)} != {count}:
+            found.append((f"row {number}: not {count} joints everywhere", "make the table again"))
+    return found
