@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cellctl.devices import Address, SearchingRobot, Surroundings
+    from cellctl.devices import Address, CompensatedRobot, Surroundings
 
 __all__ = ["check_address", "open_robot"]
 
 
-def open_robot(name: str, address: Address, surroundings: Surroundings) -> SearchingRobot:
-    """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&correction=AK&stop=Stop]`.
+def open_robot(name: str, address: Address, surroundings: Surroundings) -> CompensatedRobot:
+    """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&correction=AK&stop=Stop&mode=absolute]`.
 
-    Opens nothing. `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3`
-    and `travel_deg`. Raises ValueError for a mistake in the address or an unknown limit.
+    Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON.
+    `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
+    `travel_deg`. Raises ValueError for a mistake in the address or an unknown limit.
     """
     from drivers.kuka_rsi.limits import SearchLimits
     from drivers.kuka_rsi.robot import KukaRobot

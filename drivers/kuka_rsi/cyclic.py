@@ -20,6 +20,7 @@ from dataclasses import asdict, dataclass
 from typing import Self, final
 
 from cellctl.clock.reading import reader_of
+from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.responder import Responder
 from drivers.kuka_rsi.shared_block import SharedBlock
@@ -41,7 +42,8 @@ class CyclicOrders:
     """What the process is told on its command line.
 
     `host`, `port`: to bind; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time;
-    `reply`: template of the reply; `limits`: as in `SearchLimits`; `parent`: whose death ends it.
+    `reply`: template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `parent`: whose death
+    ends it.
     """
 
     host: str
@@ -49,13 +51,15 @@ class CyclicOrders:
     memory: int
     clock: str
     reply: str
+    mode: CorrectionMode
     limits: dict[str, float]
     parent: int
 
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Read what `to_json` wrote."""
-        return cls(**json.loads(text))
+        values = json.loads(text)
+        return cls(**values | {"mode": CorrectionMode(values["mode"])})
 
     def to_json(self) -> str:
         """One line of JSON."""
@@ -90,7 +94,7 @@ def run(orders: CyclicOrders) -> int:
     block = SharedBlock(orders.memory)
     os.close(orders.memory)
     limits = SearchLimits(**orders.limits)
-    responder = Responder(line, block, ReplyFormat(orders.reply), limits, reader_of(orders.clock))
+    responder = Responder(line, block, ReplyFormat(orders.reply), limits, reader_of(orders.clock), orders.mode)
     _say({"listening": line.getsockname()[:2], "fifo": _real_time()})
     _serve(line, responder, leaving)
     return 0

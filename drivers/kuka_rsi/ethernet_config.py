@@ -9,11 +9,17 @@ from pathlib import Path
 from typing import final
 from xml.parsers import expat
 
+from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.settings import RsiSettings
 from drivers.kuka_rsi.telegram import AXIS_NAMES, ReplyTag
 
 _KINDS = ("BOOL", "LONG", "DOUBLE", "STRING")
 _MOST_CHANNELS = 64
+
+_WITHOUT_HOLDON = {
+    CorrectionMode.ABSOLUTE: "one late answer would send the robot back to its start",
+    CorrectionMode.RELATIVE: "while answers are late, the robot would go on by the last increment in every cycle",
+}
 
 
 @final
@@ -108,8 +114,8 @@ def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Mistakes:
             yield _line(nodes, "RECEIVE"), f"RECEIVE lacks {tag} ({kind})"
         elif _kind(node) != kind:
             yield node.line, f"{tag} is {_kind(node) or 'of no type'}, not {kind}"
-        elif kind == "DOUBLE" and node.attributes.get("HOLDON") != "1":
-            yield node.line, f'{tag} has no HOLDON="1": one late answer would send the robot back to its start'
+        elif kind == "DOUBLE" and node.attributes.get("HOLDON") != settings.mode.holdon:
+            yield node.line, f'{tag} has no HOLDON="{settings.mode.holdon}": {_WITHOUT_HOLDON[settings.mode]}'
     for node in elements:
         yield from _in_received(node)
     yield from _twice(elements, "TAG")

@@ -13,6 +13,7 @@ from dataclasses import asdict
 from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceUnreachable
+from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cyclic import CyclicOrders
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.shared_block import SharedBlock
@@ -40,10 +41,18 @@ class CyclicProcess:
         self._errors = errors
 
     @classmethod
-    async def start(cls, device: str, bind: tuple[str, int], clock: str, reply: str, limits: SearchLimits) -> Self:
+    async def start(
+        cls,
+        device: str,
+        bind: tuple[str, int],
+        clock: str,
+        reply: str,
+        limits: SearchLimits,
+        mode: CorrectionMode = CorrectionMode.ABSOLUTE,
+    ) -> Self:
         """Start it and wait until it listens. Raises DeviceUnreachable where the port is taken or it dies."""
         block, memory = SharedBlock.create()
-        orders = CyclicOrders(*bind, memory, clock, reply, asdict(limits), os.getpid())
+        orders = CyclicOrders(*bind, memory, clock, reply, mode, asdict(limits), os.getpid())
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic", orders.to_json()]
         try:

@@ -6,6 +6,7 @@ import socket
 from typing import Any, final
 
 from cellctl.clock.reading import TimeReader
+from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cycle_timing import AnswerDelay
 from drivers.kuka_rsi.limits import AXES, SearchLimits
 from drivers.kuka_rsi.search_cycle import SearchCycle
@@ -20,13 +21,20 @@ class Responder:
     """The cyclic process's work on one bound, non-blocking UDP socket."""
 
     def __init__(
-        self, line: socket.socket, block: SharedBlock, reply: ReplyFormat, limits: SearchLimits, clock: TimeReader
+        self,
+        line: socket.socket,
+        block: SharedBlock,
+        reply: ReplyFormat,
+        limits: SearchLimits,
+        clock: TimeReader,
+        mode: CorrectionMode = CorrectionMode.ABSOLUTE,
     ) -> None:
         self._line = line
         self._block = block
         self._reply = reply
         self._limits = limits
         self._clock = clock
+        self._mode = mode
         self._beats = block.beats()
         self._search: SearchCycle | None = None
         self._telegrams = 0
@@ -57,7 +65,7 @@ class Responder:
         number = self._block.words[Slot.ORDER]
         if number == (self._search.order.number if self._search else 0):
             return
-        self._search = SearchCycle(self._block.order(), self._limits) if number else None
+        self._search = SearchCycle(self._block.order(), self._limits, self._mode) if number else None
         self._telegrams = 0
         self._delay = AnswerDelay()
         if self._search:

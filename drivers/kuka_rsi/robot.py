@@ -189,7 +189,7 @@ class KukaRobot:
             raise DeviceRefused(self.name, "; ".join(config.mistakes), cure)
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
         return await CyclicProcess.start(
-            self.name, self._settings.bind, self._clock.source, reply.template, self._limits
+            self.name, self._settings.bind, self._clock.source, reply.template, self._limits, self._settings.mode
         )
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:

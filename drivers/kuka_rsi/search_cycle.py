@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import final
 
+from drivers.kuka_rsi.correction_mode import CorrectionMode, WrittenCorrections
 from drivers.kuka_rsi.cycle_timing import CycleTiming
 from drivers.kuka_rsi.limits import AXES, Correction, CycleWatch, Limit, SearchLimits
 from drivers.kuka_rsi.set_point import SetPoint
@@ -26,6 +28,9 @@ _LONGEST_PAUSE_NS = 1_000_000_000
 
 _START_TOLERANCE_DEG = 0.1
 """The pose at RSI_ON may differ by this from the one that the search was planned from."""
+
+_FARTHEST_AHEAD_DEG = 0.25
+"""Joints further than this ahead of the set-point run away: no servo leads, and a telegram may show 0.1 deg steps."""
 
 _FARTHEST_BEHIND_DEG = 1.0
 """Joints further than this behind the set-point do not follow; a servo's lag at the speeds allowed is a third of it."""
@@ -54,6 +59,7 @@ class Cause(IntEnum):
     RESTARTED = 6
     LEFT = 7
     BEHIND = 8
+    AHEAD = 9
 
 
 @final
@@ -81,7 +87,9 @@ class SearchCycle:
     `missed` the telegrams that were not answered, by the controller's count.
     """
 
-    def __init__(self, order: SearchOrder, limits: SearchLimits) -> None:
+    def __init__(
+        self, order: SearchOrder, limits: SearchLimits, mode: CorrectionMode = CorrectionMode.ABSOLUTE
+    ) -> None:
         self.order = order
         self.phase = Phase.LEARNING
         self.cause = Cause.NONE
@@ -97,6 +105,8 @@ class SearchCycle:
         self._late_in_a_row = 0
         self._start = order.start
         self._sent: Correction = (0.0,) * AXES
+        self._mode = mode
+        self._written = WrittenCorrections(mode)
         self._held_cycles = 0
         self._stood_by_stop = False
         self._recent: deque[tuple[float, ...]] = deque(maxlen=_STANDING_CYCLES)
@@ -104,7 +114,7 @@ class SearchCycle:
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
     ) -> tuple[Correction, bool]:
-        """The corrections and the stop to answer `telegram` with.
+        """The corrections (offsets or increments, by the mode) and the stop to answer `telegram` with.
 
         `stopped`: the stop slot names this search; `beats`: last beat per guard slot, ns of the cell's time; `leave`:
         the process must end.
@@ -117,7 +127,7 @@ class SearchCycle:
         self._move(gap)
         self._count_stop(stopped, before)
         self._settle(telegram.joints)
-        return self._sent, self.phase is Phase.LEAVING
+        return self._written.leading_to(self._sent), self.phase is Phase.LEAVING
 
     def _take_in(self, telegram: Telegram, now_ns: int) -> int:
         """The cycles since the last telegram answered; learns the cycle first."""
@@ -153,10 +163,11 @@ class SearchCycle:
             self.phase = Phase.MOVING
 
     def _restarted(self) -> None:
-        """The controller counts anew: corrections now refer to another pose, and only zero is safe."""
+        """The controller counts anew: corrections now refer to another pose, and only zero is safe, in either mode."""
         if self.cause is Cause.NONE:
             self._end(Cause.RESTARTED)
         self.phase, self._sent = Phase.LEAVING, (0.0,) * AXES
+        self._written = WrittenCorrections(self._mode)
 
     def _look_for_trouble(self, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool) -> None:
         if stopped and self.cause in (Cause.NONE, Cause.TRAVEL):
@@ -168,9 +179,21 @@ class SearchCycle:
 
     def _look_whether_it_follows(self, joints: tuple[float, ...]) -> None:
         """Corrections that the controller does not take must not pile up: taken at last, they would be one leap."""
-        behind = (abs(a + b - c) for a, b, c in zip(self._start, self._sent, joints, strict=True))
-        if self.cause is Cause.NONE and max(behind) > _FARTHEST_BEHIND_DEG:
+        if self.cause is not Cause.NONE:
+            return
+        lead = tuple(joint - a - b for joint, a, b in zip(joints, self._start, self._sent, strict=True))
+        if self._along_the_line(lead) > _FARTHEST_AHEAD_DEG:
+            self._run_away()
+        elif max(map(abs, lead)) > _FARTHEST_BEHIND_DEG:
             self._end(Cause.BEHIND)
+
+    def _along_the_line(self, offset: Correction) -> float:
+        line = self.order.correction
+        return sum(a * b for a, b in zip(offset, line, strict=True)) / (math.hypot(*line) or 1.0)
+
+    def _run_away(self) -> None:
+        """The controller sums up offsets: holding would be going on, so it leaves RSI now, without standing first."""
+        self.cause, self.phase = Cause.AHEAD, Phase.LEAVING
 
     def _count_late_in_a_row(self, telegram: Telegram) -> None:
         """Where the controller counts one more late answer than before, it did not take the last correction."""

@@ -127,6 +127,8 @@ class Search:
                 return record.result(SearchEnd.TRAVEL, status, resting)
             case Cause.BEHIND:
                 raise self._not_followed("more than 1 deg behind the set-point")
+            case Cause.AHEAD:
+                raise self._ran_ahead()
         raise self._trouble(status)
 
     def _short_of_the_end(self, resting: tuple[float, ...]) -> str:
@@ -140,7 +142,17 @@ class Search:
             self.device,
             f"the axes did not follow the corrections ({how})",
             "AXISCORR clamps silently at its limits (5 deg where none are set); or the context is wired to other "
-            f"channels; or SENTYPE on the controller is not the one in {self.configuration}; or answers were lost.",
+            f"channels; or SENTYPE on the controller is not the one in {self.configuration}; or its program has "
+            "RSI_ON(#ABSOLUTE) and the address mode=relative; or answers were lost.",
+        )
+
+    def _ran_ahead(self) -> DeviceFault:
+        """Offsets taken for increments: the controller would go on ever faster."""
+        return DeviceFault(
+            self.device,
+            "the axes ran ahead of the corrections; RSI was left at once",
+            "The controller's program has RSI_ON(#RELATIVE) and the address mode=absolute: both must say the same; or "
+            "something else moves the robot.",
         )
 
     def _trouble(self, status: SearchStatus) -> Exception:

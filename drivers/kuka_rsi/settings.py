@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Self, final
 
 from cellctl.devices import Address
+from drivers.kuka_rsi.correction_mode import CorrectionMode
 
-_SETTINGS = {"ethernet", "eki", "correction", "stop"}
+_SETTINGS = {"ethernet", "eki", "correction", "stop", "mode"}
 
 
 @final
@@ -18,7 +19,8 @@ class RsiSettings:
 
     `bind`: host and port for the controller's telegrams (port 0: any free one); `ethernet`: the RSI Ethernet
     configuration file that the controller loads; `eki`: the controller's EthernetKRL host and port; `correction`:
-    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object.
+    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`: what the
+    controller's program passes to RSI_ON.
     """
 
     bind: tuple[str, int]
@@ -26,6 +28,7 @@ class RsiSettings:
     eki: tuple[str, int]
     correction: str = "AK"
     stop: str = "Stop"
+    mode: CorrectionMode = CorrectionMode.ABSOLUTE
 
     @classmethod
     def of(cls, address: Address, folder: Path) -> Self:
@@ -34,6 +37,8 @@ class RsiSettings:
         mistakes = [f"unknown setting '{key}' ({', '.join(sorted(_SETTINGS))})" for key in query.keys() - _SETTINGS]
         mistakes += [f"setting '{key}' is missing" for key in ("ethernet", "eki") if not query.get(key)]
         mistakes += [f"setting '{key}' is empty" for key in ("correction", "stop") if query.get(key) == ""]
+        mode = query.get("mode", CorrectionMode.ABSOLUTE)
+        mistakes += [] if mode in set(CorrectionMode) else [f"mode={mode} is none of {', '.join(CorrectionMode)}"]
         mistakes += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
         eki = _host_and_port(query.get("eki", ""))
         if query.get("eki") and eki is None:
@@ -41,7 +46,9 @@ class RsiSettings:
         if mistakes or eki is None:
             raise ValueError(f"{address}: {'; '.join(mistakes)}")
         names = {key: query[key] for key in ("correction", "stop") if key in query}
-        return cls((address.host, address.port or 0), folder / query["ethernet"], eki, **names)
+        return cls(
+            (address.host, address.port or 0), folder / query["ethernet"], eki, **names, mode=CorrectionMode(mode)
+        )
 
 
 def _host_and_port(text: str) -> tuple[str, int] | None:

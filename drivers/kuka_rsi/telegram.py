@@ -10,6 +10,9 @@ from xml.sax.saxutils import quoteattr
 
 from drivers.kuka_rsi.limits import AXES, Correction
 
+DECIMALS = 6
+"""Of the corrections in a reply."""
+
 AXIS_NAMES = tuple(f"A{i}" for i in range(1, AXES + 1))
 
 
@@ -72,7 +75,9 @@ class ReplyFormat:
     @classmethod
     def of(cls, sentype: str, tags: tuple[ReplyTag, ...], correction: str, stop: str) -> ReplyFormat:
         """The format for the tags of a RECEIVE section, in its order; tags that are not ours are sent as zero."""
-        places = {f"{correction}.{name}": f"{{{i}:.6f}}" for i, name in enumerate(AXIS_NAMES)} | {stop: "{6:d}"}
+        places = {f"{correction}.{name}": f"{{{i}:.{DECIMALS}f}}" for i, name in enumerate(AXIS_NAMES)} | {
+            stop: "{6:d}"
+        }
         elements: dict[str, dict[str, str]] = {}
         for tag in tags:
             head, _, attribute = tag.tag.removeprefix("DEF_").partition(".")
@@ -81,7 +86,7 @@ class ReplyFormat:
         return cls(f"<Sen Type={_constant(quoteattr(sentype))}>{body}<IPOC>{{7}}</IPOC></Sen>")
 
     def write(self, correction: Correction, stop: bool, ipoc_text: str) -> bytes:
-        """The reply: absolute corrections of A1…A6 in degrees, the stop, and the count of the telegram answered."""
+        """The reply: corrections of A1…A6 in degrees, the stop, and the count of the telegram answered."""
         return self.template.format(*correction, stop, ipoc_text).encode()
 
 

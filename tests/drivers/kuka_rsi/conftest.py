@@ -49,6 +49,8 @@ ETHERNET_XML = """<ROOT>
 </ROOT>
 """
 
+RELATIVE_XML = ETHERNET_XML.replace('HOLDON="1"', 'HOLDON="0"')
+
 
 @dataclass
 class Answer:
@@ -73,6 +75,8 @@ class FakeController:
     root: str = '<Rob Type="KUKA">'
     silent: bool = False
     follow: float = 0.4
+    cycle_ns: int = CYCLE_NS
+    relative: bool = False
     message_at: int | None = None
     message: str = "KSS29002 Signal flow (running): Object ETHERNET1 returns error RSIBad"
     unsent: range = range(0)
@@ -174,7 +178,7 @@ class FakeController:
 
     def _cycle(self) -> None:
         number, target, offset = self._rsi
-        self._pass_time(CYCLE_NS)
+        self._pass_time(self.cycle_ns)
         if self._rsi is None:
             return
         cycle = self.cycles
@@ -190,7 +194,7 @@ class FakeController:
         for _ in range(3 if cycle == self.burst_at else 0):
             self._line.sendto(self._telegram(self.ipoc), self._rsi_target)
             self.ipoc += self.ipoc_step
-            self._pass_time(CYCLE_NS)
+            self._pass_time(self.cycle_ns)
         if self.garbage:
             self._line.sendto(self.garbage, self._rsi_target)
         self._line.sendto(self._telegram(self.ipoc), self._rsi_target)
@@ -218,7 +222,7 @@ class FakeController:
             self.answers.append(Answer(ipoc, correction, stop, raw))
             if ipoc == str(self.ipoc):
                 break
-        offset[:] = correction
+        offset[:] = [a + b for a, b in zip(offset, correction, strict=True)] if self.relative else correction
         if stop:
             self._leave()
 
@@ -376,14 +380,21 @@ def ethernet_xml():
 
 
 @pytest.fixture
+def relative_xml():
+    return RELATIVE_XML
+
+
+@pytest.fixture
 def connected(controller, tmp_path):
     """Opens the robot against the fake controller, on the fake's time."""
 
     @asynccontextmanager
-    async def connect(limits: dict[str, float] | None = None) -> AsyncIterator[object]:
-        (tmp_path / "rsi.xml").write_text(ETHERNET_XML)
+    async def connect(limits: dict[str, float] | None = None, mode: str = "absolute") -> AsyncIterator[object]:
+        (tmp_path / "rsi.xml").write_text(RELATIVE_XML if mode == "relative" else ETHERNET_XML)
         clock = await LockstepClock.attach(str(controller.time_file), "127.0.0.1", controller.control_port)
-        address = Address.parse(f"kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:{controller.eki_port}")
+        address = Address.parse(
+            f"kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:{controller.eki_port}&mode={mode}"
+        )
         robot = open_robot("robot", address, Surroundings(clock, tmp_path, limits or {}))
         try:
             await robot.connect()
