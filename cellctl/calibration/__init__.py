@@ -10,6 +10,7 @@ from cellctl.calibration.model import DEFLECTION, STANDARD_GRAVITY, RobotModel, 
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.predict import Prediction, predict
 from cellctl.calibration.rows import PoseRows, PositionRows, Rows, SpacingRows, TouchRows
+from cellctl.calibration.standoff import LocatedSphere, locate_sphere
 from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
 from cellctl.calibration.verdict import ErrorFigures, Verdict, paired_verdict, verdict_sentence
 
@@ -21,6 +22,7 @@ __all__ = [
     "FitResult",
     "Group",
     "Identification",
+    "LocatedSphere",
     "Observability",
     "PoseRows",
     "PositionRows",
@@ -39,6 +41,7 @@ __all__ = [
     "estimate",
     "fit",
     "identify",
+    "locate_sphere",
     "observability",
     "paired_verdict",
     "predict",

@@ -1,5 +1,6 @@
 """Which poses to measure next, and the way there."""
 
-from cellctl.planning.touches import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.touches import OutOfReach, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.tours import PlannedTouch
 
 __all__ = ["OutOfReach", "PlannedTouch", "SphereTarget", "TouchOptions", "plan_touches"]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain, inverse
+from cellctl.planning.tours import Candidate, PlannedTouch, linked, ordered, with_references
 from cellctl.planning.ways import Reach, Ways
 
 Array = NDArray[np.float64]
@@ -72,32 +73,6 @@ class TouchOptions:
     )
 
 
-@final
-@dataclass(frozen=True, slots=True)
-class PlannedTouch:
-    """One touch: joint readings in degrees.
-
-    `approach`: from where the last touch ended to clear of the sphere; `start`, `end`: of the search; `search_mm`: the
-    tip's way between them by the nominal model; `retreat`: back to clear of the sphere.
-    """
-
-    sphere: str
-    approach: tuple[tuple[float, ...], ...]
-    start: tuple[float, ...]
-    end: tuple[float, ...]
-    search_mm: float
-    retreat: tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Candidate:
-    sphere: int
-    clear: Array
-    start: Array
-    end: Array
-    search_mm: float
-
-
 def plan_touches(
     chain: SerialChain,
     joints: JointMap,
@@ -106,24 +81,33 @@ def plan_touches(
     counts: list[int],
     seed: int,
     options: TouchOptions | None = None,
+    *,
+    reference_every: int = 0,
+    reference: PlannedTouch | None = None,
 ) -> list[PlannedTouch]:
     """Plan `counts[i]` touches on `spheres[i]`, in an order whose ways are clear, beginning and ending at home.
 
-    The first touch's approach begins at `options.home`; the last one's retreat ends there. The same seed gives the same
-    touches. Raises OutOfReach naming the sphere on which too few touches are reachable.
+    The first touch's approach begins at `options.home`; the last one's retreat ends there. A sphere with a count of 0
+    is only kept clear of. After each `reference_every` touches (0: never) comes a return to `reference`, a touch of an
+    earlier plan, or else to this plan's first. The same seed gives the same touches. Raises OutOfReach naming the
+    sphere on which too few touches are reachable.
     """
     options = options or TouchOptions()
     ways = Ways(chain, joints, reach, spheres_of(spheres), options.clearance)
-    chosen: list[_Candidate] = []
+    chosen: list[Candidate] = []
     for index, count in enumerate(counts):
-        found = _candidates(chain, joints, ways, spheres[index], index, count, seed, options)
+        found = _candidates(chain, joints, ways, spheres[index], index, count, seed, options) if count else []
         if len(found) < count:
             raise OutOfReach(
                 f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
                 f"limits and clear of the spheres"
             )
         chosen += found
-    return _ordered(chosen, spheres, ways, np.array(options.home))
+    home = np.array(options.home)
+    tour = ordered(chosen, ways, home)
+    if reference_every:
+        tour = with_references(tour, reference_every, Candidate.of(reference) if reference else tour[0])
+    return linked(tour, ways, home)
 
 
 def spheres_of(targets: list[SphereTarget]) -> Array:
@@ -140,16 +124,16 @@ def _candidates(
     count: int,
     seed: int,
     options: TouchOptions,
-) -> list[_Candidate]:
+) -> list[Candidate]:
     """The first `count` feasible touches of the sphere's quasi-random sequence, or fewer where it runs out."""
     sampler = qmc.Sobol(6, rng=np.random.default_rng([seed, index]))
     home = np.array(options.home)
-    found: list[_Candidate] = []
+    found: list[Candidate] = []
     for _ in range(_BATCHES):
         samples = sampler.random(_BATCH)
         normals, rotations = _wishes(samples, chain, options)
         for readings in _solved(chain, joints, ways, sphere, normals, rotations, samples[:, 5], options):
-            candidate = _feasible(ways, index, readings, home, options)
+            candidate = _feasible(ways, sphere.name, index, readings, home, options)
             if candidate:
                 found.append(candidate)
                 if len(found) == count:
@@ -192,7 +176,9 @@ def _solved(
     return readings[ways.within_limits(readings).all(axis=1)]
 
 
-def _feasible(ways: Ways, index: int, readings: Array, home: Array, options: TouchOptions) -> _Candidate | None:
+def _feasible(
+    ways: Ways, sphere: str, index: int, readings: Array, home: Array, options: TouchOptions
+) -> Candidate | None:
     at_guard, inside, clear = readings
     if (
         np.linalg.norm(inside - at_guard) > options.search_joints
@@ -203,35 +189,7 @@ def _feasible(ways: Ways, index: int, readings: Array, home: Array, options: Tou
         or not ways.clear(home, clear)
     ):
         return None
-    return _Candidate(index, clear, at_guard, inside, ways.tip_path(at_guard, inside))
-
-
-def _ordered(chosen: list[_Candidate], spheres: list[SphereTarget], ways: Ways, home: Array) -> list[PlannedTouch]:
-    planned: list[PlannedTouch] = []
-    here = home
-    left = list(chosen)
-    while left:
-        left.sort(key=lambda c: float(np.abs(c.clear - here).max()))
-        near = next((i for i, c in enumerate(left[:8]) if ways.clear(here, c.clear)), None)
-        touch = left.pop(near or 0)
-        approach = [home, touch.clear] if near is None else [touch.clear]
-        retreat = [touch.start, touch.clear] if left else [touch.start, touch.clear, home]
-        planned.append(
-            PlannedTouch(
-                spheres[touch.sphere].name,
-                tuple(_row(q) for q in approach),
-                _row(touch.start),
-                _row(touch.end),
-                touch.search_mm,
-                tuple(_row(q) for q in retreat),
-            )
-        )
-        here = touch.clear
-    return planned
-
-
-def _row(readings: Array) -> tuple[float, ...]:
-    return tuple(round(float(a), 4) for a in readings)
+    return Candidate(sphere, clear, at_guard, inside, ways.tip_path(at_guard, inside))
 
 
 def _unit(vector: Array) -> Array:

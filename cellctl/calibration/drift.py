@@ -1,0 +1,57 @@
+"""Drift seen by going back to one touch: how it goes on with the touches, and whether it is more than scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.kinematics import Floats
+
+SIGNIFICANT = 0.01
+"""Chance at which mere scatter would be taken for drift: one campaign in a hundred is then corrected for nothing."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A straight line through the visits to one touch.
+
+    mm_per_touch: change of the shift along the normal with each touch, with its 1 σ; t: their ratio; significant: it is
+    there, and is to be allowed for; visits: how many there were, the first among them.
+    """
+
+    mm_per_touch: float
+    sigma: float
+    t: float
+    significant: bool
+    visits: int
+
+    def at(self, touch: ArrayLike) -> Floats:
+        """Shift (N,), mm, at touch numbers (N,) against touch 0; none where the drift is not significant."""
+        return np.asarray(touch, float) * (self.mm_per_touch if self.significant else 0.0)
+
+
+def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drift:
+    """The drift through visits at touch numbers (V,) with shifts (V,), mm, each with 1 σ `sigma_mm`.
+
+    t test of the slope with V − 2 degrees of freedom; its scatter is that of the visits about the line, but not less
+    than `sigma_mm`: few visits may lie on a line by luck. Fewer than three visits show no drift.
+    """
+    from scipy.stats import t as student
+
+    number, shift = np.asarray(touch, float), np.asarray(shift_mm, float)
+    visits = int(number.size)
+    if visits < 3 or np.ptp(number) == 0.0:
+        return Drift(0.0, 0.0, 0.0, False, visits)
+    away = number - number.mean()
+    spread = float(away @ away)
+    slope = float(away @ shift) / spread
+    residual = shift - shift.mean() - slope * away
+    scatter = max(float(np.sqrt(residual @ residual / (visits - 2))), sigma_mm)
+    sigma = scatter / spread**0.5
+    ratio = slope / sigma
+    significant = abs(ratio) > float(student.ppf(1.0 - SIGNIFICANT / 2.0, visits - 2))
+    return Drift(slope, sigma, ratio, bool(significant), visits)

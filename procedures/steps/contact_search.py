@@ -1,0 +1,134 @@
+"""To a sphere, along a line until contact, and back: what every touch has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Protocol, final
+
+from cellctl.devices import (
+    Contact,
+    ContactProbe,
+    DeviceError,
+    JointReadings,
+    NoContact,
+    SearchEnd,
+    SearchingRobot,
+    SearchResult,
+)
+
+_PROBE_PATIENCE_S = 0.2
+"""How old the probe's last sign of life may be in a search before the robot holds by itself."""
+
+_SETTLED_SHARE = 0.4
+"""Transfers from guard distance on go at this share of the transfer speed: the tip is near the sphere."""
+
+
+class Line(Protocol):
+    """A way to a sphere: clear of it, then the line on which contact is searched for, then back. Degrees, mm."""
+
+    @property
+    def sphere(self) -> str:
+        """The sphere's name."""
+
+    @property
+    def approach(self) -> Sequence[Sequence[float]]:
+        """Joints passed on the way, the last ones clear of the sphere."""
+
+    @property
+    def end(self) -> Sequence[float]:
+        """Joints at which the search ends without contact."""
+
+    @property
+    def search_mm(self) -> float:
+        """The tip's way on the whole line."""
+
+    @property
+    def retreat(self) -> Sequence[Sequence[float]]:
+        """Joints passed on the way back, the first ones still near the sphere."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """Tip speed of searches, mm/s; share of axis speed of transfers, percent."""
+
+    search_mm_s: float
+    transfer_percent: float
+
+    @property
+    def near_percent(self) -> float:
+        """Speed of transfers with the tip near a sphere, percent."""
+        return self.transfer_percent * _SETTLED_SHARE
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class FoundContact:
+    """A confirmed contact: actual joints (deg) where the search began and at the contact's time, and how it went."""
+
+    start: JointReadings
+    joints: JointReadings
+    found: SearchResult
+    contact: Contact
+
+    def row(self) -> dict[str, Any]:
+        """What a touch records of how its search went."""
+        found, contact = self.found, self.contact
+        return {
+            "resting": list(found.resting),
+            "time_ns": contact.time_ns,
+            "time_sigma_ns": contact.sigma_ns,
+            "tick": contact.tick,
+            "bounces": contact.bounces,
+            "stop_cycles": found.stop_cycles,
+            "late": found.late,
+            "lost": found.lost,
+            "skipped": found.skipped,
+        }
+
+
+async def search_and_retreat(
+    robot: SearchingRobot,
+    probe: ContactProbe,
+    line: Line,
+    to_start: Callable[[], Awaitable[JointReadings]],
+    speeds: Speeds,
+) -> FoundContact:
+    """Approach, go to the start of the line by `to_start`, search, retreat; the contact that was found.
+
+    Raises NoContact once the robot is back where it came from, and what the devices raise.
+    """
+    for target in line.approach:
+        await robot.move(tuple(target), speeds.transfer_percent)
+    start = await to_start()
+    found, contact = await _search(robot, probe, line, start, speeds.search_mm_s)
+    await robot.move(tuple(line.retreat[0]), speeds.near_percent)
+    for target in line.retreat[1:]:
+        await robot.move(tuple(target), speeds.transfer_percent)
+    if contact is None:
+        what = f"no contact on {line.sphere} within {line.search_mm:.0f} mm"
+        raise NoContact("probe", what, "is the sphere where the cell file says, its earth lead on, the tip clean?")
+    if not contact.confirmed:
+        raise NoContact("probe", f"contact on {line.sphere} did not hold (a bounce)", "clean tip and sphere")
+    return FoundContact(start, found.joints_at(contact.time_ns), found, contact)
+
+
+async def _search(
+    robot: SearchingRobot, probe: ContactProbe, line: Line, start: JointReadings, speed_mm_s: float
+) -> tuple[SearchResult, Contact | None]:
+    """Search to the line's end; the contact where there was one. The robot stands where the search ended."""
+    turn = sum((b - a) ** 2 for a, b in zip(start, line.end, strict=True)) ** 0.5
+    speed_deg_s = speed_mm_s * turn / line.search_mm
+    alive = robot.guard("probe")
+    await probe.arm(on_edge=robot.stop_now, on_alive=alive.beat)
+    try:
+        found = await robot.search(tuple(line.end), speed_deg_s, {"probe": _PROBE_PATIENCE_S})
+        contact = await probe.contact() if found.end is SearchEnd.STOPPED else None
+    except BaseException:
+        with suppress(DeviceError):  # what ended the search is what the operator has to hear
+            await probe.disarm()
+        raise
+    await probe.disarm()
+    return found, contact
