@@ -16,6 +16,13 @@ from cellctl.files.validated import validated
 
 ClockMode = Literal["realtime", "lockstep"]
 
+TABLE = "table"
+"""The name in `limits:` that stands for compensation tables and not for a device."""
+
+TABLE_CORRECTION_DEG = 2.0
+"""The most that a table may correct a joint by, deg, where the cell file does not say: a robot of this class is within
+half a degree, and a row beside a singularity is not."""
+
 
 class _Simulate(BaseModel):
     model_config = ConfigDict(extra="allow")  # the simulators read, and check, the rest
@@ -38,7 +45,8 @@ class Cell:
     """A cell file as loaded.
 
     `addresses`: device name → address; `robot_file`: the nominal robot; `limits`: device name → limits of its lowest
-    layer; `simulated`: the file says how to simulate its devices, with `seed` and `clock` as it says.
+    layer; `table_correction_deg`: the most that a compensation table may correct a joint by, deg; `simulated`: the file
+    says how to simulate its devices, with `seed` and `clock` as it says.
     """
 
     document: Document
@@ -47,6 +55,7 @@ class Cell:
     robot_file: Path
     addresses: dict[str, Address]
     limits: dict[str, dict[str, float]]
+    table_correction_deg: float
     simulated: bool
     seed: int
     clock: ClockMode
@@ -62,7 +71,8 @@ class Cell:
         robot_file = path.parent / model.model
         if not robot_file.is_file():
             problems.append(document.problem(("model",), f"there is no robot file '{model.model}'", "check the path"))
-        for name in model.limits.keys() - addresses.keys():
+        problems += _table_limits(document, model)
+        for name in model.limits.keys() - addresses.keys() - {TABLE}:
             problems.append(document.problem(("limits", name), f"limits for '{name}', which is no device", key=True))
         if problems:
             raise InputError(problems)
@@ -74,6 +84,7 @@ class Cell:
             robot_file=robot_file,
             addresses=addresses,
             limits=model.limits,
+            table_correction_deg=table_correction_deg(document),
             simulated=model.simulate is not None,
             seed=simulate.seed,
             clock=simulate.clock,
@@ -82,6 +93,27 @@ class Cell:
     def surroundings(self, device: str, clock: Any) -> Surroundings:
         """What the driver of `device` is given besides its address."""
         return Surroundings(clock, self.path.parent, self.limits.get(device, {}))
+
+
+def table_correction_deg(document: Document) -> float:
+    """The most that a compensation table may correct a joint by, deg, as the cell file says: `limits: {table: …}`."""
+    said = (document.data.get("limits") or {}).get(TABLE) or {}
+    return float(said.get("correction_deg", TABLE_CORRECTION_DEG))
+
+
+def _table_limits(document: Document, model: _CellModel) -> list[Problem]:
+    at = ("limits", TABLE)
+    problems = []
+    if TABLE in (model.model_extra or {}):
+        cure = f"call it something else: '{TABLE}' in `limits:` stands for compensation tables"
+        problems.append(document.problem((TABLE,), f"a device cannot be called '{TABLE}'", cure, key=True))
+    for name, value in model.limits.get(TABLE, {}).items():
+        if name != "correction_deg":
+            problems.append(document.problem((*at, name), f"unknown table limit '{name}'", "correction_deg", key=True))
+        elif not 0.0 < value <= 45.0:
+            what = f"a table's corrections cannot be limited to {value:g}°"
+            problems.append(document.problem((*at, name), what, "degrees, above 0 and up to 45"))
+    return problems
 
 
 def _addresses(
