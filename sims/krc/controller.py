@@ -21,6 +21,8 @@ from sims.krc.rsi_link import RsiLink
 from sims.krc.rsi_session import RsiContext
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, LateCounter
+from sims.krc.table_desk import TableDesk
+from sims.krc.tables import Tables
 from sims.krc.telegram import TelegramFormat, Value
 from sims.world.world import World
 
@@ -85,8 +87,10 @@ def start(
         limits=tuple((joint.min, joint.max) for joint in joints),
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
     )
-    ident = print_ident(f"SIM-{draw.randrange(10**6):06d}", cell.robot.name, KSS)
-    return KrcServers(EkiServer(kernel, Program(context, log, ident)), context.link)
+    serial = f"SIM-{draw.randrange(10**6):06d}"
+    ident = print_ident(serial, cell.robot.name, KSS)
+    program = Program(context, log, ident, TableDesk(Tables(), serial))
+    return KrcServers(EkiServer(kernel, program), context.link)
 
 
 def _config(cell: SimCell) -> EthernetConfig:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from enum import IntEnum
-from math import isfinite
 from typing import final
 from xml.sax.saxutils import quoteattr
 
+from sims.krc import eki_fields as fields
+from sims.krc.eki_fields import Unreadable
 from sims.krc.motions import Joints
+from sims.krc.table_requests import TABLE_OPERATIONS, Request, read_request
 
-OPERATIONS = frozenset({"HELLO", "PTP", "RSI", "HALT", "RESET"})
+OPERATIONS = frozenset({"HELLO", "PTP", "PTPT", "RSI", "HALT", "RESET", *TABLE_OPERATIONS})
 
 
 @final
@@ -27,26 +29,23 @@ class Code(IntEnum):
     BAD_SPEED = 21
     STOPPED = 30
     CONTROLLER_STOP = 31
+    WRONG_SERIAL = 40
+    BAD_SUM = 41
+    NO_SUCH_ROWS = 42
+    BAD_SIZE = 43
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command; `target` (degrees) and `percent` for PTP only."""
+    """A command; `percent` for PTP and PTPT, `target` (degrees) for PTP, `row` for PTPT, `request` for the tables."""
 
     id: str
     op: str
     target: Joints = ()
     percent: float = 0.0
-
-
-@final
-class Unreadable(ValueError):
-    """No command; `id` is its Id where that much could be read."""
-
-    def __init__(self, what: str, command_id: str = "") -> None:
-        self.id = command_id
-        super().__init__(what)
+    row: int = 0
+    request: Request | None = None
 
 
 def read_command(document: bytes, axes: int) -> Command:
@@ -60,16 +59,27 @@ def read_command(document: bytes, axes: int) -> Command:
         raise Unreadable(f"not a Cmd: {root.tag}", command_id)
     if op not in OPERATIONS:
         raise Unreadable(f"unknown operation '{op}'", command_id)
-    if op != "PTP":
+    try:
+        return _command(root, command_id, op, axes)
+    except Unreadable as error:
+        raise Unreadable(str(error), command_id) from None
+
+
+def _command(root: ET.Element, command_id: str, op: str, axes: int) -> Command:
+    if op in TABLE_OPERATIONS:
+        return Command(command_id, op, request=read_request(root, op, axes))
+    if op not in {"PTP", "PTPT"}:
         return Command(command_id, op)
-    target = tuple(_number(root, "Q", f"A{i + 1}", command_id) for i in range(axes))
-    return Command(command_id, op, target, _number(root, "Vel", "P", command_id))
+    percent = fields.number(fields.child(root, "Vel"), "P")
+    if op == "PTPT":
+        return Command(command_id, op, percent=percent, row=fields.whole(fields.child(root, "Row"), "N"))
+    return Command(command_id, op, fields.joints(fields.child(root, "Q"), axes), percent)
 
 
-def print_reply(command_id: str, code: Code, text: str, joints: Joints, ident: str = "") -> bytes:
-    """`<Rep …>`, `ident` being the Ident element where there is one."""
+def print_reply(command_id: str, code: Code, text: str, joints: Joints, inner: str = "") -> bytes:
+    """`<Rep …>`, `inner` being the elements before the joints where there are any."""
     head = f'<Rep Id={quoteattr(command_id)} Code="{code.value}" Text={quoteattr(text)}>'
-    return f"{head}{ident}{_joints(joints)}</Rep>".encode()
+    return f"{head}{inner}{_joints(joints)}</Rep>".encode()
 
 
 def print_ident(serial: str, model: str, kss: str) -> str:
@@ -85,15 +95,3 @@ def print_state(sequence: int, prog: str, message: str, joints: Joints) -> bytes
 
 def _joints(joints: Joints) -> str:
     return "<Q " + " ".join(f'A{i}="{joint:.4f}"' for i, joint in enumerate(joints, 1)) + "/>"
-
-
-def _number(root: ET.Element, child: str, attribute: str, command_id: str) -> float:
-    found = root.find(child)
-    text = found.get(attribute, "") if found is not None else ""
-    try:
-        value = float(text)
-    except ValueError:
-        raise Unreadable(f"{child} {attribute} is no number: '{text}'", command_id) from None
-    if not isfinite(value):
-        raise Unreadable(f"{child} {attribute} is not finite", command_id)
-    return value

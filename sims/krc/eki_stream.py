@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import final
 
-LARGEST = 4096
+LARGEST = 8192
 
 _OPEN, _CLOSE = b"<"[0], b">"[0]
 _QUOTES = b"\"'"
@@ -18,7 +18,7 @@ _CLOSED_BY = ((b"<!--", b"-->", 7), (b"<![CDATA[", b"]]>", 12), (b"<?", b"?>", 4
 class DocumentStream:
     """Feed it bytes as they come, take documents out.
 
-    What cannot become a document (stray text, an end without a beginning, over 4 KiB) comes out as it is, so that it
+    What cannot become a document (stray text, an end without a beginning, over 8 KiB) comes out as it is, so that it
     is answered as unreadable, and the stream goes on behind it. One byte at a time, so that it cannot matter how TCP
     splits them.
     """

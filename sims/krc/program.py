@@ -9,8 +9,11 @@ from typing import final
 
 from sims.kernel import Event
 from sims.krc.contact_log import ContactLog
-from sims.krc.eki_messages import Code, Command, Unreadable, print_reply, print_state, read_command
+from sims.krc.eki_fields import Unreadable
+from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_command
+from sims.krc.motions import Joints
 from sims.krc.rsi_session import MS, RsiContext, RsiSession
+from sims.krc.table_desk import TableDesk
 
 Send = Callable[[bytes], object]
 
@@ -38,13 +41,14 @@ class _Running:
 class Program:
     """Takes commands as documents, answers through the connection's `send`, tells every change of state."""
 
-    def __init__(self, rsi: RsiContext, log: ContactLog, ident: str) -> None:
+    def __init__(self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk) -> None:
         self._rsi = rsi
         self._kernel = rsi.kernel
         self._robot = rsi.robot
         self._faults = rsi.faults
         self._log = log
         self._ident = ident
+        self._tables = tables
         self._prog = Prog.READY
         self._message = ""
         self._running: _Running | None = None
@@ -86,11 +90,15 @@ class Program:
             self._reply(command.id, Code.DONE, "", self._ident)
         elif command.op == "HALT":
             self._halt(command)
+        elif command.op == "TSTATE":
+            self._ask_tables(command)
         elif self._running or self._braking:
             self._reply(command.id, Code.BUSY, "busy with another command")
         elif command.op == "RESET":
             self._change(Prog.READY, "")
             self._reply(command.id, Code.DONE)
+        elif command.request is not None:
+            self._ask_tables(command)
         else:
             self._begin(command)
 
@@ -100,27 +108,34 @@ class Program:
         if self._running:
             self._stop(Code.CONTROLLER_STOP, message)
 
+    def _ask_tables(self, command: Command) -> None:
+        if command.request is not None:
+            self._reply(command.id, *self._tables.ask(command.request))
+
     def _begin(self, command: Command) -> None:
-        refusal = self._refusal(command)
+        target = self._tables.target(command.row) if command.op == "PTPT" else command.target
+        refusal = self._refusal(command, target)
         if refusal:
             self._reply(command.id, *refusal)
             return
         self._running = _Running(command)
         self._change(Prog.MOVING, "")
-        if command.op == "PTP":
-            self._robot.move(command.target, command.percent, self._arrived)
-            return
-        cycle = self._rsi.settings.cycle_ms * MS
-        self._rsi_on = self._kernel.at((self._kernel.now // cycle + 1) * cycle, self._start_rsi)
+        if command.op == "RSI":
+            cycle = self._rsi.settings.cycle_ms * MS
+            self._rsi_on = self._kernel.at((self._kernel.now // cycle + 1) * cycle, self._start_rsi)
+        elif target is not None:
+            self._robot.move(target, command.percent, self._arrived)
 
-    def _refusal(self, command: Command) -> tuple[Code, str] | None:
+    def _refusal(self, command: Command, target: Joints | None) -> tuple[Code, str] | None:
         if self._prog == Prog.ERROR:
             return Code.NOT_READY, self._message
         if command.op == "RSI":
             return None
         if not 0.0 < command.percent <= 100.0:
             return Code.BAD_SPEED, f"speed {command.percent} % is outside 0 … 100 %"
-        for i, (angle, (low, high)) in enumerate(zip(command.target, self._rsi.limits, strict=True), 1):
+        if target is None:
+            return Code.NO_SUCH_ROWS, f"the active table has no row {command.row}"
+        for i, (angle, (low, high)) in enumerate(zip(target, self._rsi.limits, strict=True), 1):
             if not low <= angle <= high:
                 return Code.OUTSIDE_LIMIT, f"A{i} {angle:.4f} is outside {low} … {high}"
         return None
@@ -191,8 +206,8 @@ class Program:
             self._prog, self._message = prog, message
             self.tell()
 
-    def _reply(self, command_id: str, code: Code, text: str = "", ident: str = "") -> None:
-        self._put(print_reply(command_id, code, text, self._robot.readings(), ident))
+    def _reply(self, command_id: str, code: Code, text: str = "", inner: str = "") -> None:
+        self._put(print_reply(command_id, code, text, self._robot.readings(), inner))
 
     def _put(self, document: bytes) -> None:
         if self._send:
