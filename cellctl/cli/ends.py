@@ -44,7 +44,7 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 def _ended_by(error: Exception) -> int:
     """Say `error` as its kind asks for. The kinds are imported here, so that `--help` need not wait for them."""
-    from cellctl.devices.errors import DeviceError
+    from cellctl.devices.errors import DeviceError, DeviceUncertain
     from cellctl.files.problems import InputError
     from cellctl.journal.errors import JournalError
 
@@ -52,6 +52,8 @@ def _ended_by(error: Exception) -> int:
         case InputError():
             count = len(error.problems)
             return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
+        case DeviceUncertain():
+            return _said(str(error), Exit.UNCERTAIN)
         case DeviceError():
             return _said(str(error), Exit.DEVICE_FAILED)
         case JournalError():

@@ -5,32 +5,35 @@ from __future__ import annotations
 import asyncio
 import getpass
 import signal
-from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
 from cellctl.cli.campaign import Campaign
+from cellctl.cli.connected import open_devices, tell_targets
 from cellctl.cli.provenance import code_hash, versions
 from cellctl.cli.simulated import SimulatedCell
 from cellctl.clock import Clock, WallClock, calendar_time
-from cellctl.devices import Device, Listener
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
-from cellctl.journal import Journal, RunStarted, SourceFile
+from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to run: seed and clock instead of the cell file's, where runs go, what the simulators are told besides."""
+    """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
+
+    `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
+    """
 
     seed: int | None
     clock: ClockMode | None
-    runs: Path
     simulator_extra: tuple[str, ...] = ()
+    resumed: RunState | None = None
+    acknowledged: bool = False
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
@@ -63,38 +66,25 @@ async def run_on(
     clock = await simulated.clock() if simulated else WallClock()
     async with AsyncExitStack() as stack:
         stack.push_async_callback(clock.aclose)
-        journal = stack.enter_context(Journal.create(folder, clock.now_ns))
         seed = options.seed if options.seed is not None else campaign.cell.seed
-        journal.append(_started(campaign, options, seed))
-        devices = _devices(campaign, clock, simulated)
+        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed))
+        devices = open_devices(campaign.cell, campaign.drivers, clock, simulated)
         run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
-        engine = Engine(plan, run, journal, mailbox, watcher)
-        return await engine.run(_tell_targets(simulated, devices))
+        engine = Engine(plan, run, journal, mailbox, watcher, options.resumed)
+        return await engine.run(lambda: tell_targets(simulated, devices))
 
 
-def _devices(campaign: Campaign, clock: Clock, simulated: SimulatedCell | None) -> dict[str, Device]:
-    cell = campaign.cell
-    return {
-        name: campaign.drivers.open(
-            name, simulated.address(name) if simulated else address, cell.surroundings(name, clock)
-        )
-        for name, address in cell.addresses.items()
-    }
-
-
-def _tell_targets(simulated: SimulatedCell | None, devices: dict[str, Device]) -> Callable[[], Awaitable[None]] | None:
-    """A real controller has our address in its configuration; a simulated one is told where each driver listens."""
-    if simulated is None:
-        return None
-
-    async def tell() -> None:
-        for name, device in devices.items():
-            if isinstance(device, Listener):
-                host, port = device.listening()
-                await simulated.tell({"op": "rsi_target", "device": name, "host": host, "port": port})
-
-    return tell
+def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int) -> Journal:
+    """The run's journal, begun or gone on with, its first words written. Raises JournalError."""
+    if options.resumed is None:
+        journal = Journal.create(folder, clock.now_ns)
+        journal.append(_started(campaign, options, seed))
+        return journal
+    journal = Journal.reopen(folder, clock.now_ns)
+    said = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
+    options.resumed.apply(journal.append(said))
+    return journal
 
 
 def _started(campaign: Campaign, options: Options, seed: int) -> RunStarted:

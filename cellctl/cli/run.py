@@ -15,6 +15,8 @@ def run(
     seed: Annotated[int | None, typer.Option(help="Seed of the plan, and of a simulated cell's errors.", min=0)] = None,
     clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="A simulated cell's time.")] = None,
     runs: Annotated[Path, typer.Option(help="Folder for the run's folder.")] = Path("runs"),
+    resume: Annotated[Path | None, typer.Option(help="Go on with this run (its folder, or its name).")] = None,
+    acknowledge: Annotated[bool, typer.Option(help="With --resume: I have looked at the robot, it may move.")] = False,
     json_: Annotated[
         str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
     ] = None,
@@ -31,13 +33,19 @@ def run(
     from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.progress import progress
     from cellctl.cli.results import exit_of, new_run_folder, result_of, say_end, write_json
+    from cellctl.cli.resume import resumed_run
 
     campaign = load_campaign(procedure, cell, set_ or [])
-    folder = new_run_folder(runs, campaign.procedure.name)
+    if resume:
+        going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
+        campaign, folder = going_on.campaign, going_on.folder
+        options = Options(going_on.seed, going_on.clock, tuple(simulator or ()), going_on.state, acknowledge)
+    else:
+        folder = new_run_folder(runs, campaign.procedure.name)
+        options = Options(seed, clock, tuple(simulator or ()))
     began = time.monotonic()
     to_stdout = json_ == "-"
     with progress(campaign, folder, quiet=to_stdout) as watcher:
-        options = Options(seed, clock, runs, tuple(simulator or ()))
         outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
     result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
     write_json(result, json_)

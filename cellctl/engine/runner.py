@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, final
 
 from cellctl.clock import Clock
-from cellctl.devices import Device, DeviceError, DeviceUnreachable, Identity
+from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity
 from cellctl.engine.context import AfterConnect, Context, Surround
 from cellctl.engine.mailbox import Mailbox
 from cellctl.engine.outcome import Outcome
@@ -30,7 +30,18 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.journal import Outcome as StepOutcome
-from cellctl.procedure import Action, AnyStepKind, Loop, Procedure, Step, StepRegistry, inputs_of, resolve, step_path
+from cellctl.procedure import (
+    Action,
+    AnyStepKind,
+    Loop,
+    OnResume,
+    Procedure,
+    Step,
+    StepRegistry,
+    inputs_of,
+    resolve,
+    step_path,
+)
 
 _STOP_SECONDS = 10.0
 """How long one device may take to come to its safe state, in the cell's time."""
@@ -56,10 +67,19 @@ class Plan:
 
 @final
 class Engine:
-    """Runs one procedure once."""
+    """Runs one procedure once, or goes on with it: `record` is what its journal holds already.
+
+    Steps that are done in `record` are not done again, unless they say `on_resume: always`.
+    """
 
     def __init__(
-        self, plan: Plan, run: Surround, journal: Journal, mailbox: Mailbox, watcher: Watcher | None = None
+        self,
+        plan: Plan,
+        run: Surround,
+        journal: Journal,
+        mailbox: Mailbox,
+        watcher: Watcher | None = None,
+        record: RunState | None = None,
     ) -> None:
         self._plan = plan
         self._run = run
@@ -68,7 +88,8 @@ class Engine:
         self._watcher = watcher or NobodyWatching()
         self._clock: Clock = run.clock
         self._connected: list[Device] = []
-        self._record = RunState()
+        self._record = record or RunState()
+        self._done = dict(self._record.finished)
         self._journal_error: JournalError | None = None
         self.state = State.IDLE
 
@@ -133,23 +154,27 @@ class Engine:
         self._watcher.loop(path, len(values), len(values))
 
     async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
-        """Do one step, with its retries. Raises what its last attempt raised."""
+        """Do one step, with its retries; or take its result where it is done. Raises what its last attempt raised."""
+        if path in self._done and step.on_resume is OnResume.SKIP:
+            result: dict[str, Any] | None = self._done[path]
+            return result
         await self._at_border()
         kind = self._plan.registry.find(step.do)
         inputs = inputs_of(self._plan.procedure, step, kind, scope)
         retryable = tuple(kind.retryable()[name] for name in step.retry.on)
-        for attempt in range(1, step.retry.attempts + 1):
+        for tried in range(1, step.retry.attempts + 1):
             try:
-                return await self._attempt(kind, inputs, step, path, attempt)
+                return await self._attempt(kind, inputs, step, path)
             except retryable as error:
-                if attempt == step.retry.attempts:
+                if tried == step.retry.attempts:
                     raise
-                self._said(path, f"attempt {attempt} of {step.retry.attempts} failed, trying again: {error}")
+                self._said(path, f"attempt {tried} of {step.retry.attempts} failed, trying again: {error}")
         raise AssertionError("a step is tried at least once")
 
     async def _attempt(
-        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, attempt: int, limit: float | None = None
+        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None = None
     ) -> dict[str, Any] | None:
+        attempt = self._record.next_attempt(path)
         context = Context(
             step=path,
             attempt=attempt,
@@ -199,13 +224,13 @@ class Engine:
         try:
             kind = self._plan.registry.find(step.do)
             inputs = inputs_of(self._plan.procedure, step, kind, self._plan.parameters)
-            await self._attempt(kind, inputs, step, path, 1, _CLEANUP_SECONDS)
+            await self._attempt(kind, inputs, step, path, _CLEANUP_SECONDS)
         except Exception as failure:
             return [f"clean-up step '{step.id}' failed: {failure}"]
         return []
 
     def _end_state(self, error: BaseException | None, troubles: list[str]) -> State:
-        if troubles:
+        if troubles or isinstance(error, DeviceUncertain):
             return State.UNCERTAIN
         if isinstance(error, Aborted):
             return State.ABORTED

@@ -13,7 +13,16 @@ from cellctl.devices import DeviceUnreachable, Health, Identity, NoContact
 from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, Plan, State, Surround
 from cellctl.engine.states import checked
 from cellctl.files import parse_yaml
-from cellctl.journal import Journal, Recorded, StateChanged, StepEnded, StepStarted, read_journal
+from cellctl.journal import (
+    Journal,
+    Recorded,
+    RunResumed,
+    StateChanged,
+    StepEnded,
+    StepStarted,
+    fold,
+    read_journal,
+)
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
 
 CALLS: list[str] = []
@@ -264,3 +273,37 @@ def test_the_transition_table_names_every_state_and_nothing_leaves_an_end() -> N
     assert reachable == set(State)
     with pytest.raises(IllegalTransition):
         checked(State.FINISHED, State.RUNNING)
+
+
+def test_a_resumed_run_does_not_repeat_what_is_done_and_loses_no_row(tmp_path: Path) -> None:
+    engine, mailbox, journal = engine_for(LOOP, tmp_path)
+
+    class PauseAfterTheSecond:
+        def event(self, event: Any) -> None:
+            if isinstance(event, StepEnded) and event.step == "all[1].twice":
+                mailbox.pause()
+
+        def loop(self, path: str, index: int, count: int) -> None:
+            pass
+
+    engine._watcher = PauseAfterTheSecond()
+
+    async def stop_after_the_second() -> Any:
+        running = asyncio.create_task(engine.run())
+        async with asyncio.timeout(20):
+            while engine.state is not State.PAUSED:
+                await asyncio.sleep(0)
+            mailbox.abort()
+            return await running
+
+    assert asyncio.run(stop_after_the_second()).state is State.ABORTED
+    journal.close()
+    CALLS.clear()
+    record = fold(read_journal(journal.path))
+    plan, run = engine._plan, engine._run
+    with Journal.reopen(journal.path.parent, run.clock.now_ns) as again:
+        again.append(RunResumed("me", "now", "", {}))
+        outcome = asyncio.run(Engine(plan, run, again, Mailbox(), None, record).run())
+    assert outcome.state is State.FINISHED
+    assert CALLS == ["double 3"]
+    assert fold(read_journal(journal.path)).recorded("doubled") == [{"value": 2}, {"value": 4}, {"value": 6}]

@@ -105,7 +105,7 @@ def run_here(
         simulated = await SimulatedCell.start(campaign.cell, seed, clock, ("--truth-log", str(log)))
         try:
             mailbox = Mailbox()
-            options = Options(seed, clock, folder)
+            options = Options(seed, clock)
             engine = asyncio.create_task(run_on(simulated, campaign, options, run, mailbox, NobodyWatching()))
             if meanwhile:
                 await meanwhile(mailbox, run)
