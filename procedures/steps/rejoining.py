@@ -1,0 +1,61 @@
+"""Back on the way: a robot that was cut off somewhere on a planned way goes on from the way's nearest earlier point.
+
+A way is a list of joint readings between which the controller moves in straight joint-space lines, so a robot that was
+stopped on it stands on one of these lines. Elsewhere it was moved by hand, and how it may move is for a person to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import dist
+
+from cellctl.devices import DeviceRefused, JointReadings, SearchingRobot
+
+ON_THE_WAY_DEG = 1.0
+"""How far from a planned line, as norm of the joint vector, a robot still stands on it (braking, following lag)."""
+
+AT_A_POINT_DEG = 0.2
+"""Nearer than this to a point of the way, the robot stands there."""
+
+
+async def rejoin(robot: SearchingRobot, way: Sequence[JointReadings], speed_percent: float) -> int:
+    """Bring the robot to a point of `way`, back along it, and say which (index).
+
+    Moves nothing where it stands at the way's first point. Raises DeviceRefused where it stands off the way; DeviceLost.
+    """
+    here = await robot.joints()
+    index = last_point_before(way, here)
+    if index is None:
+        raise DeviceRefused(
+            robot.name,
+            f"stands off its planned way, at {', '.join(f'{angle:.1f}' for angle in here)} deg",
+            f"Move it by hand (T1), clear of everything, to {', '.join(f'{angle:.1f}' for angle in way[0])} deg.",
+        )
+    if index > 0 or dist(here, way[0]) > AT_A_POINT_DEG:
+        await robot.move(tuple(way[index]), speed_percent)
+    return index
+
+
+def last_point_before(way: Sequence[JointReadings], here: JointReadings) -> int | None:
+    """Index of the point of `way` that a robot at `here` passed last; None where it does not stand on the way.
+
+    Where it stands on several lines (the way crosses itself) the earliest counts: from there all of the way is planned.
+    """
+    if dist(here, way[0]) <= AT_A_POINT_DEG:
+        return 0
+    for index, (start, end) in enumerate(pairwise(way)):
+        if _from_line(start, end, here) <= ON_THE_WAY_DEG:
+            return index + 1 if dist(here, end) <= AT_A_POINT_DEG else index
+    return None
+
+
+def _from_line(start: JointReadings, end: JointReadings, here: JointReadings) -> float:
+    """Distance of `here` from the straight joint-space line between `start` and `end`, degrees."""
+    along = [b - a for a, b in zip(start, end, strict=True)]
+    length = sum(step * step for step in along)
+    if length == 0.0:
+        return dist(here, start)
+    share = sum((h - a) * step for h, a, step in zip(here, start, along, strict=True)) / length
+    share = min(1.0, max(0.0, share))
+    return dist(here, [a + share * step for a, step in zip(start, along, strict=True)])
