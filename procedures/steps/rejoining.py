@@ -22,7 +22,7 @@ AT_A_POINT_DEG = 0.2
 async def rejoin(robot: SearchingRobot, way: Sequence[JointReadings], speed_percent: float) -> int:
     """Bring the robot to a point of `way`, back along it, and say which (index).
 
-    Moves nothing where it stands at the way's first point. Raises DeviceRefused where it stands off the way; DeviceLost.
+    Moves nothing where it stands at the first point. Raises DeviceRefused where it stands off the way; DeviceLost.
     """
     here = await robot.joints()
     index = last_point_before(way, here)
