@@ -6,6 +6,7 @@ from cellctl.devices.errors import (
     DeviceFault,
     DeviceLost,
     DeviceRefused,
+    DeviceUncertain,
     DeviceUnreachable,
     LimitExceeded,
     NoContact,
@@ -25,10 +26,11 @@ from cellctl.devices.protocols import (
     SearchResult,
     Surroundings,
 )
-from cellctl.devices.tables import ControllerTable, TableInfo, TableRow, TableState, TableStore
+from cellctl.devices.tables import CompensatedRobot, ControllerTable, TableInfo, TableRow, TableState, TableStore
 
 __all__ = [
     "Address",
+    "CompensatedRobot",
     "Contact",
     "ContactProbe",
     "ControllerTable",
@@ -37,6 +39,7 @@ __all__ = [
     "DeviceFault",
     "DeviceLost",
     "DeviceRefused",
+    "DeviceUncertain",
     "DeviceUnreachable",
     "Guard",
     "Health",

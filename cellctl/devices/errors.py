@@ -24,6 +24,10 @@ class DeviceLost(DeviceError):
     """It was connected and is gone, or silent for too long; what it did last is uncertain."""
 
 
+class DeviceUncertain(DeviceLost):
+    """Something that moves or writes was cut off and nobody knows how far it got; a person has to look. Exit code 4."""
+
+
 class DeviceRefused(DeviceError):
     """It answered, and said no; nothing has moved because of this request."""
 
