@@ -145,11 +145,17 @@ class SearchingRobot(Device, Protocol):
         `speed_deg_s`: rate of the Euclidean norm of the joint vector, deg/s. `guards`: name → oldest allowed beat in
         seconds; the robot holds by itself when one is older. Raises LimitExceeded (nothing moved), DeviceFault
         (controller fault, late count), DeviceLost (no telegram, a guard too old). The robot is held in every case.
-        Cancelling it stops and holds the robot.
+        Cancelling it stops and holds the robot. While a stop stands it ends STOPPED where it began.
         """
 
     def stop_now(self) -> None:
-        """Stop the running search within the next cycle. Safe from any thread; never blocks."""
+        """Stop the running search within the next cycle, and every later one before it moves, until `clear_stop`.
+
+        Safe from any thread; never blocks. A stop that was said before the search began is thus never lost.
+        """
+
+    def clear_stop(self) -> None:
+        """Forget the stop that stands, whoever said it; call it *before* what may say the next one is armed."""
 
     def guard(self, name: str) -> Guard:
         """The slot in which another device's proof of life is left for the cyclic process."""

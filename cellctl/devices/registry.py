@@ -9,8 +9,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import final
 
+from cellctl import devices
 from cellctl.clock import WallClock
-from cellctl.devices import protocols
 from cellctl.devices.addresses import Address
 from cellctl.devices.protocols import Device, Surroundings
 
@@ -45,10 +45,10 @@ class DriverRegistry:
     def kind(self, scheme: str) -> type:
         """What the driver's devices can do: the class or Protocol that its function says it returns.
 
-        An annotation by name is looked up among the Protocols here, so that a driver need not import them to say it.
+        An annotation by name is looked up in `cellctl.devices`, so that a driver need not import them to say it.
         """
         said = self.driver(scheme).__annotations__.get("return", Device)
-        kind = getattr(protocols, said, None) if isinstance(said, str) else said
+        kind = getattr(devices, said, None) if isinstance(said, str) else said
         return kind if isinstance(kind, type) else Device
 
     def open(self, name: str, address: Address, surroundings: Surroundings) -> Device:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
-from cellctl.devices.protocols import Device, JointReadings
+from cellctl.devices.protocols import Device, JointReadings, SearchingRobot
 
 
 @final
@@ -30,7 +30,10 @@ class ControllerTable:
 @final
 @dataclass(frozen=True, slots=True)
 class TableInfo:
-    """A table that a controller has: its id, how many rows, and the check sum over them."""
+    """A table that a controller has: its id, how many of its rows are there, and the check sum over them.
+
+    The check sum is empty for a staged table: not all of it need have arrived.
+    """
 
     id: str
     rows: int
@@ -55,18 +58,30 @@ class TableStore(Device, Protocol):
         """Stage in blocks, read every row back, compare, activate at once; the old table is in force until then.
 
         Raises DeviceRefused (another serial or check sum, too many rows), DeviceFault (what was read back differs),
-        DeviceLost: where the connection was lost at the activation itself, its text says that the state is uncertain
-        until `table_state` has been asked.
+        DeviceLost (before the activation: the old table is in force), DeviceUncertain (lost at the activation itself:
+        either table may be in force, whole, until `table_state` has been asked).
         """
 
     async def table_state(self) -> TableState:
-        """What tables there are. Raises DeviceLost."""
+        """What tables there are. Raises DeviceRefused, DeviceLost."""
 
     async def read_table(self) -> ControllerTable | None:
-        """The active table, row by row as the controller holds it; None where none is. Raises DeviceLost."""
+        """The active table, row by row as the controller holds it; None where none is.
+
+        Raises DeviceRefused (a table staged and never activated is in the way), DeviceFault (its rows do not fit its
+        check sum), DeviceLost.
+        """
 
     async def rollback_table(self) -> TableState:
-        """Put the table before into force again. Raises DeviceRefused where there is none to roll back, DeviceLost."""
+        """Put the table before into force again.
+
+        Raises DeviceRefused where there is none to roll back, DeviceLost, DeviceUncertain (lost once it was asked for).
+        """
 
     async def move_to_row(self, row: int, speed_percent: float) -> JointReadings:
         """Point to point to the compensated joints of `row` (from 1) of the active table; raises as `move` does."""
+
+
+@runtime_checkable
+class CompensatedRobot(SearchingRobot, TableStore, Protocol):
+    """A robot that searches for contact, and whose controller moves it to the rows of a compensation table."""

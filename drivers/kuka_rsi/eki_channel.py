@@ -119,9 +119,12 @@ class EkiChannel:
             await self._writer.drain()
         return pending
 
-    async def ask(self, operation: str, timeout_s: float = ANSWER_S) -> Reply:
-        """Send a command without content and wait for its only reply. Raises DeviceLost, also where none comes."""
-        pending = await self.send(operation)
+    async def ask(self, operation: str, content: str = "", timeout_s: float = ANSWER_S) -> Reply:
+        """Send a command and wait for its only reply. Raises DeviceLost, also where none comes."""
+        return await self.answer_to(await self.send(operation, content), operation, timeout_s)
+
+    async def answer_to(self, pending: Pending, operation: str, timeout_s: float = ANSWER_S) -> Reply:
+        """The only reply to a command that was sent. Raises DeviceLost, also where none comes."""
         try:
             return await pending.reply(timeout_s)
         except TimeoutError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 from xml.etree import ElementTree
 
@@ -21,13 +21,17 @@ _TOKEN = re.compile(
 @final
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """`<Rep>`: `code` as in the reference; `joints` actual, degrees, where sent; `ident` of HELLO."""
+    """`<Rep>`: `code` as in the reference; `joints` actual, degrees, where sent; `ident` of HELLO.
+
+    `document`: all of it, for what only some commands are answered with.
+    """
 
     id: int
     code: int
     text: str
     joints: JointReadings | None
     ident: dict[str, str]
+    document: ElementTree.Element = field(default_factory=lambda: ElementTree.Element("Rep"), compare=False)
 
 
 @final
@@ -96,6 +100,7 @@ def read_document(document: bytes) -> Reply | Stat:
             root.get("Text", ""),
             joints,
             dict(ident.attrib if ident is not None else {}),
+            root,
         )
     if root.tag == "Stat" and joints is not None:
         return Stat(root.get("Mode", ""), root.get("Prog", ""), root.get("Msg", ""), joints)

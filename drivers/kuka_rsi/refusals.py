@@ -37,4 +37,13 @@ def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
             return DeviceFault(device, f"{doing}: stopped by HALT; the robot is held{text}")
         case 31:
             return DeviceFault(device, f"{doing}: stopped by the controller: {reply.text}", cure_of(reply.text))
+        case 40:
+            cure = "A table holds for the one robot that it was identified on: push the one made for this controller."
+            return DeviceRefused(device, f"{doing}: it was made for another controller{text}", cure)
+        case 41:
+            return DeviceRefused(device, f"{doing}: the check sum does not fit what arrived{text}", "Push again.")
+        case 42:
+            return DeviceRefused(device, f"{doing}: the controller has no such table or row{text}")
+        case 43:
+            return DeviceRefused(device, f"{doing}: the controller does not take that many rows{text}")
     return DeviceRefused(device, f"{doing}: not understood by the controller (code {reply.code}){text}")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
+    ControllerTable,
     DeviceError,
     DeviceFault,
     DeviceLost,
@@ -21,10 +21,12 @@ from cellctl.devices import (
     JointReadings,
     LimitExceeded,
     SearchResult,
+    TableState,
 )
 from drivers.kuka_rsi.eki_channel import EkiChannel
 from drivers.kuka_rsi.eki_documents import Reply, point_to_point
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+from drivers.kuka_rsi.guards import ENGINE, GuardSlots
 from drivers.kuka_rsi.limits import AXES, SearchLimits
 from drivers.kuka_rsi.process import CyclicProcess
 from drivers.kuka_rsi.refusals import cure_of, refusal
@@ -32,15 +34,18 @@ from drivers.kuka_rsi.search_cycle import SearchOrder
 from drivers.kuka_rsi.searching import Search
 from drivers.kuka_rsi.seen_through import see_through
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.shared_block import GUARDS, SharedBlock, Slot
+from drivers.kuka_rsi.shared_block import Slot
+from drivers.kuka_rsi.table_channel import TableChannel
+from drivers.kuka_rsi.table_rows import to_row
 from drivers.kuka_rsi.telegram import ReplyFormat
 
-_ENGINE = "engine"
 _BEAT_S = 0.05
-_OLDEST_BEAT_S = 0.25
 
 _SLOW_AXIS_DEG_S = 30.0
 """No axis is slower at 100 %; from it a move's time-out is computed."""
+
+_FARTHEST_DEG = 720.0
+"""No axis turns further in a move whose target only the controller knows."""
 
 _MOVE_BESIDES_S = 15.0
 _HALT_S = 10.0
@@ -48,7 +53,7 @@ _HALT_S = 10.0
 
 @final
 class KukaRobot:
-    """A KUKA robot: RSI in a process of its own, EthernetKRL for the rest. Implements SearchingRobot and Listener."""
+    """A KUKA robot: RSI in a process of its own, EthernetKRL for the rest. A CompensatedRobot and Listener."""
 
     def __init__(self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.name = name
@@ -59,10 +64,9 @@ class KukaRobot:
         self._process: CyclicProcess | None = None
         self._identity: Identity | None = None
         self._beating: asyncio.Task[None] | None = None
-        self._searches = itertools.count(1)
-        self._search = 0
+        self._search = 1  # number of the one under way, or else of the next
         self._busy = False
-        self._guards: dict[str, int] = {_ENGINE: 0}
+        self._guards = GuardSlots(name, lambda: self._process and self._process.block)
 
     @property
     def axes(self) -> int:
@@ -129,18 +133,17 @@ class KukaRobot:
     async def move(self, target: JointReadings, speed_percent: float) -> JointReadings:
         """Point to point, planned by the controller; returns the actual joints on arrival, degrees."""
         self._check_joints(target)
-        if not 0 < speed_percent <= 100:
-            raise LimitExceeded(self.name, f"move: speed {speed_percent:g} % is not within 0 … 100 %")
+        self._check_speed(speed_percent)
         async with self._held_in_trouble():
-            eki = self._connected_eki()
-            farthest = max(abs(a - b) for a, b in zip(target, eki.latest_joints, strict=True))
-            limit_s = 2 * farthest / (_SLOW_AXIS_DEG_S * speed_percent / 100) + _MOVE_BESIDES_S
-            pending = await eki.send("PTP", point_to_point(target, speed_percent))
-            try:
-                reply = await pending.reply(limit_s)
-            except TimeoutError:
-                raise DeviceLost(self.name, f"the move of {farthest:.1f} deg did not end in {limit_s:.0f} s") from None
-            return self._arrived(reply)
+            here = self._connected_eki().latest_joints
+            farthest = max(abs(a - b) for a, b in zip(target, here, strict=True))
+            return await self._transfer("PTP", point_to_point(target, speed_percent), farthest, speed_percent)
+
+    async def move_to_row(self, row: int, speed_percent: float) -> JointReadings:
+        """Point to point to row `row` (from 1) of the active table; returns the actual joints on arrival, degrees."""
+        self._check_speed(speed_percent)
+        async with self._held_in_trouble():
+            return await self._transfer("PTPT", to_row(row, speed_percent), _FARTHEST_DEG, speed_percent)
 
     async def search(
         self, end: JointReadings, speed_deg_s: float, guards: dict[str, float] | None = None
@@ -155,16 +158,24 @@ class KukaRobot:
                 raise LimitExceeded(self.name, f"search: {', '.join(passed)}")
             if not speed_deg_s > 0:
                 raise LimitExceeded(self.name, f"search: speed {speed_deg_s:g} deg/s is not positive")
-            oldest = self._oldest_beats(guards or {})
-            self._search = next(self._searches)
+            oldest = self._guards.oldest_ns(guards or {})
             order = SearchOrder(self._search, start, correction, speed_deg_s, oldest)
-            names, file = tuple(self._guards), str(self._settings.ethernet)
-            return await Search(self.name, self._clock, eki, process, order, names, file).run()
+            process.block.keep_stop(order.number)
+            names, file = self._guards.names, str(self._settings.ethernet)
+            try:
+                return await Search(self.name, self._clock, eki, process, order, names, file).run()
+            finally:
+                self._search += 1
 
     def stop_now(self) -> None:
-        """Stop the running search; safe from any thread, never blocks."""
+        """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
         if process := self._process:
             process.block.words[Slot.STOP] = self._search
+
+    def clear_stop(self) -> None:
+        """Forget the stop that stands."""
+        if process := self._process:
+            process.block.words[Slot.STOP] = 0
 
     async def stop(self) -> None:
         """Hold the robot whatever it does."""
@@ -174,11 +185,31 @@ class KukaRobot:
 
     def guard(self, name: str) -> Guard:
         """The slot in which `name`'s proof of life is left. Raises ValueError where all are taken."""
-        slot = self._guards.setdefault(name, len(self._guards))
-        if slot >= GUARDS:
-            del self._guards[name]
-            raise ValueError(f"{self.name}: no more than {GUARDS - 1} guards")
-        return _SlotGuard(lambda: self._process and self._process.block, slot)
+        return self._guards.guard(name)
+
+    # compensation tables
+
+    async def push_table(self, table: ControllerTable) -> TableState:
+        """Stage, read back, compare, activate at once; see TableStore."""
+        for row in table.rows:
+            self._check_joints(row.nominal)
+            self._check_joints(row.compensated)
+        with self._one_at_a_time():
+            return await self._tables().push(table)
+
+    async def table_state(self) -> TableState:
+        """What tables the controller has."""
+        return await self._tables().state()
+
+    async def read_table(self) -> ControllerTable | None:
+        """The active table as the controller holds it; see TableStore."""
+        with self._one_at_a_time():
+            return await self._tables().read()
+
+    async def rollback_table(self) -> TableState:
+        """Put the table before into force again; see TableStore."""
+        with self._one_at_a_time():
+            return await self._tables().rollback()
 
     # inner works
 
@@ -216,27 +247,42 @@ class KukaRobot:
 
     async def _beat(self) -> None:
         """The engine's own proof of life: where its loop hangs, these stop and the cyclic process holds the robot."""
-        guard = self.guard(_ENGINE)
+        guard = self.guard(ENGINE)
         while True:
             guard.beat(self._clock.now_ns())
             await self._clock.sleep(_BEAT_S)
 
-    @asynccontextmanager
-    async def _held_in_trouble(self) -> AsyncIterator[None]:
-        """One command at a time; where it ends otherwise than by the controller's own word, the robot is halted."""
+    @contextmanager
+    def _one_at_a_time(self) -> Iterator[None]:
         if self._busy:
             raise DeviceRefused(self.name, "another command is under way")
         self._busy = True
         try:
             yield
-        except (DeviceRefused, DeviceFault, LimitExceeded):
-            raise
-        except BaseException:
-            self.stop_now()
-            await see_through(self._halt())
-            raise
         finally:
             self._busy = False
+
+    @asynccontextmanager
+    async def _held_in_trouble(self) -> AsyncIterator[None]:
+        """One motion at a time; where it ends otherwise than by the controller's own word, the robot is halted."""
+        with self._one_at_a_time():
+            try:
+                yield
+            except (DeviceRefused, DeviceFault, LimitExceeded):
+                raise
+            except BaseException:
+                self.stop_now()
+                await see_through(self._halt())
+                raise
+
+    async def _transfer(self, operation: str, content: str, farthest_deg: float, speed_percent: float) -> JointReadings:
+        """A move planned by the controller, over at most `farthest_deg` of any axis; the actual joints on arrival."""
+        limit_s = 2 * farthest_deg / (_SLOW_AXIS_DEG_S * speed_percent / 100) + _MOVE_BESIDES_S
+        pending = await self._connected_eki().send(operation, content)
+        try:
+            return self._arrived(await pending.reply(limit_s))
+        except TimeoutError:
+            raise DeviceLost(self.name, f"the move of {farthest_deg:.1f} deg did not end in {limit_s:.0f} s") from None
 
     async def _halt(self) -> None:
         """Ask for standstill and wait for it; without a connection the controller holds the robot by itself.
@@ -245,7 +291,7 @@ class KukaRobot:
         """
         with suppress(DeviceError):
             if self._eki and self._process:
-                await self._eki.ask("HALT", _HALT_S)
+                await self._eki.ask("HALT", timeout_s=_HALT_S)
                 self._process.block.release()
 
     def _moving(self) -> bool:
@@ -258,16 +304,17 @@ class KukaRobot:
             raise refusal(self.name, reply, "move")
         return reply.joints or self._connected_eki().latest_joints
 
-    def _oldest_beats(self, guards: dict[str, float]) -> tuple[int, ...]:
-        oldest = [0] * GUARDS
-        for name, seconds in {_ENGINE: _OLDEST_BEAT_S, **guards}.items():
-            self.guard(name)
-            oldest[self._guards[name]] = round(seconds * 1e9)
-        return tuple(oldest)
+    def _tables(self) -> TableChannel:
+        serial = self._identity.serial if self._identity else ""
+        return TableChannel(self.name, self._connected_eki(), serial)
 
     def _check_joints(self, joints: JointReadings) -> None:
         if len(joints) != AXES or not all(map(math.isfinite, joints)):
             raise LimitExceeded(self.name, f"{joints} are not {AXES} joint readings")
+
+    def _check_speed(self, percent: float) -> None:
+        if not 0 < percent <= 100:
+            raise LimitExceeded(self.name, f"move: speed {percent:g} % is not within 0 … 100 %")
 
     def _connected_process(self) -> CyclicProcess:
         if self._process is None:
@@ -278,17 +325,3 @@ class KukaRobot:
         if self._eki is None:
             raise DeviceLost(self.name, "not connected")
         return self._eki
-
-
-@final
-class _SlotGuard:
-    """Leaves beats in a slot of the shared block, whichever block is in use."""
-
-    def __init__(self, block: Callable[[], SharedBlock | None], slot: int) -> None:
-        self._block = block
-        self._place = Slot.BEATS + slot
-
-    def beat(self, time_ns: int) -> None:
-        """The device was alive at `time_ns` of the cell's clock."""
-        if block := self._block():
-            block.words[self._place] = time_ns

@@ -1,12 +1,15 @@
-"""Work that a cancellation must not cut short: holding the robot."""
+"""Work that a cancellation must not cut short: holding the robot, putting a table into force."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine
+from typing import TypeVar
+
+_T = TypeVar("_T")
 
 
-async def see_through(work: Coroutine[object, object, None]) -> None:
+async def see_through(work: Coroutine[object, object, _T]) -> _T:
     """Run `work` to its end even where the caller is cancelled meanwhile, once or more; then let that take effect."""
     task = asyncio.ensure_future(work)
     cancelled: asyncio.CancelledError | None = None
@@ -15,6 +18,7 @@ async def see_through(work: Coroutine[object, object, None]) -> None:
             await asyncio.shield(task)
         except asyncio.CancelledError as error:
             cancelled = error
-    task.result()
+    result = task.result()
     if cancelled:
         raise cancelled
+    return result

@@ -25,7 +25,10 @@ _ROW_SLOTS = 3 + AXES
 
 
 class Slot(IntEnum):
-    """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process."""
+    """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
+
+    `STOP`: number of the search to be stopped, 0 where no stop stands.
+    """
 
     STOP = 0
     ORDER = 1
@@ -115,6 +118,11 @@ class SharedBlock:
         for slot, oldest_ns in enumerate(order.guards_ns):
             self.words[Slot.OLDEST + slot] = oldest_ns
         self.words[Slot.ORDER] = order.number
+
+    def keep_stop(self, number: int) -> None:
+        """Where a stop stands from before, it is meant for search `number` too."""
+        if self.words[Slot.STOP]:
+            self.words[Slot.STOP] = number
 
     def release(self) -> None:
         """The session is over: from now on answer zero."""

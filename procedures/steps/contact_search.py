@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,6 +24,9 @@ _PROBE_PATIENCE_S = 0.2
 
 _SETTLED_SHARE = 0.4
 """Transfers from guard distance on go at this share of the transfer speed: the tip is near the sphere."""
+
+_MOVED_DEG = 0.01
+"""Joints less than this from where the search began have not moved: twenty steps of a common encoder, 0.1 mm or so."""
 
 
 class Line(Protocol):
@@ -112,7 +116,19 @@ async def search_and_retreat(
         raise NoContact("probe", what, "is the sphere where the cell file says, its earth lead on, the tip clean?")
     if not contact.confirmed:
         raise NoContact("probe", f"contact on {line.sphere} did not hold (a bounce)", "clean tip and sphere")
-    return FoundContact(start, found.joints_at(contact.time_ns), found, contact)
+    return FoundContact(start, _joints_at_contact(line, found, contact), found, contact)
+
+
+def _joints_at_contact(line: Line, found: SearchResult, contact: Contact) -> JointReadings:
+    """Raises NoContact where the contact was not on the line: before the search, or before the robot moved in it."""
+    try:
+        joints = found.joints_at(contact.time_ns)
+    except ValueError:
+        joints = None
+    if joints is None or math.dist(joints, found.joints[0]) < _MOVED_DEG:
+        what = f"contact on {line.sphere} was seen before the robot moved on it"
+        raise NoContact("probe", what, "does something else close the loop: a cable, dirt, a disturbance?")
+    return joints
 
 
 async def _search(
@@ -122,6 +138,7 @@ async def _search(
     turn = sum((b - a) ** 2 for a, b in zip(start, line.end, strict=True)) ** 0.5
     speed_deg_s = speed_mm_s * turn / line.search_mm
     alive = robot.guard("probe")
+    robot.clear_stop()  # before the probe can say one: what it says from here on must count
     await probe.arm(on_edge=robot.stop_now, on_alive=alive.beat)
     try:
         found = await robot.search(tuple(line.end), speed_deg_s, {"probe": _PROBE_PATIENCE_S})

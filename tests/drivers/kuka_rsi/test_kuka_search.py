@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import itertools
 import math
+import threading
 
 import pytest
 
 from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd
+from drivers.kuka_rsi.shared_block import Slot
 
 TWO_DEG = (0.0, -88.0, 90.0, 0.0, 45.0, 0.0)
 
@@ -121,6 +123,50 @@ def test_a_stop_before_the_first_telegram_moves_nothing(controller, connected, r
     assert result.end is SearchEnd.STOPPED
     assert {answer.correction for answer in controller.answers} == {(0,) * 6}
     assert result.stop_cycles == 1
+
+
+def test_a_stop_said_before_a_search_stops_every_search_until_it_is_cleared(controller, connected, run):
+    async def search():
+        async with connected() as robot:
+            robot.stop_now()
+            stopped = [await robot.search(TWO_DEG, 2.0), await robot.search(TWO_DEG, 2.0)]
+            before = {answer.correction for answer in controller.answers}
+            robot.clear_stop()
+            return stopped, before, await robot.search(TWO_DEG, 2.0)
+
+    stopped, before, free = run(search())
+    assert [result.end for result in stopped] == [SearchEnd.STOPPED, SearchEnd.STOPPED]
+    assert before == {(0,) * 6}
+    assert free.end is SearchEnd.TRAVEL
+
+
+def test_a_stop_that_falls_between_two_searches_is_not_lost(controller, connected, run):
+    """A probe armed after the first search may say its edge before the second one has begun."""
+
+    async def search():
+        async with connected() as robot:
+            await robot.search(TWO_DEG, 2.0)
+            robot.clear_stop()
+            moved = len(controller.answers)
+            threading.Thread(target=robot.stop_now).start()
+            while not robot._process.block.words[Slot.STOP]:
+                await asyncio.sleep(0)
+            return await robot.search((0.0, -90.0, 90.0, 0.0, 45.0, 0.0), 2.0), moved
+
+    result, moved = run(search())
+    assert result.end is SearchEnd.STOPPED
+    assert {answer.correction for answer in controller.answers[moved:]} == {(0,) * 6}
+    assert result.resting == pytest.approx(TWO_DEG, abs=0.002)
+
+
+def test_holding_the_idle_robot_does_not_stop_the_next_search_once_cleared(controller, connected, run):
+    async def search():
+        async with connected() as robot:
+            await robot.stop()
+            robot.clear_stop()
+            return await robot.search(TWO_DEG, 2.0)
+
+    assert run(search()).end is SearchEnd.TRAVEL
 
 
 def test_samples_carry_the_cell_s_time_of_each_cycle(controller, connected, run):
@@ -390,6 +436,7 @@ def test_cancelling_a_search_stops_the_set_point_and_halts(controller, connected
             with pytest.raises(asyncio.CancelledError):
                 await task
             assert not controller.in_rsi
+            robot.clear_stop()
             return await robot.search(tuple(controller.joints), 1.0)
 
     result = run(search())
