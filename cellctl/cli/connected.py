@@ -1,4 +1,4 @@
-"""Devices of a cell, opened: with the simulators where the cell is simulated, and without a campaign where none runs."""
+"""Devices of a cell, opened and connected: with simulators where it is simulated, without a campaign if need be."""
 
 from __future__ import annotations
 

@@ -11,11 +11,13 @@ import typer
 from cellctl import __version__
 from cellctl.cli import ends
 from cellctl.cli.check import check
+from cellctl.cli.compensate import compensate
 from cellctl.cli.fit import fit
 from cellctl.cli.predict import predict
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
+from cellctl.cli.table import app as table
 
 app = typer.Typer(
     name="cellctl",
@@ -43,9 +45,10 @@ def _options(
         os.environ["CELLCTL_DEBUG"] = "1"
 
 
-_VERBS: tuple[Callable[..., None], ...] = (run, check, sim, fit, predict, runs, show)
+_VERBS: tuple[Callable[..., None], ...] = (run, check, sim, fit, predict, compensate, runs, show)
 for _verb in _VERBS:
     app.command(_verb.__name__)(_verb)
+app.add_typer(table, name="table")
 
 
 def main() -> None:

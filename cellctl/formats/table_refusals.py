@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from cellctl.formats.robot import RobotFile
 from cellctl.formats.table import Row, TableFile
 
@@ -52,15 +54,18 @@ def _tool(numbers: list[float]) -> str:
     return f"({xyz}) mm, ({abc})°, {numbers[6]:g} kg"
 
 
+def row_problems(table: TableFile, robot: RobotFile, correction_deg: float = math.inf) -> list[list[str]]:
+    """For each row what is wrong with its joints: limits of `robot`, the model's region, corrections, deg."""
+    limits = [(joint.min, joint.max) for joint in robot.joints]
+    region = list(zip(table.joint_region.min, table.joint_region.max, strict=True))
+    return [_row(row, limits, region, correction_deg) for row in table.rows]
+
+
 def _rows(table: TableFile, robot: RobotFile, correction_deg: float) -> list[str]:
     if len(table.joint_region.min) != robot.n:
         return [f"its rows have {len(table.joint_region.min)} joints, the cell's robot has {robot.n}"]
-    limits = [(joint.min, joint.max) for joint in robot.joints]
-    region = list(zip(table.joint_region.min, table.joint_region.max, strict=True))
-    found = []
-    for number, row in enumerate(table.rows, 1):
-        found += [f"row {number}: {what}" for what in _row(row, limits, region, correction_deg)]
-    return found
+    problems = row_problems(table, robot, correction_deg)
+    return [f"row {number}: {what}" for number, reasons in enumerate(problems, 1) for what in reasons]
 
 
 def _row(

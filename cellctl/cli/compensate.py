@@ -1,0 +1,132 @@
+"""`cellctl compensate`: joints that take the identified robot to targets, as a table for its controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cellctl.cli.learnt_on import LearntOn
+    from cellctl.files import Problem
+    from cellctl.formats import ModelFile, TableFile
+    from cellctl.formats.targets import Targets
+    from cellctl.kinematics import Bools
+
+__all__ = ["compensate"]
+
+
+def compensate(
+    model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
+    targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: a posture near by.")],
+    method: Annotated[str, typer.Option(help="Compensation method: pseudo-target.")] = "pseudo-target",
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the table here instead of stdout.")] = None,
+    serial: Annotated[str | None, typer.Option(help="The controller's serial; needed where no run names it.")] = None,
+    json_: Annotated[
+        str | None, typer.Option("--json", help="Write figures of the table as JSON to this file; - for stdout.")
+    ] = None,
+) -> None:
+    """Compensate targets: joints with which the identified robot is there, as a table for `cellctl table push`.
+
+    Targets lie in the model's frame. A target out of reach, or where the model never saw the robot, is refused.
+
+    Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
+    """
+    from cellctl.cli.learnt_on import learnt_on
+    from cellctl.cli.results import write_json
+    from cellctl.formats import DataSet, ModelFile
+    from cellctl.formats.table_making import foreseen
+    from cellctl.formats.targets import read_targets
+
+    _refuse(method, out, json_)
+    identified = ModelFile.load(model)
+    wanted = read_targets(DataSet.load(targets), identified.robot)
+    table = _table(identified, wanted, str(targets), method, learnt_on(model, identified, serial))
+    if out:
+        table.save(out)
+        if json_ != "-":
+            typer.echo(_words(table, out))
+    elif json_ != "-":
+        typer.echo(table.text(), nl=False)
+    write_json({**foreseen(table), "file": str(out) if out else None}, json_)
+
+
+def _refuse(method: str, out: Path | None, json_: str | None) -> None:
+    from cellctl.files import InputError, Problem
+
+    known = ("pseudo-target",)  # not imported from the mathematics: a mistake in the call is told without loading it
+    problems = []
+    if method not in known:
+        problems.append(Problem("--method", 0, 0, f"'{method}' is not known, or not ready yet", " or ".join(known)))
+    if json_ == "-" and out is None:
+        problems.append(Problem("--json", 0, 0, "the table itself goes to stdout", "give -o TABLE.json too"))
+    if problems:
+        raise InputError(problems)
+
+
+def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: LearntOn) -> TableFile:
+    """The table of all targets. Raises InputError with every target that cannot be reached or was never seen."""
+    import numpy as np
+
+    from cellctl.clock import calendar_time
+    from cellctl.files import InputError
+    from cellctl.formats.table_making import compensated_targets, table_of, usual_postures
+
+    postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
+    started = np.asarray(np.isfinite(postures).all(axis=1))
+    found = compensated_targets(model, wanted.poses, np.where(started[:, None], postures, 0.0), method=method)
+    reached = np.logical_and(started, found.converged)
+    if not reached.all():
+        raise InputError(_unreachable(wanted, file, reached))
+    table = table_of(
+        model,
+        wanted.poses,
+        found,
+        serial=learnt.serial,
+        simulated=learnt.simulated,
+        run=learnt.run,
+        created=calendar_time(),
+        method=method,
+    )
+    problems = _outside(model, wanted, file, table)
+    if problems:
+        raise InputError(problems)
+    return table
+
+
+def _unreachable(wanted: Targets, file: str, reached: Bools) -> list[Problem]:
+    from cellctl.files import Problem
+
+    cure = "move the target, or give a posture near it as A1…An"
+    return [
+        Problem(file, line, 0, "the target is out of the robot's reach", cure)
+        for line, reachable in zip(wanted.lines, reached, strict=True)
+        if not reachable
+    ]
+
+
+def _outside(model: ModelFile, wanted: Targets, file: str, table: TableFile) -> list[Problem]:
+    """Rows that no controller of this robot would be given."""
+    from cellctl.files import Problem
+    from cellctl.formats.table_refusals import row_problems
+
+    cure = "move the target, or give another posture for it as A1…An"
+    return [
+        Problem(file, wanted.lines[row], 0, what, cure)
+        for row, reasons in enumerate(row_problems(table, model.robot))
+        for what in reasons
+    ]
+
+
+def _words(table: TableFile, out: Path) -> str:
+    from cellctl.formats.table_making import foreseen
+
+    said = foreseen(table)
+    before, after, sigma = (said[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    return (
+        f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {said['rows']} rows, "
+        f"joints corrected by up to {said['max_correction_deg']:.3f}°.\n"
+        f"Foreseen: {before['mean']:.3f} mm off (mean; max {before['max']:.3f}) with nominal joints, "
+        f"{after['mean']:.4f} mm with these, ± {sigma['rms']:.3f} mm (1 σ, RMS) of the model."
+    )

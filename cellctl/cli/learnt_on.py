@@ -1,0 +1,62 @@
+"""On whose controller a model was learnt: as the run beside it says, or a person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from cellctl.files import InputError, Problem
+from cellctl.formats import ModelFile
+from cellctl.journal import fold, read_journal
+
+SIMULATED_SERIAL = "SIM-"
+"""How a simulated controller's serial begins (docs/reference/eki-channel.md)."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class LearntOn:
+    """The controller that a table is for, whether what it holds was learnt on a simulator, and in which run."""
+
+    serial: str
+    simulated: bool
+    run: str | None
+
+
+def learnt_on(path: Path, model: ModelFile, serial: str | None) -> LearntOn:
+    """Whose the model in file `path` is: as its provenance says, else the journal in its folder, else `serial`.
+
+    Raises InputError where nobody says it, or `serial` is not the one that the model was learnt on: what was learnt on
+    one robot is no other's, and a simulator's least of all.
+    """
+    found = _by_provenance(model, path) or _by_journal(path.parent)
+    if found is None and serial is None:
+        what = "does not say on whose controller it was learnt"
+        raise InputError(Problem(str(path), 0, 0, what, "give its serial with --serial"))
+    if found is None:
+        assert serial is not None
+        return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), None)
+    if serial is not None and serial != found.serial:
+        what = f"'{serial}', but {path} was learnt on controller '{found.serial}'"
+        raise InputError(Problem("--serial", 0, 0, what, "leave --serial out, or give this robot's own model"))
+    return found
+
+
+def _by_provenance(model: ModelFile, path: Path) -> LearntOn | None:
+    serial = model.provenance.get("robot_serial")
+    if serial is None:
+        return None
+    return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), model.provenance.get("run", _run_of(path.parent)))
+
+
+def _by_journal(folder: Path) -> LearntOn | None:
+    """The one device with axes of the run in `folder` is called robot in every step."""
+    if not (folder / "journal.sqlite").exists():
+        return None
+    who = fold(read_journal(folder)).identities.get("robot")
+    return LearntOn(str(who["serial"]), bool(who["simulated"]), _run_of(folder)) if who else None
+
+
+def _run_of(folder: Path) -> str | None:
+    return folder.resolve().name if (folder / "journal.sqlite").exists() else None

@@ -1,0 +1,146 @@
+"""`cellctl table`: a compensation table into a controller's force, looked at, compared, and out again."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from cellctl.cli.ends import Exit
+
+if TYPE_CHECKING:
+    from cellctl.cli.table_cell import TableCell
+    from cellctl.devices import TableStore
+
+Result = TypeVar("Result")
+
+app = typer.Typer(no_args_is_help=True, help="The controller's compensation table: push, show, verify, rollback.")
+
+_Table = Annotated[Path, typer.Argument(help="Table file, as `cellctl compensate` or a run writes it.")]
+_Cell = Annotated[Path, typer.Option(help="Cell file.")]
+_Seed = Annotated[int | None, typer.Option(help="Which simulated robot.", min=0)]
+_State = Annotated[Path | None, typer.Option(help="A simulated cell's memory: a file that it reads and writes.")]
+_Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
+
+
+@app.command()
+def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json = None) -> None:
+    """Put a table into force: refuse what is not for this robot, stage, read back, compare, activate at once.
+
+    The table before stays in force until the very end, and can be had back with rollback.
+
+    Example: cellctl table push table.json --cell procedures/cells/sphere_cell.yaml
+    """
+    from cellctl.cli.table_cell import TableCell, push_checked
+    from cellctl.formats import TableFile
+
+    file = TableFile.load(table)
+    place = TableCell.load(cell, seed, state)
+
+    async def work(store: TableStore, who: Any) -> dict[str, Any]:
+        return await push_checked(store, who, file, str(table), place)
+
+    result = _on(place, work)
+    _say(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
+
+
+@app.command()
+def show(
+    table: Annotated[Path | None, typer.Argument(help="Table file.")] = None,
+    cell: Annotated[Path | None, typer.Option(help="Cell file: show what its controller has.")] = None,
+    seed: _Seed = None,
+    state: _State = None,
+    json_: _Json = None,
+) -> None:
+    """Show a table file, or what tables a cell's controller has (in force, the one before, a staged one).
+
+    Example: cellctl table show table.json
+    """
+    from cellctl.cli.table_cell import TableCell, state_of, state_words, table_words
+    from cellctl.formats import TableFile
+
+    _one_of(table, cell)
+    if table:
+        file = TableFile.load(table)
+        _say(json_, file.model_dump(), table_words(file))
+        return
+    assert cell is not None
+
+    async def work(store: TableStore, who: Any) -> dict[str, Any]:
+        return {"serial": who.serial, **state_of(await store.table_state())}
+
+    result = _on(TableCell.load(cell, seed, state), work)
+    _say(json_, result, state_words(result))
+
+
+@app.command()
+def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json = None) -> None:
+    """Is this very table in force? Reads every row from the controller and compares it with the file, digit by digit.
+
+    Ends with 0 where it is, 1 where it is not.
+
+    Example: cellctl table verify table.json --cell procedures/cells/sphere_cell.yaml
+    """
+    from cellctl.cli.table_cell import TableCell, controller_table, differences
+    from cellctl.formats import TableFile
+
+    wanted = controller_table(TableFile.load(table))
+
+    async def work(store: TableStore, who: Any) -> dict[str, Any]:
+        found = differences(wanted, who.serial, await store.read_table())
+        return {
+            "id": wanted.id,
+            "serial": who.serial,
+            "rows": len(wanted.rows),
+            "same": not found,
+            "differences": found,
+        }
+
+    result = _on(TableCell.load(cell, seed, state), work)
+    same = f"Table {wanted.id[:12]} is in force on {result['serial']}, all {result['rows']} rows as in the file."
+    _say(json_, result, same if result["same"] else "\n".join(["Not the table in force:", *result["differences"]]))
+    if not result["same"]:
+        raise typer.Exit(Exit.NOT_BETTER)
+
+
+@app.command()
+def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json = None) -> None:
+    """Put the table before into force again (or none, where there was none); a second rollback undoes it.
+
+    Example: cellctl table rollback --cell procedures/cells/sphere_cell.yaml
+    """
+    from cellctl.cli.table_cell import TableCell, state_of, state_words
+
+    async def work(store: TableStore, who: Any) -> dict[str, Any]:
+        return {"serial": who.serial, **state_of(await store.rollback_table())}
+
+    result = _on(TableCell.load(cell, seed, state), work)
+    _say(json_, result, state_words(result))
+
+
+def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) -> Result:
+    """What `work` makes of the cell's table store and its identity, once that is connected."""
+
+    async def go() -> Result:
+        async with place.connected() as (store, who):
+            return await work(store, who)
+
+    return asyncio.run(go())
+
+
+def _one_of(table: Path | None, cell: Path | None) -> None:
+    from cellctl.files import InputError, Problem
+
+    if (table is None) == (cell is None):
+        raise InputError(Problem("cellctl table show", 0, 0, "shows one thing", "a table file, or --cell CELL"))
+
+
+def _say(json_: str | None, result: dict[str, Any], words: str) -> None:
+    from cellctl.cli.results import write_json
+
+    if json_ != "-":
+        typer.echo(words)
+    write_json(result, json_)
