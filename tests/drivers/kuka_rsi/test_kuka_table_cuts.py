@@ -1,0 +1,153 @@
+"""A push whose connection is cut, at every byte of it: never half a table, and never a wrong word about which one."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import pytest
+from controller_tables import ControllerTables, Kept
+
+from cellctl.clock import WallClock
+from cellctl.devices import ControllerTable, DeviceLost, DeviceUncertain, TableRow, TableState
+from drivers.kuka_rsi.eki_channel import EkiChannel
+from drivers.kuka_rsi.table_channel import TableChannel
+
+SERIAL = "SIM-000007"
+COMMAND = re.compile(rb'<Cmd Id="(\d+)" Op="(\w+)">(.*?)</Cmd>', re.DOTALL)
+NEVER = 1 << 30
+
+
+def table(rows: int) -> ControllerTable:
+    pairs = [
+        TableRow((0.5 * i, -90.0, 90.0, 0.0, 45.0, i / 7), (0.5 * i, -90.01, 90.02, 0, 45, i / 7)) for i in range(rows)
+    ]
+    return ControllerTable("0123456789abcdef", SERIAL, tuple(pairs))
+
+
+def with_an_old_table() -> ControllerTables:
+    return ControllerTables(active=Kept("old", 1, "00000000", [("1",) + ("0.000000",) * 12]))
+
+
+@dataclass
+class CutLine:
+    """A controller's end of the channel that hangs up after `hears` bytes received or `says` bytes sent.
+
+    `heard_before`, `said_before`: per operation, bytes heard and said before its first command.
+    """
+
+    tables: ControllerTables
+    hears: int = NEVER
+    says: int = NEVER
+
+    def __post_init__(self) -> None:
+        self.heard = self.said = 0
+        self.heard_before: dict[str, int] = {}
+        self.said_before: dict[str, int] = {}
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        text = b""
+        while self.heard < self.hears and self.said < self.says:
+            data = await reader.read(min(4096, self.hears - self.heard))
+            if not data:
+                break
+            self.heard += len(data)
+            text += data
+            while (match := COMMAND.match(text)) and self.said < self.says:
+                text = text[match.end() :]
+                self._do(match, self.heard - len(text) - len(match[0]), writer)
+        writer.close()
+
+    def _do(self, command: re.Match[bytes], heard_before: int, writer: asyncio.StreamWriter) -> None:
+        operation = command[2].decode()
+        self.heard_before.setdefault(operation, heard_before)
+        self.said_before.setdefault(operation, self.said)
+        code, more = self.tables.answer(operation, command[3].decode())
+        reply = f'<Rep Id="{command[1].decode()}" Code="{code}" Text="">{more}</Rep>'.encode()
+        reply = reply[: self.says - self.said]
+        self.said += len(reply)
+        writer.write(reply)
+
+
+@asynccontextmanager
+async def channel_to(line: CutLine) -> AsyncIterator[TableChannel]:
+    server = await asyncio.start_server(line.serve, "127.0.0.1", 0)
+    eki = EkiChannel("robot", server.sockets[0].getsockname()[:2], WallClock())
+    try:
+        await eki.open()
+        yield TableChannel("robot", eki, SERIAL)
+    finally:
+        await eki.close()
+        server.close()
+        await server.wait_closed()
+
+
+async def push(line: CutLine, what: ControllerTable) -> TableState:
+    async with channel_to(line) as channel:
+        return await channel.push(what)
+
+
+async def whole_push(what: ControllerTable) -> CutLine:
+    line = CutLine(with_an_old_table())
+    state = await push(line, what)
+    assert state.active
+    assert state.active.id == what.id
+    return line
+
+
+async def outcome_of(line: CutLine, what: ControllerTable) -> type[DeviceLost]:
+    with pytest.raises(DeviceLost) as lost:
+        await push(line, what)
+    said = str(lost.value)
+    assert ("uncertain" in said) == isinstance(lost.value, DeviceUncertain)
+    assert ("was not activated" in said) == (not isinstance(lost.value, DeviceUncertain))
+    return type(lost.value)
+
+
+async def cut(direction: str, at: int, whole: CutLine, what: ControllerTable) -> type[DeviceLost]:
+    """Cut a push, then judge what the driver said by what the controller has; at last push again, whole."""
+    tables = with_an_old_table()
+    line = CutLine(tables, **{direction: at})
+    outcome = await outcome_of(line, what)
+    assert tables.active
+    if outcome is DeviceLost:
+        assert "TACTIVATE" not in tables.operations
+        assert tables.active.id == "old"
+    before = whole.heard_before if direction == "hears" else whole.said_before
+    if at < before["TACTIVATE"]:
+        assert outcome is DeviceLost
+    if at > before["TACTIVATE"]:
+        assert outcome is DeviceUncertain
+    assert tables.active.id == "old" or len(tables.active.lines) == len(what.rows)
+    tables.operations.clear()
+    again = await push(CutLine(tables), what)
+    assert again.active
+    assert (again.active.id, again.active.rows) == (what.id, len(what.rows))
+    return outcome
+
+
+@pytest.mark.parametrize("direction", ["hears", "says"])
+def test_a_push_of_one_row_cut_at_any_byte_says_truly_which_table_is_in_force(direction, run):
+    async def every_byte() -> None:
+        what = table(1)
+        whole = await whole_push(what)
+        end = whole.heard if direction == "hears" else whole.said
+        outcomes = [await cut(direction, at, whole, what) for at in range(end)]
+        assert set(outcomes) == {DeviceLost, DeviceUncertain}
+
+    run(every_byte())
+
+
+@pytest.mark.parametrize("direction", ["hears", "says"])
+def test_a_push_of_several_blocks_cut_anywhere_leaves_a_whole_table_in_force(direction, run):
+    async def every_so_often() -> None:
+        what = table(23)
+        whole = await whole_push(what)
+        end = whole.heard if direction == "hears" else whole.said
+        outcomes = [await cut(direction, at, whole, what) for at in range(5, end, 23)]
+        assert set(outcomes) == {DeviceLost, DeviceUncertain}
+
+    run(every_so_often())
