@@ -40,6 +40,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--ready", type=Path, help="file to write once every device listens (default: stdout)")
     run.add_argument("--parent", type=int, metavar="PID", help="end when this process is gone")
     run.add_argument("--truth-log", type=Path, help="a JSON line per contact, for tests")
+    run.add_argument("--state", type=Path, help="file in which the cell remembers where it stands, from run to run")
     run.set_defaults(do=_run)
 
 
@@ -57,7 +58,7 @@ def _add_truth(truth: argparse.ArgumentParser) -> None:
 
 
 def _run(asked: argparse.Namespace) -> None:
-    run_cell(asked.cell, Settings(asked.seed, asked.clock, asked.ready, asked.parent, asked.truth_log))
+    run_cell(asked.cell, Settings(asked.seed, asked.clock, asked.ready, asked.parent, asked.truth_log, asked.state))
 
 
 def _check(asked: argparse.Namespace) -> int:

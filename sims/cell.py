@@ -12,8 +12,19 @@ from sims.faults import FaultError, FaultSetting, read_fault
 from sims.robot_file import RobotFile, Triple, read_robot
 from sims.section import Section
 
-ERRORS = ("geometry", "joint_zero", "tool", "deflection", "repeatability", "encoder", "placement", "servo")
-"""The kinds of error of the simulated cell, each 1 unless the cell file says otherwise."""
+ERRORS = {
+    "geometry": 1.0,
+    "joint_zero": 1.0,
+    "tool": 1.0,
+    "deflection": 1.0,
+    "repeatability": 1.0,
+    "encoder": 1.0,
+    "placement": 1.0,
+    "servo": 1.0,
+    "wear": 0.0,
+    "warm_up": 0.0,
+}
+"""The kinds of error of the simulated cell → the scale of each, unless the cell file says otherwise."""
 
 
 class CellError(Exception):
@@ -175,7 +186,7 @@ def _simulate(section: Section) -> Simulate:
     return Simulate(
         seed=section.whole("seed", 1),
         clock="lockstep" if lockstep else "realtime",
-        errors={kind: errors.scale(kind, 1.0) for kind in ERRORS},
+        errors={kind: errors.scale(kind, usual) for kind, usual in ERRORS.items()},
         rsi=_rsi(section.below("rsi")),
         probe=_probe(section.below("probe")),
         faults=tuple(_faults(section)),

@@ -15,6 +15,8 @@ SETTINGS: dict[str, frozenset[str]] = {
     "rsi.stall": frozenset({"for_ms"}),
     "rsi.drop": frozenset({"for_ms"}),
     "robot.stop": frozenset(),
+    "robot.restart": frozenset(),
+    "tip.jump": frozenset({"mm"}),
     "probe.closed": frozenset({"for_ms"}),
     "probe.wire_break": frozenset({"for_ms"}),
     "probe.silent": frozenset({"for_ms"}),
@@ -24,7 +26,7 @@ SETTINGS: dict[str, frozenset[str]] = {
 }
 """Fault → its settings, besides those that say when."""
 
-MOMENTARY = frozenset({"robot.stop", "probe.reset"})
+MOMENTARY = frozenset({"robot.stop", "robot.restart", "tip.jump", "probe.reset"})
 """Faults that happen and are over: only their start is told."""
 
 _WHEN = ("search", "before_search", "at_ms")
@@ -41,7 +43,8 @@ class FaultSetting:
     """One fault of the schedule.
 
     At most one of `search` (counted from 1, with `after_ms`), `before_search` and `at_ms` says when; none means at
-    once. `for_ms`: how long; None stays. `every`: each how many lines one is corrupted.
+    once. `for_ms`: how long; None stays. `every`: each how many lines one is corrupted. `mm`: by how much the tip is
+    shorter.
     """
 
     fault: str
@@ -51,6 +54,7 @@ class FaultSetting:
     after_ms: float = 0.0
     for_ms: float | None = None
     every: int = 1
+    mm: float = 0.5
 
 
 def read_fault(entry: Mapping[str, Any]) -> FaultSetting:

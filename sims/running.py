@@ -19,6 +19,7 @@ from sims.contact_loop import ContactLoop
 from sims.control import ControlPort, RsiTarget
 from sims.faults import Faults
 from sims.kernel import Kernel, Mode
+from sims.memory import BadMemory, Memory
 from sims.timefile import TimeFile
 
 ROBOT = "kuka+rsi"
@@ -28,27 +29,30 @@ PROBE = "contact+serial"
 @final
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What the command line says besides the cell: seed and clock win over the cell file's."""
+    """What the command line says besides the cell: seed and clock win over the cell file's. `state`: its memory."""
 
     seed: int | None = None
     clock: Mode | None = None
     ready: Path | None = None
     parent: int | None = None
     truth_log: Path | None = None
+    state: Path | None = None
 
 
 @final
 class RunningCell:
     """The simulators of a cell, listening. `ready` is what the ready file says."""
 
-    def __init__(self, cell: SimCell, truth_log: TextIO | None = None) -> None:
+    def __init__(self, cell: SimCell, truth_log: TextIO | None = None, memory: Memory | None = None) -> None:
+        self._memory = memory or Memory()
         with contextlib.ExitStack() as building:
             self._build(cell, truth_log, building)
             self._closing = building.pop_all()
 
     def run(self) -> None:
-        """Until the kernel is stopped."""
+        """Until the kernel is stopped; what is to be remembered is, as it is then."""
         self.kernel.run()
+        self._memory.save()
 
     def close(self) -> None:
         """Hang up on everybody and remove the time file."""
@@ -62,7 +66,7 @@ class RunningCell:
         self.kernel = Kernel(cell.simulate.clock, time_file and time_file.publish)
         closing.callback(self.kernel.close)
         self.faults = Faults(self.kernel)
-        devices, rsi_targets = _start_devices(cell, self.kernel, self.faults, truth_log, closing)
+        devices, rsi_targets = _start_devices(cell, self.kernel, self.faults, truth_log, self._memory, closing)
         for setting in cell.simulate.faults:
             self.faults.schedule(setting)
         control = ControlPort(self.kernel, self.faults, rsi_targets)
@@ -80,7 +84,12 @@ class RunningCell:
 
 
 def _start_devices(
-    cell: SimCell, kernel: Kernel, faults: Faults, truth_log: TextIO | None, closing: contextlib.ExitStack
+    cell: SimCell,
+    kernel: Kernel,
+    faults: Faults,
+    truth_log: TextIO | None,
+    memory: Memory,
+    closing: contextlib.ExitStack,
 ) -> tuple[dict[str, str], dict[str, RsiTarget]]:
     """Device → address with the places filled in, and the robots' RSI targets."""
     loop = ContactLoop()
@@ -91,8 +100,8 @@ def _start_devices(
             from sims import krc  # numpy and the world, which a cell without a robot does without
 
             try:
-                robot = krc.start(kernel, cell, faults, loop, truth_log)
-            except ValueError as error:  # its Ethernet configuration
+                robot = krc.start(kernel, cell, faults, loop, truth_log, memory=memory)
+            except ValueError as error:  # its Ethernet configuration, its memory
                 raise CellError(cell.path, [f"{device}: {error}"]) from None
             closing.callback(robot.close)
             rsi_targets[device] = robot.set_rsi_target
@@ -145,16 +154,26 @@ def run_cell(path: Path, settings: Settings) -> None:
     cell = read_cell(path)
     check_devices(cell)
     cell = replace(cell, simulate=_overridden(cell.simulate, settings))
+    memory = _memory(cell, settings.state)
     _on_signals(_leave)
     with contextlib.ExitStack() as closing:
         log = closing.enter_context(_open_log(settings.truth_log)) if settings.truth_log else None
-        running = RunningCell(cell, log)
+        running = RunningCell(cell, log, memory)
         closing.callback(running.close)
         _on_signals(lambda *_: running.kernel.stop())
         if settings.parent is not None:
             parent.end_with(running.kernel, settings.parent)
+        memory.save()  # a file that cannot be written is better known now
         _tell(json.dumps(running.ready), settings.ready)
         running.run()
+
+
+def _memory(cell: SimCell, state: Path | None) -> Memory:
+    """Of this cell: another's is refused. Raises CellError."""
+    try:
+        return Memory(state, {"name": cell.name, "robot": cell.robot.name, "seed": cell.simulate.seed})
+    except BadMemory as error:
+        raise CellError(cell.path, [str(error)]) from None
 
 
 def _overridden(simulate: Simulate, settings: Settings) -> Simulate:

@@ -19,6 +19,7 @@ class _Contact:
     tcp: Vector
     joints: Joints
     sphere: TrueSphere
+    worn_mm: float
     last: Vector
     overtravel_mm: float = 0.0
 
@@ -44,10 +45,10 @@ class ContactLog:
         """A search begins from the pose that the robot went to for the `attempt`-th time."""
         self._search = (search, attempt)
 
-    def touched(self, time_ns: int, joints: Joints, tcp: Vector, sphere: TrueSphere) -> None:
-        """The tip touches now; outside a search nothing is recorded."""
+    def touched(self, time_ns: int, joints: Joints, tcp: Vector, sphere: TrueSphere, worn_mm: float) -> None:
+        """The tip, shorter by `worn_mm`, touches now; outside a search nothing is recorded."""
         if self._search and self._out:
-            self._contacts.append(_Contact(time_ns, tcp, joints, sphere, tcp))
+            self._contacts.append(_Contact(time_ns, tcp, joints, sphere, worn_mm, tcp))
 
     def passed(self, tcp: Vector) -> None:
         """The tip is here now."""
@@ -77,4 +78,5 @@ class ContactLog:
             "distance": dist(contact.tcp, contact.sphere.centre),
             "overtravel_mm": contact.overtravel_mm,
             "stopped_ns": stopped_ns,
+            "worn_mm": contact.worn_mm,
         }

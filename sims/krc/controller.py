@@ -21,14 +21,17 @@ from sims.krc.rsi_link import RsiLink
 from sims.krc.rsi_session import RsiContext
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, LateCounter
+from sims.krc.stance import Stance, stance_of
 from sims.krc.table_desk import TableDesk
-from sims.krc.tables import Tables
+from sims.krc.table_memory import tables_of, told_tables
 from sims.krc.telegram import TelegramFormat, Value
+from sims.memory import Memory
 from sims.world.world import World
 
 SCHEME = "kuka+rsi"
 KSS = "V8.6.11"
 START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
+SAVE_EVERY_NS = 500_000_000
 
 
 @final
@@ -57,8 +60,9 @@ def start(
     loop: ContactLoop,
     truth_log: TextIO | None,
     correction: AxisCorrection | None = None,
+    memory: Memory | None = None,
 ) -> KrcServers:
-    """Start the controller of the cell's robot, which stands bent and clear. Raises BadConfig.
+    """Start the controller of the cell's robot, which stands bent and clear, or as `memory` has it. Raises BadConfig.
 
     `correction`: the RSI context's AXISCORR and its monitor; with none, as the controller has them by default, ± 5° and
     6°, so that the monitor never speaks: AXISCORR clamps before it.
@@ -66,9 +70,12 @@ def start(
     config = _config(cell)
     settings, joints = cell.simulate.rsi, cell.robot.joints
     speeds = [joint.max_speed for joint in joints]
+    memory = memory or Memory()
     world = World(cell, cell.simulate.seed)
+    world.ageing.recall(memory.recall("ageing"))
     log = ContactLog(truth_log)
-    stance = tuple(min(max(angle, joint.min), joint.max) for angle, joint in zip(START, joints, strict=True))
+    told = memory.recall("robot")
+    stance = stance_of(told, len(joints)) if told else _first_stance(cell)
     robot = Robot(kernel, world, loop, log, stance, speeds)
     currents = MotorCurrents(kernel, robot, world, cell.robot.tool.mass)
     late = LateCounter(settings.timeout_cycles, settings.counter)
@@ -89,8 +96,56 @@ def start(
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"
     ident = print_ident(serial, cell.robot.name, KSS)
-    program = Program(context, log, ident, TableDesk(Tables(), serial))
-    return KrcServers(EkiServer(kernel, program), context.link)
+    tables = tables_of(memory.recall("tables"), len(joints))
+    program = Program(context, log, ident, TableDesk(tables, serial, memory), memory)
+    eki = EkiServer(kernel, program)
+    memory.keep("robot", lambda: robot.stance().told())
+    memory.keep("ageing", lambda: world.ageing.told(kernel.now))
+    memory.keep("tables", lambda: told_tables(tables))
+    _save_on_the_way(kernel, robot, memory)
+    _subscribe(faults, loop, world, robot, program, eki, memory)
+    return KrcServers(eki, context.link)
+
+
+def _save_on_the_way(kernel: Kernel, robot: Robot, memory: Memory) -> None:
+    """Remember the robot every half second of T while it moves: whoever comes back finds it on its way."""
+
+    def save() -> None:
+        if robot.moving:
+            memory.save()
+        kernel.after(SAVE_EVERY_NS, save)
+
+    kernel.after(SAVE_EVERY_NS, save)
+
+
+def _subscribe(
+    faults: Faults, loop: ContactLoop, world: World, robot: Robot, program: Program, eki: EkiServer, memory: Memory
+) -> None:
+    """A touch that is over has worn the tip; a jump shortens it; a restart takes the program and its channel down."""
+
+    def touched(closed: bool) -> None:
+        if not closed:
+            world.ageing.touched()
+
+    def jump() -> None:
+        fault = faults.active("tip.jump")
+        world.ageing.shorten(fault.mm if fault else 0.0)
+        robot.tip_changed()
+        memory.save()
+
+    def restart() -> None:
+        program.restart()
+        eki.restart()
+
+    loop.subscribe(touched)
+    faults.on_start("tip.jump", jump)
+    faults.on_start("robot.restart", restart)
+
+
+def _first_stance(cell: SimCell) -> Stance:
+    """Bent and clear, as far as the axes' limits let it."""
+    joints = tuple(min(max(angle, axis.min), axis.max) for angle, axis in zip(START, cell.robot.joints, strict=True))
+    return Stance(joints, joints)
 
 
 def _config(cell: SimCell) -> EthernetConfig:

@@ -14,6 +14,7 @@ STATE_EVERY_NS = 100_000_000
 UNREAD = 65_536
 """Bytes that TCP keeps for a PC that does not read: few, so that what it reads next is not minutes old."""
 MOST_UNSENT = 262_144
+RESTART_NS = 2_000_000_000
 
 
 @final
@@ -23,20 +24,32 @@ class EkiServer:
     def __init__(self, kernel: Kernel, program: Program) -> None:
         self._kernel = kernel
         self._program = program
-        self._listener = socket.create_server(("127.0.0.1", 0), backlog=4)
-        self._listener.setblocking(False)
+        self._listener = _bound(0)
         self.port: int = self._listener.getsockname()[1]
         self._peer: socket.socket | None = None
         self._stream = DocumentStream()
         self._unsent = bytearray()
         self._timer: Event | None = None
-        kernel.watch(self._listener, self._accept)
+        self._restarted: Event | None = None
+        self._listen()
 
     def close(self) -> None:
         """Hang up and stop listening."""
         self._hang_up()
         self._kernel.unwatch(self._listener)
         self._listener.close()
+
+    def restart(self) -> None:
+        """Hang up; who calls in the next 2 s is refused. The port stays the same."""
+        self.close()
+        if self._restarted:
+            self._restarted.cancel()
+        self._listener = _bound(self.port)
+        self._restarted = self._kernel.after(RESTART_NS, self._listen)
+
+    def _listen(self) -> None:
+        self._listener.listen(4)
+        self._kernel.watch(self._listener, self._accept)
 
     def _accept(self) -> None:
         with suppress(BlockingIOError):
@@ -102,3 +115,12 @@ class EkiServer:
             self._peer.close()
             self._peer = None
             self._program.disconnected()
+
+
+def _bound(port: int) -> socket.socket:
+    """A socket with a port of 127.0.0.1 (0: a free one) that does not listen yet."""
+    bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    bound.setblocking(False)
+    bound.bind(("127.0.0.1", port))
+    return bound

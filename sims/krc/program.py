@@ -14,6 +14,7 @@ from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_
 from sims.krc.motions import Joints
 from sims.krc.rsi_session import MS, RsiContext, RsiSession
 from sims.krc.table_desk import TableDesk
+from sims.memory import Memory
 
 Send = Callable[[bytes], object]
 
@@ -41,7 +42,7 @@ class _Running:
 class Program:
     """Takes commands as documents, answers through the connection's `send`, tells every change of state."""
 
-    def __init__(self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk) -> None:
+    def __init__(self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk, memory: Memory) -> None:
         self._rsi = rsi
         self._kernel = rsi.kernel
         self._robot = rsi.robot
@@ -49,8 +50,9 @@ class Program:
         self._log = log
         self._ident = ident
         self._tables = tables
-        self._prog = Prog.READY
-        self._message = ""
+        self._memory = memory
+        self._message = str(memory.recall("program").get("message", ""))
+        self._prog = Prog.ERROR if self._message else Prog.READY
         self._running: _Running | None = None
         self._braking = False
         self._halts: list[str] = []
@@ -58,6 +60,7 @@ class Program:
         self._rsi_on: Event | None = None
         self._send: Send | None = None
         self._sequence = 0
+        memory.keep("program", lambda: {"message": self._message})
         rsi.faults.on_start("robot.stop", lambda: self.fail("KSS00001 EMERGENCY STOP"))
         self._robot.on_collision = lambda: self.fail("KSS15065 Collision detection: the tool has struck an obstacle")
 
@@ -101,6 +104,16 @@ class Program:
             self._ask_tables(command)
         else:
             self._begin(command)
+
+    def restart(self) -> None:
+        """The controller starts anew: what moves is braked, the message and what was staged are forgotten."""
+        self._send = None
+        self._halts.clear()
+        self._tables.forget_staged()
+        if self._running:
+            self._running.orphaned = True
+        self._change(Prog.STOPPED, "")
+        self._stop(Code.STOPPED, "the controller was restarted")
 
     def fail(self, message: str) -> None:
         """The controller stops by itself and shows a message, which stands until RESET."""
@@ -190,7 +203,8 @@ class Program:
         self._finish()
 
     def _finish(self) -> None:
-        """The last replies: to the command that ran, to those that halted it."""
+        """The last replies: to the command that ran, to those that halted it. Where it stands is remembered first."""
+        self._memory.save()
         running, self._running = self._running, None
         searched, self._session = self._session is not None, None
         if running and not running.orphaned:
@@ -203,7 +217,10 @@ class Program:
 
     def _change(self, prog: Prog, message: str) -> None:
         if (prog, message) != (self._prog, self._message):
+            remembered = message != self._message
             self._prog, self._message = prog, message
+            if remembered:
+                self._memory.save()
             self.tell()
 
     def _reply(self, command_id: str, code: Code, text: str = "", inner: str = "") -> None:

@@ -12,6 +12,7 @@ from sims.contact_loop import ContactLoop
 from sims.kernel import Event, Kernel
 from sims.krc.contact_log import ContactLog
 from sims.krc.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
+from sims.krc.stance import Stance
 from sims.world.crossings import crossings
 from sims.world.screws import Vector
 from sims.world.world import World
@@ -40,7 +41,7 @@ class Robot:
         world: World,
         loop: ContactLoop,
         log: ContactLog,
-        start: Joints,
+        stance: Stance,
         max_speeds: Sequence[float],
     ) -> None:
         self._kernel = kernel
@@ -50,16 +51,17 @@ class Robot:
         self.on_collision: Then = lambda: None
         self._speeds = tuple(max_speeds)
         self._accelerations = tuple(speed / FULL_SPEED_AFTER_S for speed in max_speeds)
-        self._attempts: Counter[tuple[int, ...]] = Counter()
-        self._motion: Motion = Standing(start, kernel.now)
+        self._attempts: Counter[str] = Counter(stance.attempts)
+        self._motion: Motion = Standing(stance.joints, kernel.now)
         self._then: Then | None = None
         self._events: list[Event] = []
         self._clear_mm = 0.0
         self._deepest_mm: float | None = None
-        self.attempt = 0
-        self.commanded = start
-        self._scatter = self._draw(start)
+        self.attempt = stance.attempt
+        self.commanded = stance.commanded
+        self._scatter = self._draw(stance.joints) if stance.scatter is None else stance.scatter
         self._scatter_before = self._scatter
+        world.ageing.warm(kernel.now)
         self._sense()
 
     def joints(self) -> Joints:
@@ -70,6 +72,25 @@ class Robot:
         """Joints and velocities now."""
         now = self._kernel.now
         return State(self._motion.at(now), self._motion.velocity(now))
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motion is going on, be it between two interpolation cycles."""
+        return not isinstance(self._motion, Standing)
+
+    def stance(self) -> Stance:
+        """Where it would stand if it stood still now: to be remembered."""
+        commanded = self.readings() if self.moving else self.commanded
+        scatter = self._scatter_now(self._kernel.now)
+        return Stance(self.joints(), commanded, scatter, self.attempt, self._attempts)
+
+    def tip_changed(self) -> None:
+        """The tip has become another: what it touches, and will touch, is looked at anew."""
+        for event in self._events:
+            event.cancel()
+        self._events.clear()
+        self._sense()
+        self._look_ahead()
 
     def readings(self) -> Joints:
         """Actual joints now as the encoders show them."""
@@ -111,7 +132,7 @@ class Robot:
         self.commanded = self.readings()
 
     def _draw(self, target: Joints) -> Vector:
-        key = tuple(round(joint * 1e4) for joint in target)
+        key = ",".join(str(round(joint * 1e4)) for joint in target)
         self.attempt = self._attempts[key]
         self._attempts[key] += 1
         return self._world.scatter(target, self.attempt)
@@ -127,6 +148,7 @@ class Robot:
     def _look_ahead(self) -> None:
         """Schedule what happens on the next stretch of the motion, and its end."""
         start, motion = self._kernel.now, self._motion
+        self._world.ageing.warm(start)
         end = min(start + LOOK_AHEAD_NS, motion.end_ns)
         if end > start and self._may_touch(start, end):
             self._sense()
@@ -178,7 +200,8 @@ class Robot:
             now = self._kernel.now
             joints, scatter = self.joints(), self._scatter_now(now)
             _, which = self._world.gap(joints, scatter)
-            self._log.touched(now, joints, self._world.tcp(joints, scatter), self._world.spheres[which])
+            tcp, worn_mm = self._world.tcp(joints, scatter), self._world.ageing.worn_mm
+            self._log.touched(now, joints, tcp, self._world.spheres[which], worn_mm)
         self._loop.set_closed(closed)
 
     def _gap(self, time_ns: int) -> float:

@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 
 from sims.cell import SimCell
+from sims.world.ageing import Ageing
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.nominal import nominal_geometry, pose, vector
 from sims.world.plate import TrueSphere, true_spheres
@@ -29,7 +30,8 @@ class World:
     """One robot, its tool and the spheres around it, all errors drawn from `seed`.
 
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
-    file's `base`), mm. The true chain is a product of perturbed screws, not a link table.
+    file's `base`), mm. The true chain is a product of perturbed screws, not a link table. `ageing` starts fresh
+    and cold.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -46,6 +48,8 @@ class World:
         self._offsets = [float(joint.offset) for joint in robot.joints]
         self._true_offsets = [a + zero for a, zero in zip(self._offsets, zeros, strict=True)]
         self._true = Arm(true.axes)
+        self._offset = vector(true.flange[:3, :3] @ offset)
+        self._flange = vector(true.flange[:3, 3])
         self._tcp = vector(true.flange[:3, :3] @ offset + true.flange[:3, 3])
         self._flange_z = vector(true.flange[:3, 2])
         self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
@@ -54,6 +58,8 @@ class World:
         self._tool = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
         self.reach_mm = _reach(self._nominal, self._tool[0])
+        links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
+        self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
     def true_tcp(self, readings: Sequence[float]) -> Vector:
         """The mean tool centre point, deflection included, without the robot's scatter."""
@@ -65,10 +71,18 @@ class World:
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
         ]
-        (x, y, z), (ux, uy, uz) = self._true.carry(angles, self._tcp, self._flange_z)
+        (x, y, z), (ux, uy, uz) = self._carried(angles)
         # ĝ = (0, 0, −1): the load bends the tool by what of it is across the flange's z
-        across = self._sag_mm * uz
-        return x + across * ux + scatter[0], y + across * uy + scatter[1], z + across * uz - self._sag_mm + scatter[2]
+        along = self._sag_mm * uz - self.ageing.worn_mm
+        return x + along * ux + scatter[0], y + along * uy + scatter[1], z + along * uz - self._sag_mm + scatter[2]
+
+    def _carried(self, angles: Sequence[float]) -> tuple[Vector, ...]:
+        """The unloaded tool centre point and the flange's z; warm links are longer, the tool is not."""
+        growth = self.ageing.growth
+        if not growth:
+            return self._true.carry(angles, self._tcp, self._flange_z)
+        (x, y, z), (a, b, c), across = self._true.carry(angles, self._flange, self._offset, self._flange_z)
+        return (x + growth * x + a, y + growth * y + b, z + growth * z + c), across
 
     def gap(self, readings: Sequence[float], scatter: Vector) -> tuple[float, int]:
         """From the tip to the nearest sphere's surface, mm (negative inside), and which sphere; infinity without."""

@@ -1,0 +1,58 @@
+"""Where and how the robot stands, as it is remembered from one process to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any, final
+
+from sims.krc.motions import Joints
+from sims.world.screws import Vector
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """Joints as they really are, degrees; the programmed ones; the scatter that goes with them, mm (None: to be drawn).
+
+    `attempts`: how often each pose has been commanded, by its joints in 1e-4°; `attempt`: which one this is, from 0.
+    """
+
+    joints: Joints
+    commanded: Joints
+    scatter: Vector | None = None
+    attempt: int = 0
+    attempts: Mapping[str, int] = field(default_factory=dict)
+
+    def told(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "joints": self.joints,
+            "commanded": self.commanded,
+            "scatter": self.scatter,
+            "attempt": self.attempt,
+            "attempts": dict(self.attempts),
+        }
+
+
+def stance_of(told: Mapping[str, Any], axes: int) -> Stance:
+    """The stance that `told()` told. Raises ValueError."""
+    try:
+        x, y, z = _numbers(told["scatter"], 3)
+        return Stance(
+            joints=_numbers(told["joints"], axes),
+            commanded=_numbers(told["commanded"], axes),
+            scatter=(x, y, z),
+            attempt=int(told["attempt"]),
+            attempts={str(pose): int(count) for pose, count in told["attempts"].items()},
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"the remembered stance is damaged: {error!r}") from None
+
+
+def _numbers(values: Any, count: int) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        raise ValueError(f"the remembered stance is damaged: {values!r}")
+    return numbers

@@ -1,0 +1,41 @@
+"""The active table and the one before it, as they are remembered from one process to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sims.krc.tables import Row, Table, Tables, row_lines, table_sum
+
+
+def told_tables(tables: Tables) -> dict[str, Any]:
+    """As JSON has it. What is staged is not remembered."""
+    return {"active": _told(tables.active), "previous": _told(tables.previous)}
+
+
+def tables_of(told: Mapping[str, Any], axes: int) -> Tables:
+    """The tables that `told_tables` told; none where that is empty. Raises ValueError."""
+    try:
+        return Tables(_table(told.get("active"), axes), _table(told.get("previous"), axes))
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(f"the remembered tables are damaged: {error!r}") from None
+
+
+def _told(table: Table | None) -> dict[str, str] | None:
+    return table and {"id": table.id, "sum": table.sum, "lines": row_lines(1, table.rows)}
+
+
+def _table(told: Mapping[str, str] | None, axes: int) -> Table | None:
+    if told is None:
+        return None
+    if table_sum(told["lines"]) != told["sum"]:
+        raise ValueError(f"the remembered table '{told['id']}' is damaged: its sum does not fit")
+    rows = tuple(_row(line.split(";")[1:], axes) for line in told["lines"].splitlines())
+    return Table(told["id"], told["sum"], rows)
+
+
+def _row(fields: list[str], axes: int) -> Row:
+    angles = tuple(float(field) for field in fields)
+    if len(angles) != 2 * axes:
+        raise ValueError(f"a remembered row has {len(angles)} angles, not {2 * axes}")
+    return Row(angles[:axes], angles[axes:])

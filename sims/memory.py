@@ -1,0 +1,70 @@
+"""What the cell remembers from one process of its simulators to the next: a file, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, final
+
+Part = Mapping[str, Any]
+"""What one part of the cell has to tell, as JSON has it."""
+
+
+class BadMemory(ValueError):
+    """The file is not the memory of this cell, or is damaged; the text says which."""
+
+
+@final
+class Memory:
+    """Each part of the cell says what it has to remember with `keep`, and finds what it said last with `recall`.
+
+    `path`: the file, loaded where it exists; None remembers nothing. `whose`: what the memory belongs to; a file that
+    says otherwise is refused. Raises BadMemory, OSError.
+    """
+
+    def __init__(self, path: Path | None = None, whose: Part | None = None) -> None:
+        self._path = path
+        self._whose = dict(whose or {})
+        self._recalled = _load(path, self._whose) if path and path.exists() else {}
+        self._parts: dict[str, Callable[[], Part]] = {}
+
+    def recall(self, part: str) -> Part:
+        """What `part` told last; empty where nobody remembers. Raises BadMemory where it is no mapping."""
+        told = self._recalled.get(part, {})
+        if not isinstance(told, dict):
+            raise BadMemory(f"{self._path} is damaged: {part} is {told!r}")
+        return told
+
+    def keep(self, part: str, tell: Callable[[], Part]) -> None:
+        """From now on each `save` writes what `tell` says of `part`."""
+        self._parts[part] = tell
+
+    def save(self) -> None:
+        """Write what every part tells now. Survives the end of the process at any instant, not that of the computer."""
+        if self._path is None:
+            return
+        text = json.dumps({"cell": self._whose, **{part: tell() for part, tell in self._parts.items()}})
+        unfinished = self._path.with_name(f".{self._path.name}.{os.getpid()}")
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(self._path)
+
+
+def _load(path: Path, whose: Part) -> dict[str, Any]:
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise BadMemory(f"{path} is damaged: {error}") from None
+    if not isinstance(told, dict) or not isinstance(told.get("cell"), dict):
+        raise BadMemory(f"{path} is not a simulated cell's memory")
+    if told["cell"] != whose:
+        raise BadMemory(
+            f"{path} is the memory of another cell: {_said(told['cell'])}; this one is {_said(whose)}. "
+            "Delete it to begin anew, or name another file"
+        )
+    return told
+
+
+def _said(whose: Part) -> str:
+    return ", ".join(f"{key} {value}" for key, value in whose.items())

@@ -1,0 +1,53 @@
+"""What changes with use: the tip wears away, and the links grow as the robot warms up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import expm1, isfinite
+from typing import Any, final
+
+WEAR_MM = 0.0005
+"""Of the wire, at each touch."""
+WARM_UP_MM = 0.08
+"""Growth of the stretched links in the end: the order that a robot of this class drifts by in its first hour."""
+WARM_UP_S = 1200.0
+
+
+@final
+class Ageing:
+    """A fresh tip and cold links at first.
+
+    `wear`, `warm_up`: the errors' scales; `links_mm`: the links stretched out, base to flange. `worn_mm`: how much
+    shorter the tip is, along the flange's z. `growth`: by what share the links are longer.
+    """
+
+    def __init__(self, wear: float, warm_up: float, links_mm: float) -> None:
+        self.worn_mm = 0.0
+        self.growth = 0.0
+        self._wear_mm = wear * WEAR_MM
+        self._most_growth = warm_up * WARM_UP_MM / links_mm
+        self._on_before_ns = 0
+
+    def touched(self) -> None:
+        """The tip has touched, and is off again."""
+        self.worn_mm += self._wear_mm
+
+    def shorten(self, mm: float) -> None:
+        """The tip has been bent or cut."""
+        self.worn_mm += mm
+
+    def warm(self, time_ns: int) -> None:
+        """The robot has been on until this time of the cell, cold at 0 unless it remembers having been on before."""
+        if self._most_growth:
+            self.growth = self._most_growth * -expm1(-(self._on_before_ns + time_ns) * 1e-9 / WARM_UP_S)
+
+    def told(self, time_ns: int) -> dict[str, Any]:
+        """What is to be remembered, as JSON has it."""
+        return {"worn_mm": self.worn_mm, "on_ns": self._on_before_ns + time_ns}
+
+    def recall(self, told: Mapping[str, Any]) -> None:
+        """Go on from what `told` told; nothing where that is empty. Raises ValueError."""
+        worn_mm, on_ns = told.get("worn_mm", 0.0), told.get("on_ns", 0)
+        if not isinstance(worn_mm, (int, float)) or not isfinite(worn_mm) or not isinstance(on_ns, int):
+            raise ValueError(f"the remembered wear is damaged: {told!r}")
+        self.worn_mm, self._on_before_ns = float(worn_mm), on_ns
