@@ -14,6 +14,7 @@ from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
 from cellctl.cli.fit import fit
 from cellctl.cli.predict import predict
+from cellctl.cli.report import report
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
@@ -45,7 +46,7 @@ def _options(
         os.environ["CELLCTL_DEBUG"] = "1"
 
 
-_VERBS: tuple[Callable[..., None], ...] = (run, check, sim, fit, predict, compensate, runs, show)
+_VERBS: tuple[Callable[..., None], ...] = (run, check, sim, fit, predict, compensate, runs, show, report)
 for _verb in _VERBS:
     app.command(_verb.__name__)(_verb)
 app.add_typer(table, name="table")

@@ -1,0 +1,56 @@
+"""Pictures of what changed in the course of a run: the reference touches, the stops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cellctl.kinematics import Bools, Floats
+from cellctl.report.drawing import ACCENT, INK, svg_of
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+def reference_touches(rows: Rows) -> str:
+    """The shift of the reference touch along its normal over the run, with 1 σ."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.axhline(0.0, color=INK, linewidth=0.6)
+        looks = _looks(rows)
+        for (sphere, at, shift, sigma), marker in zip(looks, "osD^v" * len(looks), strict=False):
+            axes.errorbar(at, shift, sigma, fmt=f"{marker}-", color=ACCENT, markersize=4, linewidth=0.8, label=sphere)
+        axes.set(xlabel="touches made before", ylabel="shift along the normal, mm")
+        axes.legend(loc="best")
+
+    return svg_of(draw, "reference", 1.9, "Shift of the reference touch in the course of the run")
+
+
+def over_travel(travel: Floats, faulty: Bools) -> str:
+    """The tip's way from contact to rest (N,), mm, touch by touch; crossed where telegrams went wrong (N,)."""
+    at = np.arange(1, len(travel) + 1)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.plot(at, travel, "o", color=ACCENT, markersize=2.5)
+        if faulty.any():
+            axes.plot(at[faulty], travel[faulty], "x", color=INK, markersize=7, label="late, lost or skipped telegrams")
+            axes.legend(loc="best")
+        axes.set(xlabel="touch, in the order of the run", ylabel="over-travel, mm")
+        axes.set_ylim(0.0, 1.15 * float(travel.max()) or 1.0)
+
+    return svg_of(draw, "stops", 1.6, "Over-travel of the tip after contact, touch by touch")
+
+
+def _looks(rows: Rows) -> list[tuple[str, list[float], list[float], list[float]]]:
+    series = []
+    for sphere in dict.fromkeys(str(row.get("sphere", "")) for row in rows):
+        mine = [row for row in rows if str(row.get("sphere", "")) == sphere and row.get("shift_mm") is not None]
+        at, shift, sigma = (
+            [float(row.get(name) or 0.0) for row in mine] for name in ("after_touch", "shift_mm", "sigma_mm")
+        )
+        series.append((sphere, at, shift, sigma))
+    return series
