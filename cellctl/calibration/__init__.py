@@ -3,6 +3,7 @@
 `identify(task, rows)` fits; `fit(task, split)` fits and proves it on held-out rows.
 """
 
+from cellctl.calibration.drift import Drift, linear_drift
 from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.fit import FitResult, Split, fit
 from cellctl.calibration.identify import Identification, Task, identify
@@ -17,6 +18,7 @@ from cellctl.calibration.verdict import ErrorFigures, Verdict, paired_verdict, v
 __all__ = [
     "DEFLECTION",
     "STANDARD_GRAVITY",
+    "Drift",
     "ErrorFigures",
     "Estimate",
     "FitResult",
@@ -41,6 +43,7 @@ __all__ = [
     "estimate",
     "fit",
     "identify",
+    "linear_drift",
     "locate_sphere",
     "observability",
     "paired_verdict",

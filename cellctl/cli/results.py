@@ -11,7 +11,7 @@ from cellctl.cli.ends import Exit
 from cellctl.clock import calendar_time
 from cellctl.engine import Outcome, State
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.journal import fold, read_journal
+from cellctl.journal import JournalError, fold, read_journal
 
 _BY_STATE = {
     State.ABORTED: Exit.ABORTED,
@@ -54,7 +54,10 @@ def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
         "before": verdict.get("before"),
         "after": verdict.get("after"),
         "model": verdict.get("model"),
-        "table": None,
+        "table": verdict.get("table"),
+        "held_out": verdict.get("held_out"),
+        "standoff": verdict.get("standoff"),
+        "drift": verdict.get("drift"),
         "error": str(outcome.error) if outcome.error else None,
         "stops": verdict.get("stops"),
         "simulated_s": round(outcome.seconds, 3),
@@ -71,6 +74,16 @@ def write_json(result: dict[str, Any], target: str | None) -> None:
         sys.stdout.write(text)
     else:
         write_atomically(Path(target), text)
+
+
+def report_of(folder: Path) -> None:
+    """Write the run's report. A report that fails spoils no run: it is said on stderr, and can be rebuilt."""
+    from cellctl.report import write_report
+
+    try:
+        write_report(folder)
+    except (OSError, ValueError, LookupError, InputError, JournalError) as error:
+        print(f"cellctl: no report: {error}\n    rebuild it with: cellctl report {folder}", file=sys.stderr)
 
 
 def exit_of(outcome: Outcome) -> Exit:

@@ -191,9 +191,10 @@ def _touches(
 
 
 def _reaches(sieve: Sieve, artefact: Artefact | None, names: list[str]) -> list[float]:
-    """Sphere radius plus tip radius for each row, mm. A row whose `radius` denies the artefact's is rejected."""
+    """Sphere radius plus tip radius plus `drift` for each row, mm. One whose `radius` denies the artefact is rejected."""
     tip = artefact.tip_radius if artefact else 0.0
     given = sieve.numbers("radius", missing=0.0)
+    drift = sieve.numbers("drift", missing=0.0)
     result = []
     for row, (name, radius) in enumerate(zip(names, given, strict=True)):
         sphere = artefact.sphere(name) if artefact else None
@@ -206,7 +207,7 @@ def _reaches(sieve: Sieve, artefact: Artefact | None, names: list[str]) -> list[
             sieve.reject(row, "radius is missing" if radius == 0.0 else f"radius is {radius:g}")
         elif radius and abs(radius - known) > 1e-3:
             sieve.reject(row, f"radius {radius:g}, but the artefact says {known:g} mm for '{name}'")
-        result.append(known + tip)
+        result.append(known + tip + drift[row])
     return result
 
 

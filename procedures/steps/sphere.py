@@ -10,15 +10,23 @@ from pydantic import Field
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.proof import compensate, judge, plan_proof, push, standoff
 from procedures.steps.touch_plans import Joints, TouchPlan
+
+__all__ = ["compensate", "identify", "judge", "plan", "plan_proof", "push", "standoff", "touch"]
+"""The steps of the family `sphere`; those of the proof stand in a module of their own."""
 
 
 class PlanInputs(StepInputs):
-    """How many touches, and on which spheres."""
+    """How many touches, on which spheres (names with commas between; empty: all), and how often back to the first.
+
+    `reference_every`: touches between two visits to the first touch, 0 for none.
+    """
 
     fit: Annotated[int, Field(ge=5)]
     held_out: Annotated[int, Field(ge=0)]
-    spheres: list[str] = Field(default_factory=list)
+    spheres: str = ""
+    reference_every: Annotated[int, Field(ge=0)] = 0
 
 
 class Plan(StepResult):
@@ -32,8 +40,13 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     from procedures.steps.sphere_planning import planned_touches
 
-    touches = await asyncio.to_thread(planned_touches, context, inputs.fit, inputs.held_out, inputs.spheres)
-    context.say(f"planned {len(touches)} touches: {inputs.fit} to identify from, {inputs.held_out} held out")
+    names = [name.strip() for name in inputs.spheres.split(",") if name.strip()]
+    touches = await asyncio.to_thread(
+        planned_touches, context, inputs.fit, inputs.held_out, names, inputs.reference_every
+    )
+    context.say(
+        f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"
+    )
     return Plan(touches=[TouchPlan(**touch) for touch in touches])
 
 
@@ -60,8 +73,22 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     found = await search_and_retreat(
         robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds
     )
-    await context.record("touch", _row(planned, context, found))
+    await _record(context, planned, _row(planned, context, found))
     return Touched(joints=list(found.joints))
+
+
+async def _record(context: StepContext, planned: TouchPlan, row: dict[str, Any]) -> None:
+    """Touches on the proof sphere and returns to the reference are kept apart: no fit takes them for its own."""
+    if planned.repeats is None:
+        await context.record("locate" if planned.set == "locate" else "touch", row)
+        return
+    from procedures.steps.reference_touches import jump, reference_row
+
+    shifted = reference_row(context, row, planned.repeats)
+    await context.record("reference", shifted)
+    context.say(f"reference touch: {shifted['shift_mm']:+.3f} mm (1 σ {shifted['sigma_mm']:.3f}) since the first visit")
+    if fault := jump(context.recorded("reference")):
+        raise fault
 
 
 def _row(planned: TouchPlan, context: StepContext, found: FoundContact) -> dict[str, Any]:

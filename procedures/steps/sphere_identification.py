@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration import Split, fit
+from cellctl.calibration import Drift, Split, fit
 from cellctl.files import sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, artefact_of, fit_report, measurements
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
+from procedures.steps.reference_touches import drift_of, drift_report
 
 Row = Mapping[str, Any]
 
@@ -25,7 +26,8 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches = context.recorded("touch")
-    data = DataSet.of_records([_record(row, artefact) for row in touches], "dataset.csv")
+    drift = drift_of(context)
+    data = DataSet.of_records([_record(row, artefact, drift) for row in touches], "dataset.csv")
     data.write(context.run_folder / "dataset.csv")
     measured = measurements(robot, data, measure="sphere", model=model, artefact=artefact, use_distances=use_distances)
     result = fit(measured.task, Split.by_column(np.array([of == "test" for of in measured.sets])))
@@ -39,6 +41,7 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
         "after": report["test"],
         "model": report,
         "stops": _stops(robot, touches),
+        "drift": drift_report(drift, max(row["number"] for row in touches) + 1),
     }
 
 
@@ -46,8 +49,8 @@ def _text(context: StepContext) -> bytes:
     return (context.run_folder / "dataset.csv").read_bytes()
 
 
-def _record(row: Row, artefact: Artefact) -> dict[str, Any]:
-    """A recorded touch as a row of the data set."""
+def _record(row: Row, artefact: Artefact, drift: Drift) -> dict[str, Any]:
+    """A recorded touch as a row of the data set; `drift`: what the touch's reach had changed by, where it had."""
     sphere = artefact.sphere(row["sphere"])
     return {
         **{f"A{axis}": float(value) for axis, value in enumerate(row["joints"], 1)},
@@ -56,6 +59,7 @@ def _record(row: Row, artefact: Artefact) -> dict[str, Any]:
         "set": row["set"],
         "time": row["time_ns"] * 1e-9,
         "touch": row["number"],
+        **({"drift": round(float(drift.at(row["number"])), 6)} if drift.significant else {}),
         "attempt": row["attempt"],
         "tick": row["tick"],
         "bounces": row["bounces"],

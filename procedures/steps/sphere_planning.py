@@ -2,48 +2,106 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, artefact_of
-from cellctl.formats.artefact import Artefact
-from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, plan_touches
+from cellctl.formats.artefact import Artefact, Sphere
+from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
 
 
-def planned_touches(context: StepContext, fit: int, held_out: int, names: list[str]) -> list[dict[str, Any]]:
-    """Touches as `TouchPlan` takes them; the held-out ones drawn at random, evenly over the spheres.
+def planned_touches(
+    context: StepContext, fit: int, held_out: int, names: Sequence[str], reference_every: int
+) -> list[dict[str, Any]]:
+    """Touches as `TouchPlan` takes them; the held-out ones drawn at random, evenly over the spheres `names` (or all).
 
-    Raises InputError where the cell has no such sphere, or too few touches can be reached.
+    After each `reference_every` (0: never) comes a return to the first. Raises InputError where the cell has no such
+    sphere, or too few touches can be reached.
     """
+    artefact = artefact_of(context.cell, ("artefact",))
+    spheres = [sphere_called(context, artefact, name).id for name in names] or [each.id for each in artefact.spheres]
+    counts = dict(zip(spheres, _even(fit + held_out, len(spheres)), strict=True))
+    touches = plan_on(context, counts, context.seed, reference_every=reference_every)
+    sets = _sets(touches, spheres, held_out, context.seed)
+    return [as_plan(number, touch, of) for number, (touch, of) in enumerate(zip(touches, sets, strict=True))]
+
+
+def plan_on(
+    context: StepContext,
+    counts: dict[str, int],
+    seed: int,
+    *,
+    centres: dict[str, tuple[float, float, float]] | None = None,
+    reach: Reach | None = None,
+    options: TouchOptions | None = None,
+    reference_every: int = 0,
+    reference: PlannedTouch | None = None,
+) -> list[PlannedTouch]:
+    """`counts[name]` touches on each sphere, by ways clear of all of the cell's; see `cellctl.planning.plan_touches`.
+
+    `centres`: where spheres are better known than by the cell file; `reach`: joint readings to stay within, else the
+    robot's limits. Raises InputError where too few can be reached.
+    """
+    artefact = artefact_of(context.cell, ("artefact",))
     robot = RobotFile.load(context.robot_file)
-    targets = _targets(context, artefact_of(context.cell, ("artefact",)), names)
-    counts = _even(fit + held_out, len(targets))
+    targets = [_target(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
-    reach = Reach(tuple(low.tolist()), tuple(high.tolist()))
     try:
-        touches = plan_touches(robot.chain(), robot.joint_map(), reach, targets, counts, context.seed)
+        return plan_touches(
+            robot.chain(),
+            robot.joint_map(),
+            reach or Reach(tuple(low.tolist()), tuple(high.tolist())),
+            targets,
+            [counts.get(target.name, 0) for target in targets],
+            seed,
+            options,
+            reference_every=reference_every,
+            reference=reference,
+        )
     except OutOfReach as error:
         cure = "move the artefact to where the robot reaches all around it, or ask for fewer touches"
         raise InputError(context.cell.problem(("artefact",), str(error), cure)) from error
-    sets = _sets(touches, [target.name for target in targets], held_out, context.seed)
-    return [_as_dict(number, touch, of) for number, (touch, of) in enumerate(zip(touches, sets, strict=True))]
 
 
-def _targets(context: StepContext, artefact: Artefact, names: list[str]) -> list[SphereTarget]:
-    targets = []
-    for name in names or [sphere.id for sphere in artefact.spheres]:
-        sphere = artefact.sphere(name)
-        if sphere is None:
-            known = ", ".join(sphere.id for sphere in artefact.spheres)
-            place = ("artefact", "spheres")
-            raise InputError(context.cell.problem(place, f"there is no sphere '{name}'", f"known: {known}"))
-        x, y, z = sphere.centre
-        targets.append(SphereTarget(name, (x, y, z), sphere.diameter / 2 + artefact.tip_radius))
-    return targets
+def sphere_called(context: StepContext, artefact: Artefact, name: str) -> Sphere:
+    """The cell's sphere of that name. Raises InputError."""
+    sphere = artefact.sphere(name)
+    if sphere is None:
+        known = ", ".join(sphere.id for sphere in artefact.spheres)
+        place = ("artefact", "spheres")
+        raise InputError(context.cell.problem(place, f"there is no sphere '{name}'", f"known: {known}"))
+    return sphere
+
+
+def seed_for(context: StepContext, purpose: str) -> int:
+    """A seed of its own for each purpose, following from the run's."""
+    return int.from_bytes(sha256(f"{context.seed}/{purpose}".encode()).digest()[:4])
+
+
+def as_plan(number: int, touch: PlannedTouch, of: str, repeats: int = 0) -> dict[str, Any]:
+    """A planned touch as `TouchPlan` takes it; a reference is one whatever set `of` says, and repeats `repeats`."""
+    return {
+        "number": number,
+        "sphere": touch.sphere,
+        "set": "reference" if touch.reference else of,
+        "approach": [list(q) for q in touch.approach],
+        "start": list(touch.start),
+        "end": list(touch.end),
+        "search_mm": touch.search_mm,
+        "retreat": [list(q) for q in touch.retreat],
+        "repeats": repeats if touch.reference else None,
+    }
+
+
+def _target(artefact: Artefact, sphere: Sphere, centres: dict[str, tuple[float, float, float]]) -> SphereTarget:
+    x, y, z = sphere.centre
+    return SphereTarget(sphere.id, centres.get(sphere.id, (x, y, z)), sphere.diameter / 2 + artefact.tip_radius)
 
 
 def _even(total: int, parts: int) -> list[int]:
@@ -55,20 +113,7 @@ def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: 
     random = np.random.default_rng([seed, 0x7E57])
     sets = ["fit"] * len(touches)
     for sphere, count in zip(spheres, _even(held_out, len(spheres))[::-1], strict=True):
-        on_it = [index for index, touch in enumerate(touches) if touch.sphere == sphere]
+        on_it = [index for index, touch in enumerate(touches) if touch.sphere == sphere and not touch.reference]
         for index in random.permutation(on_it)[:count]:
             sets[index] = "test"
     return sets
-
-
-def _as_dict(number: int, touch: PlannedTouch, of: str) -> dict[str, Any]:
-    return {
-        "number": number,
-        "sphere": touch.sphere,
-        "set": of,
-        "approach": [list(q) for q in touch.approach],
-        "start": list(touch.start),
-        "end": list(touch.end),
-        "search_mm": touch.search_mm,
-        "retreat": [list(q) for q in touch.retreat],
-    }

@@ -27,3 +27,35 @@ class TouchPlan(StepResult):
     search_mm: float
     retreat: list[Joints]
     repeats: int | None = None
+
+
+class StandOffPlan(StepResult):
+    """One stand-off to come: go to a target off the sphere, then search along its normal until contact.
+
+    `number`: the target, from 0; `run`: with nominal joints before, with the pushed table's `row` after. `nominal`: the
+    target's joints without compensation, `commanded`: those that are moved to, degrees. `normal`: unit vector from the
+    sphere's centre. `distance_mm`: how far off the surface the target is. `expected_mm`: the error that the identified
+    model foresees, `sigma_mm`: its 1 σ.
+    """
+
+    number: int
+    run: Literal["before", "after"]
+    row: int | None
+    sphere: str
+    approach: list[Joints]
+    nominal: Joints
+    commanded: Joints
+    end: Joints
+    search_mm: float
+    retreat: list[Joints]
+    normal: list[float]
+    distance_mm: float
+    expected_mm: float
+    sigma_mm: float
+
+
+class Round(StepResult):
+    """Stand-offs, each target before and after at once, and the return to the reference touch behind them."""
+
+    standoffs: list[StandOffPlan]
+    references: list[TouchPlan]
