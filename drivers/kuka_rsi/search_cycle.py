@@ -179,12 +179,10 @@ class SearchCycle:
 
     def _look_whether_it_follows(self, joints: tuple[float, ...]) -> None:
         """Corrections that the controller does not take must not pile up: taken at last, they would be one leap."""
-        if self.cause is not Cause.NONE:
-            return
         lead = tuple(joint - a - b for joint, a, b in zip(joints, self._start, self._sent, strict=True))
-        if self._along_the_line(lead) > _FARTHEST_AHEAD_DEG:
+        if self.phase is not Phase.LEAVING and self._along_the_line(lead) > _FARTHEST_AHEAD_DEG:
             self._run_away()
-        elif max(map(abs, lead)) > _FARTHEST_BEHIND_DEG:
+        elif self.cause is Cause.NONE and max(map(abs, lead)) > _FARTHEST_BEHIND_DEG:
             self._end(Cause.BEHIND)
 
     def _along_the_line(self, offset: Correction) -> float:

@@ -163,6 +163,20 @@ def test_a_controller_that_sums_up_offsets_is_left_before_it_has_run_away(contro
     assert controller.joints[1] - home[1] < 0.6
 
 
+def test_a_controller_that_sums_up_offsets_is_left_after_a_contact_too(controller, connected, run, home):
+    """Holding would be going on into what was touched."""
+
+    async def work():
+        async with connected() as robot:
+            controller.relative = True
+            controller.on_cycle = lambda cycle: robot.stop_now() if cycle == 14 else None
+            with pytest.raises(DeviceFault, match="ran ahead"):
+                await robot.search(TWO_DEG, 2.0)
+
+    run(work())
+    assert controller.joints[1] - home[1] < 0.6
+
+
 def test_a_controller_that_takes_increments_for_offsets_is_named(controller, connected, run, home):
     async def work():
         async with connected(mode="relative") as robot:
