@@ -1,0 +1,87 @@
+"""A model, targets, the shipped cell, and a controller of the test's own that keeps tables."""
+
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from kr5_model import kr5_model, readings_near_the_middle, targets_csv
+
+from cellctl.cli import ends, table_cell
+from cellctl.cli.connected import Connected
+from cellctl.cli.main import app
+from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
+
+CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
+
+
+class Controller:
+    """Two tables in memory; `failing` is raised by a push, `tamper` changes what comes into force."""
+
+    def __init__(self, serial="SIM-4711", simulated=True):
+        self.name = "robot"
+        self.identity = Identity("robot", serial, "KUKA KR5 R1400", "KSS", simulated)
+        self.active: ControllerTable | None = None
+        self.previous: ControllerTable | None = None
+        self.failing: Exception | None = None
+        self.tamper = lambda table: table
+        self.connections = 0
+
+    async def push_table(self, table):
+        if self.failing:
+            raise self.failing
+        self.active, self.previous = self.tamper(table), self.active
+        return await self.table_state()
+
+    async def table_state(self):
+        return TableState(*(self._info(table) for table in (self.active, self.previous)), None)
+
+    async def read_table(self):
+        return self.active
+
+    async def rollback_table(self):
+        if self.active is None and self.previous is None:
+            raise DeviceRefused("robot", "there is no table to roll back to")
+        self.active, self.previous = self.previous, self.active
+        return await self.table_state()
+
+    @staticmethod
+    def _info(table):
+        return TableInfo(table.id, len(table.rows), "89ABCDEF") if table else None
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """`model.json` and `targets.csv`: eight targets with postures near by."""
+    readings = readings_near_the_middle(8)
+    kr5_model().save(tmp_path / "model.json")
+    (tmp_path / "targets.csv").write_text(targets_csv(readings))
+    (tmp_path / "bare.csv").write_text(targets_csv(readings, postures=False))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def cellctl(folder):
+    """Runs the command line in the folder of the files; the exit code."""
+    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+
+
+@pytest.fixture
+def controller(monkeypatch):
+    """The controller that the table commands find in the shipped cell instead of a simulator."""
+    found = Controller()
+
+    @asynccontextmanager
+    async def instead(cell, drivers, names, **settings):
+        found.connections += 1
+        yield {name: Connected(found, found.identity) for name in names}
+
+    monkeypatch.setattr(table_cell, "connected", instead)
+    return found
+
+
+@pytest.fixture
+def table(cellctl, folder):
+    """A table for `SIM-4711`."""
+    assert cellctl("compensate", "model.json", "targets.csv", "--serial", "SIM-4711", "-o", "table.json") == 0
+    return folder / "table.json"
