@@ -64,3 +64,15 @@ class DriverRegistry:
         module = sys.modules[self._entries[address.scheme].module]
         check = getattr(module, "check_address", None)
         return list(check(address, folder)) if check else []
+
+    def controller_files(
+        self, cell: str, address: Address, folder: Path, limits: dict[str, float]
+    ) -> dict[str, str] | None:
+        """File name → text of what has to be loaded on the device's controller; None where its driver has none.
+
+        Raises ValueError with what is wrong with the address or the limits.
+        """
+        self.driver(address.scheme)
+        module = sys.modules[self._entries[address.scheme].module]
+        generate = getattr(module, "generate_controller_files", None)
+        return dict(generate(cell, address, folder, limits)) if generate else None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from cellctl.devices import Address, CompensatedRobot, Surroundings
 
-__all__ = ["check_address", "open_robot"]
+__all__ = ["check_address", "generate_controller_files", "open_robot"]
 
 
 def open_robot(name: str, address: Address, surroundings: Surroundings) -> CompensatedRobot:
@@ -42,3 +42,13 @@ def check_address(address: Address, folder: Path) -> list[str]:
     except ValueError as error:
         return [str(error)]
     return read_ethernet_config(settings).mistakes
+
+
+def generate_controller_files(cell: str, address: Address, folder: Path, limits: dict[str, float]) -> dict[str, str]:
+    """File name → text of what a person loads on the controller for the cell named `cell`.
+
+    Raises ValueError with what is wrong with the address, the Ethernet configuration it names, or the limits.
+    """
+    from drivers.kuka_rsi.controller_files.generate import controller_files
+
+    return controller_files(cell, address, folder, limits)

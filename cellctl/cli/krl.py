@@ -1,0 +1,57 @@
+"""`cellctl krl`: the files that a cell's controller has to have, made for this cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cellctl.devices.cell import Cell
+    from cellctl.devices.registry import DriverRegistry
+
+
+def krl(
+    cell: Annotated[Path, typer.Argument(help="Cell file.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")],
+    device: Annotated[str | None, typer.Option(help="The device, where several have a controller to load.")] = None,
+) -> None:
+    """Write what a person loads on the controller: programs, channel and Ethernet configuration, a README.txt.
+
+    Opens no device. README.txt says where each file goes, and what nobody has tried on a real controller yet.
+
+    Example: cellctl krl procedures/cells/sphere_cell.yaml -o krc
+    """
+    from cellctl.devices.cell import Cell
+    from cellctl.devices.registry import DriverRegistry
+
+    drivers = DriverRegistry()
+    loaded = Cell.load(cell, drivers)
+    made = _made(loaded, drivers, device)
+    if out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"{out} is a file; give a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in made.items():
+        (out / name).write_bytes(text.replace("\n", "\r\n").encode())
+    typer.echo(f"{len(made)} files in {out}: {', '.join(made)}")
+    typer.echo(f"Not tried on a real controller: read {out / 'README.txt'} before you load them.")
+
+
+def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, str]:
+    """The files of the one device that has some. Raises InputError where none has, or more than one."""
+    from cellctl.files import InputError
+
+    if device is not None and device not in cell.addresses:
+        known = ", ".join(sorted(cell.addresses))
+        raise InputError(cell.document.problem((), f"has no device '{device}'", f"its devices: {known}"))
+    found: dict[str, dict[str, str]] = {}
+    for name, address in cell.addresses.items():
+        if device in (None, name):
+            files = drivers.controller_files(cell.name, address, cell.path.parent, cell.limits.get(name, {}))
+            if files is not None:
+                found[name] = files
+    if len(found) == 1:
+        return next(iter(found.values()))
+    what = f"several controllers can be loaded: {', '.join(found)}" if found else "has no controller to load files on"
+    raise InputError(cell.document.problem((), what, "name one with --device" if found else ""))

@@ -1,0 +1,97 @@
+"""The controller's files, made from templates and from what the cell's address and limits say."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+from cellctl.devices import Address
+from drivers.kuka_rsi.controller_files.instructions import instructions
+from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.settings import RsiSettings
+
+KRL_FILES = (
+    "cellctl.src",
+    "cellctl.dat",
+    "cellctl_sub.src",
+    "cellctl_sub.dat",
+    "cellctl_cmd.src",
+    "cellctl_tab.src",
+    "cellctl_sum.src",
+)
+CONTEXT = "cellctl_rsi"
+"""Name of the RSI context that the person draws in RSI Visual."""
+
+_EKI_FILE = "cellctl_eki.xml"
+_FLAGS = {"ALIVE": 401, "GO": 402, "HALT": 403, "RSI": 404, "DONE": 405}
+_INTERRUPT = 21
+_AXES = [f"A{axis}" for axis in range(1, 7)]
+_WILDCARDS = ("0.0.0.0", "::")
+
+
+def controller_files(cell: str, address: Address, folder: Path, limits: dict[str, float]) -> dict[str, str]:
+    """File name → text of all that the controller of the cell named `cell` needs.
+
+    `folder`: against which the Ethernet configuration in `address` is read; `limits`: the cell file's, for this robot.
+    Raises ValueError with what is wrong with the address, the configuration or the limits.
+    """
+    settings = RsiSettings.of(address, folder)
+    if mistakes := read_ethernet_config(settings).mistakes:
+        raise ValueError("; ".join(mistakes))
+    places = {
+        "CELL": " ".join(cell.split()),
+        "CONTEXT": CONTEXT,
+        "MODE": settings.mode.upper(),
+        "INTERRUPT": str(_INTERRUPT),
+        "EKI_HOST": escape(settings.eki[0]),
+        "EKI_PORT": str(settings.eki[1]),
+        "RECEIVE": "\n".join(f"      {element}" for element in _received()),
+        **{f"FLAG_{name}": str(number) for name, number in _FLAGS.items()},
+    }
+    made = {name: _filled(_template(name), places) for name in (*KRL_FILES, _EKI_FILE)}
+    made[settings.ethernet.name] = _ethernet(settings)
+    made["README.txt"] = instructions(settings, SearchLimits.from_settings(limits), _FLAGS, _INTERRUPT, CONTEXT)
+    return made
+
+
+def _template(name: str) -> str:
+    return files("drivers.kuka_rsi.controller_files").joinpath(name).read_text(encoding="ascii")
+
+
+def _filled(template: str, places: dict[str, str]) -> str:
+    """The template with every `@NAME@` replaced; ASCII, since KRL knows no more."""
+    text = re.sub(r"@([A-Z_]+)@", lambda found: places[found[1]], template)
+    return text.encode("ascii", "replace").decode("ascii")
+
+
+def _received() -> list[str]:
+    """The elements that the channel takes apart: every attribute of a `<Cmd>` document, and its end."""
+    kinds = {
+        "Cmd/@Id": "INT",
+        "Cmd/@Op": "STRING",
+        "Cmd/Vel/@P": "REAL",
+        **{f"Cmd/Q/@{axis}": "REAL" for axis in _AXES},
+        "Cmd/Row/@N": "INT",
+        "Cmd/Table/@Id": "STRING",
+        "Cmd/Table/@Serial": "STRING",
+        "Cmd/Table/@Rows": "INT",
+        "Cmd/Table/@Sum": "STRING",
+        "Cmd/Block/@First": "INT",
+        "Cmd/Block/@Count": "INT",
+        "Cmd/Block/@Sum": "STRING",
+        "Cmd/R/@N": "INT",
+        **{f"Cmd/R/{group}/@{axis}": "STRING" for group in "QC" for axis in _AXES},
+    }
+    return [f'<ELEMENT Tag="{tag}" Type="{kind}"/>' for tag, kind in kinds.items()]
+
+
+def _ethernet(settings: RsiSettings) -> str:
+    """The person's own file, with the address' host and port where the address says them."""
+    text = settings.ethernet.read_text(encoding="utf-8")
+    host, port = settings.bind
+    if host not in _WILDCARDS:
+        text = re.sub(r"(<IP_NUMBER>)[^<]*(</IP_NUMBER>)", rf"\g<1>{escape(host)}\g<2>", text)
+    return re.sub(r"(<PORT>)[^<]*(</PORT>)", rf"\g<1>{port}\g<2>", text) if port else text

@@ -1,0 +1,375 @@
+"""What `cellctl krl` writes for a controller: it fits the cell, the channel's reference and the driver's documents."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections import defaultdict, deque
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from cell_runs import CELL, ROOT, cellctl
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from krl_programs import Krl, Place, Text
+
+from cellctl.devices import Address
+from drivers.kuka_rsi import generate_controller_files
+from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
+
+ADDRESS = Address.parse("kuka+rsi://192.168.10.2:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54601")
+REFERENCE = (ROOT / "docs" / "reference" / "eki-channel.md").read_text()
+SERIAL = 925185
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, str]:
+    return generate_controller_files("sphere cell", ADDRESS, CELL.parent, {"correction_deg": 3})
+
+
+class Controller:
+    """The programs as shipped, on a stand-in for EthernetKRL and the system: what goes in, what comes out."""
+
+    def __init__(self, made: dict[str, str]) -> None:
+        self.received: dict[str, deque[str]] = defaultdict(deque)
+        self.sent = b""
+        builtins = {name[1:]: getattr(self, name) for name in dir(self) if re.match(r"_[a-z]", name)}
+        self.krl = Krl([text for name, text in made.items() if name.endswith((".src", ".dat"))], builtins)
+        self.tags = {element.get("Tag", "") for element in ElementTree.fromstring(made["cellctl_eki.xml"]).iter()}
+        variables = self.krl.variables
+        variables["$FLAG"] = {(number,): False for number in range(401, 406)} | {(401,): True}
+        variables |= {"$STOPMESS": False, "$PERI_RDY": True, "$ROB_STOPPED": True, "$PRO_STATE1": "#P_ACTIVE"}
+        variables |= {"$MODE_OP": "#EX", "$KR_SERIALNO": SERIAL, "$ROB_TIMER": 0, "$CMD": 0}
+        variables["$TRAFONAME"], variables["$V_R1MADA"] = Text(map(ord, "KR5")), Text(map(ord, "KSS8.6"))
+        variables["$AXIS_ACT_MEAS"] = {f"A{n}": float(n) for n in range(1, 7)}
+        variables["$SOFTN_END"] = {(n,): -170.0 for n in range(1, 7)}
+        variables["$SOFTP_END"] = {(n,): 170.0 for n in range(1, 7)}
+        self.krl.call("CC_INIT")
+        self.cycle()  # its greeting
+
+    def take(self, document: bytes) -> list[Reply | Stat]:
+        """One document in, as EthernetKRL takes it apart; a round of the submit program; what it sent."""
+        root = ElementTree.fromstring(document)
+        for path, element in _elements(root, root.tag):
+            for name, value in element.attrib.items():
+                assert f"{path}/@{name}" in self.tags, "the channel's configuration does not take this apart"
+                self.received[f"{path}/@{name}"].append(value)
+        return self.cycle()
+
+    def cycle(self) -> list[Reply | Stat]:
+        self.sent = b""
+        self.krl.call("CC_CYCLE")
+        return [read_document(document) for document in DocumentStream().feed(self.sent)]
+
+    def reply(self, document: bytes) -> Reply:
+        replies = [said for said in self.take(document) if isinstance(said, Reply)]
+        assert len(replies) == 1
+        return replies[0]
+
+    def raw(self, document: bytes) -> ElementTree.Element:
+        """The reply as XML, with what the plain reader leaves out."""
+        self.take(document)
+        return next(
+            root for part in DocumentStream().feed(self.sent) if (root := ElementTree.fromstring(part)).tag == "Rep"
+        )
+
+    # EthernetKRL and the system, as far as the programs call them
+
+    def _eki_init(self, *_: Place) -> None: ...
+
+    def _eki_open(self, *_: Place) -> None: ...
+
+    def _eki_clear(self, *_: Place) -> None:
+        self.received.clear()
+
+    def _eki_clearbuffer(self, *_: Place) -> None:
+        self.received.clear()
+
+    def _eki_checkbuffer(self, _: Place, tag: Place) -> dict[str, int]:
+        assert str(tag.get()) in self.tags
+        return {"BUFF": len(self.received[str(tag.get())])}
+
+    def _eki_getint(self, _: Place, tag: Place, value: Place) -> None:
+        value.set(int(self.received[str(tag.get())].popleft()))
+
+    def _eki_getreal(self, _: Place, tag: Place, value: Place) -> None:
+        value.set(float(self.received[str(tag.get())].popleft()))
+
+    def _eki_getstring(self, _: Place, tag: Place, value: Place) -> None:
+        value.get()[:] = map(ord, self.received[str(tag.get())].popleft())
+
+    def _eki_send(self, _: Place, text: Place, length: Place) -> None:
+        assert length.get() == len(text.get()) <= 470, "a KRL text of this program holds 470 characters"
+        self.sent += str(text.get()).encode("ascii")
+
+    def _swrite(self, text: Place, _: Place, at: Place, layout: Place, value: Place) -> None:
+        given = value.get()
+        text.get()[at.get() :] = map(ord, str(layout.get()) % (str(given) if isinstance(given, Text) else given))
+        at.set(len(text.get()))
+
+    def _strclear(self, text: Place) -> bool:
+        text.get()[:] = []
+        return True
+
+    def _strcopy(self, to: Place, text: Place) -> bool:
+        to.get()[:] = text.get()
+        return True
+
+    def _strcomp(self, a: Place, b: Place, _: Place) -> bool:
+        return str(a.get()) == str(b.get())
+
+    def _strlen(self, text: Place) -> int:
+        return len(text.get())
+
+    def _strtoint(self, text: Place, value: Place) -> bool:
+        digits = str(text.get())
+        value.set(int(digits) if digits.isdigit() else 0)
+        return digits.isdigit()
+
+
+def _elements(root: ElementTree.Element, path: str) -> list[tuple[str, ElementTree.Element]]:
+    return [(path, root), *(found for child in root for found in _elements(child, f"{path}/{child.tag}"))]
+
+
+@pytest.fixture
+def controller(made: dict[str, str]) -> Controller:
+    return Controller(made)
+
+
+ROWS = [
+    ([0.1 * n - 90.0, -90.5, 45.123456, -0.000001, 12.5, 170.0], [0.1 * n - 90.01, -90.4, 45.2, 0.3, 12.4, 169.99])
+    for n in range(1, 13)
+]
+
+
+def line(number: int, row: tuple[list[float], list[float]]) -> str:
+    """A row's line as docs/reference/eki-channel.md has it."""
+    return f"{number};" + ";".join(f"{value:.6f}" for value in (*row[0], *row[1])) + "\n"
+
+
+def checksum(first: int, rows: list[tuple[list[float], list[float]]]) -> str:
+    return f"{zlib.crc32(''.join(line(first + n, row) for n, row in enumerate(rows)).encode()):08X}"
+
+
+def block(number: int, first: int, rows: list[tuple[list[float], list[float]]]) -> bytes:
+    def joints(tag: str, values: list[float]) -> str:
+        return f"<{tag} " + " ".join(f'A{axis}="{value:.6f}"' for axis, value in enumerate(values, 1)) + "/>"
+
+    each = (f'<R N="{first + n}">{joints("Q", row[0])}{joints("C", row[1])}</R>' for n, row in enumerate(rows))
+    head = f'<Block First="{first}" Count="{len(rows)}" Sum="{checksum(first, rows)}"/>'
+    return write_command(number, "TBLOCK", head + "".join(each))
+
+
+def stage(controller: Controller, name: str, rows: list[Any] = ROWS) -> None:
+    table = f'<Table Id="{name}" Serial="{SERIAL}" Rows="{len(rows)}" Sum="{checksum(1, rows)}"/>'
+    assert controller.reply(write_command(1, "TSTAGE", table)).code == 0
+    for first in range(0, len(rows), 10):
+        assert controller.reply(block(2, first + 1, rows[first : first + 10])).code == 0
+
+
+def activation(name: str, rows: list[Any] = ROWS) -> bytes:
+    return write_command(3, "TACTIVATE", f'<Table Id="{name}" Sum="{checksum(1, rows)}"/>')
+
+
+def roles(controller: Controller) -> dict[str, str]:
+    root = controller.raw(write_command(4, "TSTATE"))
+    return {part.tag: part.get("Id", "") for part in root if part.tag != "Q"}
+
+
+def test_every_operation_and_code_of_the_reference_is_in_the_programs(made: dict[str, str]) -> None:
+    programs = "".join(made.values())
+    operations = set(re.findall(r"^\| `([A-Z]+)` \|", REFERENCE, re.MULTILINE))
+    assert len(operations) == 12
+    assert operations == set(re.findall(r'StrComp\(CC_OP\[\],"([A-Z]+)"', programs))
+    codes = set(re.findall(r"^\| (\d+) \|", REFERENCE, re.MULTILINE)) | {"40", "41", "42", "43"}
+    assert codes == set(re.findall(r"CC_(?:BEGIN_)?REPLY\([A-Z_]+,(\d+),", programs))
+
+
+def test_the_ethernet_configuration_is_the_persons_own_with_the_address_filled_in(made: dict[str, str]) -> None:
+    own = (CELL.parent / "rsi_ethernet.xml").read_text()
+    assert made["rsi_ethernet.xml"] == own
+    other = Address.parse("kuka+rsi://10.1.2.3:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54600")
+    files = generate_controller_files("c", other, CELL.parent, {})
+    assert files["rsi_ethernet.xml"] == own.replace("192.168.10.2", "10.1.2.3")
+
+
+def test_the_channel_listens_where_the_address_looks_for_it(made: dict[str, str]) -> None:
+    root = ElementTree.fromstring(made["cellctl_eki.xml"])
+    inner = root.find("CONFIGURATION/INTERNAL")
+    assert inner is not None
+    assert (inner.findtext("IP"), inner.findtext("PORT")) == ("172.31.1.147", "54601")
+    assert root.findtext("CONFIGURATION/EXTERNAL/TYPE") == "Client"
+    alive = inner.find("ALIVE")
+    assert alive is not None
+    assert f"CC_F_ALIVE={alive.get('Set_Flag')}" in made["cellctl.dat"]
+
+
+def test_the_instructions_name_every_file_the_limits_and_that_nobody_tried_it(made: dict[str, str]) -> None:
+    told = made["README.txt"]
+    assert [name for name in made if name != "README.txt" and name not in told] == []
+    assert "-3 / +3" in told
+    assert "NOT TRIED ON A REAL CONTROLLER" in told
+    assert "outputs 1, 2, 3, 4, 5, 6" in told.replace("\n", " ")
+
+
+def test_relative_corrections_are_switched_on_as_the_address_says(tmp_path: Path) -> None:
+    xml = (CELL.parent / "rsi_ethernet.xml").read_text().replace('HOLDON="1"', 'HOLDON="0"')
+    (tmp_path / "rsi.xml").write_text(xml)
+    address = Address.parse("kuka+rsi://10.1.2.3:49152?ethernet=rsi.xml&eki=172.31.1.147:54600&mode=relative")
+    made = generate_controller_files("c", address, tmp_path, {})
+    assert "RSI_ON(#RELATIVE,#IPO_FAST)" in made["cellctl.src"]
+
+
+def test_a_mistake_in_the_configuration_is_named_and_nothing_written(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
+    cell.write_text(text)
+    (tmp_path / "rsi_ethernet.xml").write_text("<ROOT><CONFIG/></ROOT>")
+    done = cellctl("krl", cell, "-o", tmp_path / "krc")
+    assert done.returncode == 2
+    assert "SENTYPE is missing" in done.stderr
+    assert not (tmp_path / "krc").exists()
+
+
+def test_the_files_are_ascii_with_the_line_ends_of_windows(tmp_path: Path) -> None:
+    done = cellctl("krl", CELL, "-o", tmp_path / "krc")
+    assert done.returncode == 0, done.stderr
+    for file in (tmp_path / "krc").iterdir():
+        content = file.read_bytes()
+        assert content.count(b"\n") == content.count(b"\r\n") > 10
+        assert content.isascii()
+        assert max(map(len, content.splitlines())) <= 120
+
+
+@cache
+def sums() -> Krl:
+    made = generate_controller_files("c", ADDRESS, CELL.parent, {})
+    krl = Krl([made["cellctl_sum.src"], made["cellctl_sub.dat"]], {"STRLEN": lambda place: len(place.get())})
+    krl.call("CC_MAKE_TABLE")
+    return krl
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=0, max_size=40))
+def test_the_sum_of_a_text_is_that_of_zlib(text: str) -> None:
+    krl = sums()
+    total = krl.call("CC_CRC", -1, text)
+    krl.call("CC_HEX", ~total)
+    assert str(krl.variables["CC_DIGITS"]) == f"{zlib.crc32(text.encode()):08X}"
+
+
+def test_hello_says_who_the_controller_is(controller: Controller) -> None:
+    reply = controller.reply(write_command(7, "HELLO"))
+    assert (reply.id, reply.code) == (7, 0)
+    assert reply.ident == {"Serial": str(SERIAL), "Model": "KR5", "KSS": "KSS8.6", "Version": "1"}
+    assert reply.joints == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+
+
+def test_a_move_is_handed_to_the_robot_program_and_answered_when_it_is_done(controller: Controller) -> None:
+    said = controller.take(write_command(8, "PTP", point_to_point((10.0, -90.0, 90.5, 0.0, 45.0, 1.0), 12.7)))
+    assert [stat.program for stat in said if isinstance(stat, Stat)] == ["MOVING"]
+    assert not [reply for reply in said if isinstance(reply, Reply)]
+    variables = controller.krl.variables
+    assert variables["CC_PERCENT"] == 12
+    assert variables["CC_TARGET"] == {"A1": 10.0, "A2": -90.0, "A3": 90.5, "A4": 0.0, "A5": 45.0, "A6": 1.0}
+    assert variables["$FLAG"][402,]
+    assert controller.reply(write_command(9, "PTP", point_to_point((0.0,) * 6, 10.0))).code == 10
+    variables["CC_OUTCOME"], variables["$FLAG"][405,] = 0, True
+    said = controller.cycle()
+    assert [(said.id, said.code) for said in said if isinstance(said, Reply)] == [(8, 0)]
+
+
+@pytest.mark.parametrize(
+    ("joints", "speed", "mode", "code"),
+    [
+        ((171.0, 0.0, 0.0, 0.0, 0.0, 0.0), 10.0, "#EX", 20),
+        ((0.0,) * 6, 0.0, "#EX", 21),
+        ((0.0,) * 6, 100.5, "#EX", 21),
+        ((0.0,) * 6, 10.0, "#T1", 12),
+    ],
+)
+def test_a_move_that_must_not_be_is_refused(
+    controller: Controller, joints: tuple[float, ...], speed: float, mode: str, code: int
+) -> None:
+    controller.krl.variables["$MODE_OP"] = mode
+    assert controller.reply(write_command(8, "PTP", point_to_point(joints, speed))).code == code
+    assert not controller.krl.variables["$FLAG"][402,]
+
+
+def test_halt_ends_the_command_with_30_and_is_answered_after_it(controller: Controller) -> None:
+    controller.take(write_command(8, "RSI"))
+    controller.krl.variables["$FLAG"][404,] = True
+    assert [(said.id, said.code) for said in controller.cycle() if isinstance(said, Reply)] == [(8, 1)]
+    controller.take(write_command(9, "HALT"))
+    variables = controller.krl.variables
+    assert variables["$FLAG"][403,]
+    variables["CC_OUTCOME"], variables["$FLAG"][404,], variables["$FLAG"][405,] = 30, False, True
+    said = controller.cycle()
+    assert [(said.id, said.code) for said in said if isinstance(said, Reply)] == [(8, 30), (9, 0)]
+    assert [stat.program for stat in said if isinstance(stat, Stat)] == ["STOPPED"]
+
+
+def test_a_lost_connection_halts_what_moves(controller: Controller) -> None:
+    controller.take(write_command(8, "PTP", point_to_point((0.0,) * 6, 10.0)))
+    controller.krl.variables["$FLAG"][401,] = False
+    controller.cycle()
+    assert controller.krl.variables["$FLAG"][403,]
+
+
+def test_an_operation_that_nobody_knows_is_refused(controller: Controller) -> None:
+    assert controller.reply(write_command(8, "JUMP")).code == 11
+
+
+def test_a_table_is_staged_read_back_activated_and_moved_to(controller: Controller) -> None:
+    stage(controller, "aa")
+    root = controller.raw(write_command(5, "TREAD", '<Block First="11" Count="2"/>'))
+    head = root.find("Block")
+    assert head is not None
+    assert head.get("Sum") == checksum(11, ROWS[10:12])
+    read = [[float(part.get(f"A{axis}", "")) for part in row for axis in range(1, 7)] for row in root.iterfind("R")]
+    assert read == [pytest.approx([*row[0], *row[1]], abs=1e-9) for row in ROWS[10:12]]
+    assert controller.reply(activation("aa")).code == 0
+    assert roles(controller) == {"Active": "aa"}
+    assert controller.reply(activation("aa")).code == 0
+    controller.take(write_command(6, "PTPT", '<Vel P="10.0"/><Row N="12"/>'))
+    target = controller.krl.variables["CC_TARGET"]
+    assert [target[f"A{axis}"] for axis in range(1, 7)] == pytest.approx(ROWS[11][1])
+
+
+def test_the_table_before_comes_back_and_a_staged_one_does_not_survive_a_restart(controller: Controller) -> None:
+    stage(controller, "aa")
+    controller.reply(activation("aa"))
+    stage(controller, "bb", ROWS[:3])
+    controller.reply(activation("bb", ROWS[:3]))
+    assert roles(controller) == {"Active": "bb", "Previous": "aa"}
+    assert controller.reply(write_command(9, "TROLLBACK")).code == 0
+    stage(controller, "cc", ROWS[:2])
+    assert roles(controller) == {"Active": "aa", "Previous": "bb", "Staged": "cc"}
+    controller.krl.call("CC_INIT")
+    assert roles(controller) == {"Active": "aa", "Previous": "bb"}
+
+
+def test_what_a_table_is_refused_for(controller: Controller) -> None:
+    def code(number: int, operation: str, content: str) -> int:
+        return controller.reply(write_command(number, operation, content)).code
+
+    assert code(1, "TSTAGE", '<Table Id="x" Serial="1" Rows="2" Sum="00000000"/>') == 40
+    assert code(1, "TSTAGE", f'<Table Id="x" Serial="SIM-{SERIAL}" Rows="2" Sum="00000000"/>') == 40
+    assert code(1, "TSTAGE", f'<Table Id="x" Serial="{SERIAL}" Rows="501" Sum="00000000"/>') == 43
+    assert controller.reply(block(2, 1, ROWS[:2])).code == 42
+    assert code(3, "TROLLBACK", "") == 42
+    assert code(4, "PTPT", '<Vel P="10.0"/><Row N="1"/>') == 42
+    table = f'<Table Id="x" Serial="{SERIAL}" Rows="4" Sum="{checksum(1, ROWS[:4])}"/>'
+    assert code(5, "TSTAGE", table) == 0
+    assert controller.reply(block(6, 2, ROWS[1:3])).code == 42
+    assert controller.reply(block(6, 1, ROWS[:2]).replace(b"-90.4", b"-90.5")).code == 41
+    assert controller.reply(block(7, 1, ROWS[:2])).code == 0
+    assert controller.reply(block(7, 1, ROWS[:2])).code == 0
+    assert controller.reply(activation("x", ROWS[:4])).code == 42
+    assert controller.reply(block(8, 3, ROWS[2:4])).code == 0
+    assert controller.reply(activation("x", ROWS[:3])).code == 41
+    assert controller.reply(activation("y", ROWS[:4])).code == 41
+    assert controller.reply(activation("x", ROWS[:4])).code == 0

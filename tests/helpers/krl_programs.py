@@ -1,0 +1,428 @@
+"""Runs KRL programs: as much of the language as the controller's programs use, with whole numbers of 32 bits.
+
+An interpreter and no translation of what it runs: it reads the files that a person loads. Motion, interrupts and the
+system's variables are whatever the test puts there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+Builtin = Callable[..., Any]
+
+_TOKEN = re.compile(
+    r"""\s*(?:(?P<text>"[^"]*")|(?P<number>\d+\.\d+|\d+)|(?P<enum>\#\w+)|(?P<name>\$?[A-Za-z_]\w*)"""
+    r"""|(?P<sign><=|>=|<>|==|[-+*/<>=(),.\[\]]))"""
+)
+_LEVELS = [{"OR", "EXOR"}, {"AND"}, {"==", "<>", "<", ">", "<=", ">="}, {"B_OR", "B_EXOR"}, {"B_AND"}, {"+", "-"}]
+_BLOCKS = {"IF": "ENDIF", "FOR": "ENDFOR", "SWITCH": "ENDSWITCH", "LOOP": "ENDLOOP"}
+
+
+class Return(Exception):
+    """A RETURN with its value."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+
+class Text(list[int]):
+    """A CHAR array: codes, up to the first zero."""
+
+    def __str__(self) -> str:
+        return "".join(map(chr, self))
+
+
+@dataclass
+class Place:
+    """Where a value is kept: a mapping and a key."""
+
+    store: Any
+    key: Any
+
+    def get(self) -> Any:
+        return self.store[self.key]
+
+    def set(self, value: Any) -> None:
+        self.store[self.key] = value
+
+
+@dataclass
+class Routine:
+    """A DEF or DEFFCT: its parameters, whether each goes back (OUT), and its lines."""
+
+    parameters: list[tuple[str, bool]]
+    lines: list[str]
+
+
+def whole(value: int) -> int:
+    """`value` as 32 bits with a sign."""
+    return (value + 2**31) % 2**32 - 2**31
+
+
+class Krl:
+    """Loaded programs and data. `variables` are by upper-case name; arrays are dicts by index tuple, from 1."""
+
+    def __init__(self, sources: list[str], builtins: dict[str, Builtin]) -> None:
+        self.variables: dict[str, Any] = {}
+        self.routines: dict[str, Routine] = {}
+        self.builtins = {name.upper(): builtin for name, builtin in builtins.items()}
+        for source in sources:
+            self._load(source)
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """Run a routine with plain values."""
+        return self._run(name.upper(), [Place([value], 0) for value in arguments])
+
+    # loading
+
+    def _load(self, source: str) -> None:
+        routine: list[str] | None = None
+        for line in source.splitlines():
+            text = re.sub(r"^\s*;.*", "", line).strip()
+            if not text or text.startswith("&"):
+                continue
+            head = re.match(r"(?:GLOBAL )?(?:DEF|DEFFCT \w+) (\w+)\(([^)]*)\)$", text)
+            if head:
+                routine = []
+                self.routines[head[1].upper()] = Routine(_parameters(head[2]), routine)
+            elif routine is not None:
+                if text in ("END", "ENDFCT"):
+                    routine = None
+                else:
+                    routine.append(text)
+            else:
+                self._data(text)
+
+    def _data(self, text: str) -> None:
+        found = re.match(r"DECL GLOBAL (?:CONST )?(\w+) (\w+)(\[[\d,]*\])?(?:=(.*))?$", text)
+        if not found:
+            return
+        kind, name, size, value = found.groups()
+        if size:
+            self.variables[name] = Text() if kind == "CHAR" else {}
+            if kind == "CC_BANK_T":
+                banks = range(1, int(size[1:-1]) + 1)
+                self.variables[name] = {(n,): {"ID": Text(), "SUM": Text(), "ROWS": 0, "TAKEN": 0} for n in banks}
+        elif value and value.startswith("{"):
+            self.variables[name] = {axis: float(v) for axis, v in re.findall(r"(A\d) (-?[\d.]+)", value)}
+        else:
+            self.variables[name] = {"TRUE": True, "FALSE": False}.get(value or "0", value)
+            if isinstance(self.variables[name], str):
+                self.variables[name] = int(value)
+
+    # running
+
+    def _run(self, name: str, arguments: list[Place]) -> Any:
+        if name in self.builtins:
+            return self.builtins[name](*arguments)
+        routine = self.routines[name]
+        local: dict[str, Any] = {}
+        for (parameter, goes_back), place in zip(routine.parameters, arguments, strict=True):
+            local[parameter] = Ref(place) if goes_back else _copy(place.get())
+        try:
+            self._block(routine.lines, 0, len(routine.lines), local)
+        except Return as end:
+            return end.value
+        return None
+
+    def _block(self, lines: list[str], at: int, end: int, local: dict[str, Any]) -> None:
+        while at < end:
+            word = lines[at].split("(")[0].split(" ")[0]
+            if word in _BLOCKS:
+                close = _closing(lines, at, word, _BLOCKS[word])
+                getattr(self, f"_{word.lower()}")(lines, at, close, local)
+                at = close + 1
+            else:
+                self._statement(lines[at], local)
+                at += 1
+
+    def _if(self, lines: list[str], at: int, close: int, local: dict[str, Any]) -> None:
+        middle = next((n for n in range(at + 1, close) if lines[n] == "ELSE" and _depth(lines, at, n) == 1), close)
+        condition = lines[at].removeprefix("IF ").removesuffix(" THEN")
+        if self.value(condition, local):
+            self._block(lines, at + 1, middle, local)
+        else:
+            self._block(lines, middle + 1, close, local)
+
+    def _for(self, lines: list[str], at: int, close: int, local: dict[str, Any]) -> None:
+        head = re.fullmatch(r"FOR (\w+)=(.+) TO (.+?)(?: STEP (.+))?", lines[at])
+        assert head, lines[at]
+        step = self.value(head[4], local) if head[4] else 1
+        first, last = self.value(head[2], local), self.value(head[3], local)
+        for number in range(first, last + (1 if step > 0 else -1), step):
+            local[head[1]] = number
+            self._block(lines, at + 1, close, local)
+
+    def _switch(self, lines: list[str], at: int, close: int, local: dict[str, Any]) -> None:
+        value = self.value(lines[at].removeprefix("SWITCH "), local)
+        heads = [n for n in range(at + 1, close) if re.match(r"CASE |DEFAULT$", lines[n])]
+        for head, after in zip(heads, [*heads[1:], close], strict=True):
+            if lines[head] == "DEFAULT" or self.value(lines[head].removeprefix("CASE "), local) == value:
+                self._block(lines, head + 1, after, local)
+                return
+
+    def _statement(self, line: str, local: dict[str, Any]) -> None:
+        if line.startswith("DECL "):
+            _, kind, names = line.split(" ", 2)
+            for name, size in re.findall(r"(\w+)(\[\d*\])?", names):
+                local.setdefault(name, _fresh(kind, size))
+        elif line == "RETURN" or line.startswith("RETURN "):
+            raise Return(self.value(line[7:], local) if line[7:] else None)
+        elif line.startswith(("WAIT ", "CONFIRM ")):
+            self.builtins[line.split(" ")[0]](line)
+        elif _is_assignment(line):
+            left, right = _is_assignment(line) or ("", "")
+            self._assign(left, self.value(right, local), local)
+        else:
+            self.value(line, local)
+
+    def _assign(self, left: str, value: Any, local: dict[str, Any]) -> None:
+        reader = Reader(self, left.replace("[]", ""), local)
+        place = reader.place()
+        old = place.get() if _has(place) else None
+        if isinstance(old, Text) and isinstance(value, str | Text):
+            old[:] = _text(value)
+            return
+        if isinstance(value, float) and isinstance(old, int) and not isinstance(old, bool):
+            value = round(value)
+        place.set(_copy(value))
+
+    def value(self, expression: str, local: dict[str, Any]) -> Any:
+        """What an expression comes to."""
+        return Reader(self, expression, local).whole_value()
+
+
+class Ref:
+    """A parameter that goes back to its caller."""
+
+    def __init__(self, place: Place) -> None:
+        self.place = place
+
+
+class Reader:
+    """Evaluates one expression as it reads it."""
+
+    def __init__(self, krl: Krl, text: str, local: dict[str, Any]) -> None:
+        self._krl = krl
+        self._local = local
+        self._tokens = _tokens(text)
+        self._at = 0
+
+    def whole_value(self) -> Any:
+        value = self._level(0)
+        assert self._at == len(self._tokens), f"left over: {self._tokens[self._at :]}"
+        return value
+
+    def _peek(self) -> str:
+        return self._tokens[self._at] if self._at < len(self._tokens) else ""
+
+    def _next(self, expected: str = "") -> str:
+        token = self._peek()
+        assert not expected or token == expected, f"{expected} expected, {token} found in {self._tokens}"
+        self._at += 1
+        return token
+
+    def _level(self, level: int) -> Any:
+        if level == len(_LEVELS):
+            return self._product()
+        value = self._level(level + 1)
+        while self._peek() in _LEVELS[level]:
+            value = _operate(self._next(), value, self._level(level + 1))
+        return value
+
+    def _product(self) -> Any:
+        value = self._unary()
+        while self._peek() in ("*", "/"):
+            value = _operate(self._next(), value, self._unary())
+        return value
+
+    def _unary(self) -> Any:
+        token = self._peek()
+        if token == "NOT":
+            self._next()
+            return not self._unary()
+        if token == "B_NOT":
+            self._next()
+            return whole(~self._unary())
+        if token == "-":
+            self._next()
+            return -self._unary()
+        if token == "(":
+            self._next()
+            value = self._level(0)
+            self._next(")")
+            return value
+        return self._atom()
+
+    def _atom(self) -> Any:
+        token = self._peek()
+        if token[0] in '"#' or token[0].isdigit():
+            self._next()
+            if token[0] == '"':
+                return token[1:-1]
+            return token if token[0] == "#" else float(token) if "." in token else int(token)
+        if token in ("TRUE", "FALSE"):
+            self._next()
+            return token == "TRUE"
+        if self._at + 1 < len(self._tokens) and self._tokens[self._at + 1] == "(":
+            return self._call()
+        return self.place().get()
+
+    def _call(self) -> Any:
+        name = self._next().upper()
+        self._next("(")
+        arguments = []
+        while self._peek() != ")":
+            arguments.append(self._argument())
+            if self._peek() == ",":
+                self._next()
+        self._next(")")
+        return self._krl._run(name, arguments)
+
+    def _argument(self) -> Place:
+        """A place where the argument is one by itself, so that it can go back; a value in a place of its own else."""
+        mark = self._at
+        if re.match(r"\$?[A-Za-z_]", self._peek()) and self._peek() not in ("TRUE", "FALSE", "NOT", "B_NOT"):
+            place = None if self._tokens[self._at + 1] == "(" else self.place()
+            if place and self._peek() in (",", ")"):
+                return place
+        self._at = mark
+        return Place([self._level(0)], 0)
+
+    def place(self) -> Place:
+        """The variable, element or field at the current token."""
+        name = self._next().upper()
+        store = self._local if name in self._local else self._krl.variables
+        place = Place(store, name)
+        if name in self._local and isinstance(store[name], Ref):
+            place = store[name].place
+        while self._peek() in ("[", "."):
+            if self._next() == ".":
+                place = Place(place.get(), self._next().upper())
+                continue
+            if self._peek() == "]":
+                self._next()
+                continue
+            index = [self._level(0)]
+            while self._peek() == ",":
+                self._next()
+                index.append(self._level(0))
+            self._next("]")
+            place = _element(place.get(), index)
+        return place
+
+
+def _element(array: Any, index: list[int]) -> Place:
+    if isinstance(array, Text):
+        while len(array) < index[0]:
+            array.append(0)
+        return Place(array, index[0] - 1)
+    if isinstance(array, str):
+        return Place([ord(array[index[0] - 1])], 0)
+    return Place(array, tuple(index))
+
+
+def _operate(sign: str, a: Any, b: Any) -> Any:
+    match sign:
+        case "OR":
+            return a or b
+        case "AND":
+            return a and b
+        case "==":
+            return _plain(a) == _plain(b)
+        case "<>":
+            return _plain(a) != _plain(b)
+        case "<":
+            return a < b
+        case ">":
+            return a > b
+        case "<=":
+            return a <= b
+        case ">=":
+            return a >= b
+        case "B_AND":
+            return whole(a & b)
+        case "B_EXOR":
+            return whole(a ^ b)
+        case "+":
+            return _number(a + b)
+        case "-":
+            return _number(a - b)
+        case "*":
+            return _number(a * b)
+        case "/":
+            return a / b if isinstance(a, float) or isinstance(b, float) else int(a / b)
+    raise AssertionError(sign)
+
+
+def _number(value: Any) -> Any:
+    """A whole number that does not fit is a mistake of the program: KRL stops there."""
+    assert isinstance(value, float) or value == whole(value), f"{value} does not fit into 32 bits"
+    return value
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Text) else value
+
+
+def _text(value: Any) -> list[int]:
+    return [code for code in (value if isinstance(value, Text) else map(ord, str(value))) if code]
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, Text):
+        return Text(value)
+    return dict(value) if isinstance(value, dict) else value
+
+
+def _has(place: Place) -> bool:
+    return isinstance(place.store, list) or place.key in place.store
+
+
+def _fresh(kind: str, size: str) -> Any:
+    if kind == "CHAR":
+        return Text()
+    if kind in ("AXIS", "E6AXIS", "EKI_STATUS"):
+        return {}
+    return {} if size else 0.0 if kind == "REAL" else 0
+
+
+def _parameters(text: str) -> list[tuple[str, bool]]:
+    pairs = [part.strip().split(":") for part in text.split(",") if part.strip()]
+    return [(name.replace("[]", "").strip(), way == "OUT") for name, way in pairs]
+
+
+@cache
+def _tokens(text: str) -> tuple[str, ...]:
+    tokens, at = [], 0
+    while at < len(text.rstrip()):
+        found = _TOKEN.match(text, at)
+        assert found, f"cannot read: {text[at:]}"
+        token = found.group().strip()
+        tokens.append(token.upper() if found["name"] else token)
+        at = found.end()
+    return tuple(tokens)
+
+
+def _is_assignment(line: str) -> tuple[str, str] | None:
+    found = re.match(r"(\$?\w+(?:\[[^=]*?\])?(?:\.\w+)?(?:\[\])?)=(?!=)(.*)$", line)
+    return (found[1], found[2]) if found else None
+
+
+def _closing(lines: list[str], at: int, word: str, end: str) -> int:
+    depth = 0
+    for n in range(at, len(lines)):
+        depth += lines[n].startswith(f"{word} ") or lines[n] == word
+        depth -= lines[n] == end
+        if not depth:
+            return n
+    raise AssertionError(f"no {end} for: {lines[at]}")
+
+
+def _depth(lines: list[str], at: int, to: int) -> int:
+    opened = sum(line.startswith("IF ") for line in lines[at:to])
+    return opened - sum(line == "ENDIF" for line in lines[at:to])
