@@ -20,6 +20,9 @@ from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
 
+SIMULATOR_MEMORY = "simulated_cell.json"
+"""Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,9 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
         loop.add_signal_handler(number, mailbox.abort)
     if not campaign.cell.simulated:
         return await run_on(None, campaign, options, folder, mailbox, watcher)
-    simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, options.simulator_extra)
+    memory = ("--state", str(folder / SIMULATOR_MEMORY))
+    extra = (*memory, *options.simulator_extra)
+    simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, extra)
     try:
         return await run_on(simulated, campaign, options, folder, mailbox, watcher)
     finally:

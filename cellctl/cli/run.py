@@ -32,7 +32,7 @@ def run(
     from cellctl.cli.campaign import load_campaign
     from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.progress import progress
-    from cellctl.cli.results import exit_of, new_run_folder, result_of, say_end, write_json
+    from cellctl.cli.results import exit_of, new_run_folder, report_of, result_of, say_end, write_json
     from cellctl.cli.resume import resumed_run
 
     campaign = load_campaign(procedure, cell, set_ or [])
@@ -49,5 +49,6 @@ def run(
         outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
     result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
     write_json(result, json_)
+    report_of(folder)
     say_end(outcome, result, folder, quiet=to_stdout)
     raise typer.Exit(exit_of(outcome))
