@@ -6,10 +6,13 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 Part = Mapping[str, Any]
 """What one part of the cell has to tell, as JSON has it."""
+
+
+Recalled = TypeVar("Recalled")
 
 
 class BadMemory(ValueError):
@@ -30,12 +33,14 @@ class Memory:
         self._recalled = _load(path, self._whose) if path and path.exists() else {}
         self._parts: dict[str, Callable[[], Part]] = {}
 
-    def recall(self, part: str) -> Part:
-        """What `part` told last; empty where nobody remembers. Raises BadMemory where it is no mapping."""
-        told = self._recalled.get(part, {})
-        if not isinstance(told, dict):
-            raise BadMemory(f"{self._path} is damaged: {part} is {told!r}")
-        return told
+    def recall(self, part: str, read: Callable[[Any], Recalled]) -> Recalled | None:
+        """What `part` told last, as `read` makes it out; None where nobody remembers. Raises BadMemory."""
+        if part not in self._recalled:
+            return None
+        try:
+            return read(self._recalled[part])
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            raise BadMemory(f"{self._path} is damaged: {part}: {error!r}") from None
 
     def keep(self, part: str, tell: Callable[[], Part]) -> None:
         """From now on each `save` writes what `tell` says of `part`."""

@@ -101,7 +101,7 @@ def _start_devices(
 
             try:
                 robot = krc.start(kernel, cell, faults, loop, truth_log, memory=memory)
-            except ValueError as error:  # its Ethernet configuration, its memory
+            except (krc.BadConfig, BadMemory) as error:
                 raise CellError(cell.path, [f"{device}: {error}"]) from None
             closing.callback(robot.close)
             rsi_targets[device] = robot.set_rsi_target

@@ -24,6 +24,7 @@ from sims.krc.signal_flow import AxisCorrection, LateCounter
 from sims.krc.stance import Stance, stance_of
 from sims.krc.table_desk import TableDesk
 from sims.krc.table_memory import tables_of, told_tables
+from sims.krc.tables import Tables
 from sims.krc.telegram import TelegramFormat, Value
 from sims.memory import Memory
 from sims.world.world import World
@@ -62,7 +63,8 @@ def start(
     correction: AxisCorrection | None = None,
     memory: Memory | None = None,
 ) -> KrcServers:
-    """Start the controller of the cell's robot, which stands bent and clear, or as `memory` has it. Raises BadConfig.
+    """Start the controller of the cell's robot, which stands bent and clear, or as `memory` has it. Raises
+    BadConfig, BadMemory.
 
     `correction`: the RSI context's AXISCORR and its monitor; with none, as the controller has them by default, ± 5° and
     6°, so that the monitor never speaks: AXISCORR clamps before it.
@@ -72,10 +74,9 @@ def start(
     speeds = [joint.max_speed for joint in joints]
     memory = memory or Memory()
     world = World(cell, cell.simulate.seed)
-    world.ageing.recall(memory.recall("ageing"))
+    memory.recall("ageing", world.ageing.recall)
     log = ContactLog(truth_log)
-    told = memory.recall("robot")
-    stance = stance_of(told, len(joints)) if told else _first_stance(cell)
+    stance = memory.recall("robot", lambda told: stance_of(told, len(joints))) or _first_stance(cell)
     robot = Robot(kernel, world, loop, log, stance, speeds)
     currents = MotorCurrents(kernel, robot, world, cell.robot.tool.mass)
     late = LateCounter(settings.timeout_cycles, settings.counter)
@@ -96,7 +97,7 @@ def start(
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"
     ident = print_ident(serial, cell.robot.name, KSS)
-    tables = tables_of(memory.recall("tables"), len(joints))
+    tables = memory.recall("tables", lambda told: tables_of(told, len(joints))) or Tables()
     program = Program(context, log, ident, TableDesk(tables, serial, memory), memory)
     eki = EkiServer(kernel, program)
     memory.keep("robot", lambda: robot.stance().told())

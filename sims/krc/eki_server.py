@@ -34,10 +34,10 @@ class EkiServer:
         self._listen()
 
     def close(self) -> None:
-        """Hang up and stop listening."""
-        self._hang_up()
+        """Stop listening and hang up; in this order, or who is hung up on could be back before."""
         self._kernel.unwatch(self._listener)
         self._listener.close()
+        self._hang_up()
 
     def restart(self) -> None:
         """Hang up; who calls in the next 2 s is refused. The port stays the same."""

@@ -51,7 +51,7 @@ class Program:
         self._ident = ident
         self._tables = tables
         self._memory = memory
-        self._message = str(memory.recall("program").get("message", ""))
+        self._message = memory.recall("program", lambda told: str(told["message"])) or ""
         self._prog = Prog.ERROR if self._message else Prog.READY
         self._running: _Running | None = None
         self._braking = False

@@ -37,22 +37,19 @@ class Stance:
 
 
 def stance_of(told: Mapping[str, Any], axes: int) -> Stance:
-    """The stance that `told()` told. Raises ValueError."""
-    try:
-        x, y, z = _numbers(told["scatter"], 3)
-        return Stance(
-            joints=_numbers(told["joints"], axes),
-            commanded=_numbers(told["commanded"], axes),
-            scatter=(x, y, z),
-            attempt=int(told["attempt"]),
-            attempts={str(pose): int(count) for pose, count in told["attempts"].items()},
-        )
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"the remembered stance is damaged: {error!r}") from None
+    """The stance that `told()` told. Raises ValueError, TypeError, LookupError, AttributeError."""
+    x, y, z = _numbers(told["scatter"], 3)
+    return Stance(
+        joints=_numbers(told["joints"], axes),
+        commanded=_numbers(told["commanded"], axes),
+        scatter=(x, y, z),
+        attempt=int(told["attempt"]),
+        attempts={str(pose): int(count) for pose, count in told["attempts"].items()},
+    )
 
 
 def _numbers(values: Any, count: int) -> tuple[float, ...]:
     numbers = tuple(float(value) for value in values)
     if len(numbers) != count or not all(map(isfinite, numbers)):
-        raise ValueError(f"the remembered stance is damaged: {values!r}")
+        raise ValueError(f"{count} finite numbers are expected, not {values!r}")
     return numbers

@@ -14,11 +14,8 @@ def told_tables(tables: Tables) -> dict[str, Any]:
 
 
 def tables_of(told: Mapping[str, Any], axes: int) -> Tables:
-    """The tables that `told_tables` told; none where that is empty. Raises ValueError."""
-    try:
-        return Tables(_table(told.get("active"), axes), _table(told.get("previous"), axes))
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise ValueError(f"the remembered tables are damaged: {error!r}") from None
+    """The tables that `told_tables` told. Raises ValueError, TypeError, LookupError, AttributeError."""
+    return Tables(_table(told["active"], axes), _table(told["previous"], axes))
 
 
 def _told(table: Table | None) -> dict[str, str] | None:
@@ -29,7 +26,7 @@ def _table(told: Mapping[str, str] | None, axes: int) -> Table | None:
     if told is None:
         return None
     if table_sum(told["lines"]) != told["sum"]:
-        raise ValueError(f"the remembered table '{told['id']}' is damaged: its sum does not fit")
+        raise ValueError(f"the sum of table '{told['id']}' does not fit")
     rows = tuple(_row(line.split(";")[1:], axes) for line in told["lines"].splitlines())
     return Table(told["id"], told["sum"], rows)
 
@@ -37,5 +34,5 @@ def _table(told: Mapping[str, str] | None, axes: int) -> Table | None:
 def _row(fields: list[str], axes: int) -> Row:
     angles = tuple(float(field) for field in fields)
     if len(angles) != 2 * axes:
-        raise ValueError(f"a remembered row has {len(angles)} angles, not {2 * axes}")
+        raise ValueError(f"a row has {len(angles)} angles, not {2 * axes}")
     return Row(angles[:axes], angles[axes:])

@@ -46,8 +46,8 @@ class Ageing:
         return {"worn_mm": self.worn_mm, "on_ns": self._on_before_ns + time_ns}
 
     def recall(self, told: Mapping[str, Any]) -> None:
-        """Go on from what `told` told; nothing where that is empty. Raises ValueError."""
-        worn_mm, on_ns = told.get("worn_mm", 0.0), told.get("on_ns", 0)
-        if not isinstance(worn_mm, (int, float)) or not isfinite(worn_mm) or not isinstance(on_ns, int):
-            raise ValueError(f"the remembered wear is damaged: {told!r}")
-        self.worn_mm, self._on_before_ns = float(worn_mm), on_ns
+        """Go on from what `told` told. Raises ValueError, TypeError, LookupError."""
+        worn_mm, on_ns = float(told["worn_mm"]), int(told["on_ns"])
+        if not isfinite(worn_mm):
+            raise ValueError(f"worn_mm is {worn_mm}")
+        self.worn_mm, self._on_before_ns = worn_mm, on_ns

@@ -7,6 +7,7 @@ import json
 import re
 import socket
 import threading
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +28,7 @@ PERFECT = dict.fromkeys(ERRORS, 0.0)
 class Bench:
     """One simulated controller, its time run by a thread; the test is the PC."""
 
-    def __init__(self, cell, correction, mode):
+    def __init__(self, cell, correction, mode, memory):
         self.cell = cell
         self.kernel = Kernel(mode)
         self.faults = Faults(self.kernel)
@@ -35,7 +36,7 @@ class Bench:
         self.truth = io.StringIO()
         self.changes = []
         self.loop.subscribe(lambda closed: self.changes.append((self.kernel.now, closed)))
-        self.krc = start(self.kernel, cell, self.faults, self.loop, self.truth, correction)
+        self.krc = start(self.kernel, cell, self.faults, self.loop, self.truth, correction, memory)
         for fault in cell.simulate.faults:
             self.faults.schedule(fault)
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -110,6 +111,24 @@ class Bench:
     def ptp(self, target, percent=50.0, number=1):
         return self.command("PTP", number, ptp_body(target, percent))
 
+    def push_row(self, compensated, table_id="ab12"):
+        """A table of one row, staged, taken and active."""
+        axes = [f"{angle:.6f}" for angle in compensated]
+        line = ";".join(["1", *axes, *axes]) + "\n"
+        total = f"{zlib.crc32(line.encode()):08X}"
+        pair = " ".join(f'A{i}="{angle}"' for i, angle in enumerate(axes, 1))
+        serial = re.search(r'Serial="([^"]*)"', self.command("HELLO")[3])[1]
+        for op, inner in {
+            "TSTAGE": f'<Table Id="{table_id}" Serial="{serial}" Rows="1" Sum="{total}"/>',
+            "TBLOCK": f'<Block First="1" Count="1" Sum="{total}"/><R N="1"><Q {pair}/><C {pair}/></R>',
+            "TACTIVATE": f'<Table Id="{table_id}" Sum="{total}"/>',
+        }.items():
+            assert self.command(op, 20, inner)[1] == 0
+
+    def tables(self):
+        """Name → Id of the controller's tables."""
+        return dict(re.findall(r'<(Active|Previous|Staged) Id="([^"]*)"', self.command("TSTATE")[3]))
+
     def state(self, wanted):
         """The first state from now on that has all of the wanted words."""
         while not all(word in (text := self.document("Stat")) for word in wanted):
@@ -173,7 +192,9 @@ def bench():
     """Start a controller: `bench(errors={…}, rsi={…}, faults=[…], cell=…)`; all errors off unless named."""
     benches = []
 
-    def begin(errors=None, rsi=None, faults=(), cell=CELL, ethernet=None, correction=None, mode="lockstep"):
+    def begin(
+        errors=None, rsi=None, faults=(), cell=CELL, ethernet=None, correction=None, mode="lockstep", memory=None
+    ):
         simulate = replace(
             cell.simulate,
             errors={**PERFECT, **(errors or {})},
@@ -183,7 +204,7 @@ def bench():
         if ethernet is not None:
             address = f"kuka+rsi://127.0.0.1:0?ethernet={ethernet.name}"
             cell = replace(cell, path=ethernet.parent / "cell.yaml", addresses={"robot": address})
-        benches.append(Bench(replace(cell, simulate=simulate), correction, mode))
+        benches.append(Bench(replace(cell, simulate=simulate), correction, mode, memory))
         return benches[-1]
 
     yield begin
