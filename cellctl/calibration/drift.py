@@ -13,6 +13,9 @@ from cellctl.kinematics import Floats
 SIGNIFICANT = 0.01
 """Chance at which mere scatter would be taken for drift: one campaign in a hundred is then corrected for nothing."""
 
+KNOWN_FROM = 30
+"""From how many cycles a robot's repeatability counts as known (ISO 9283 asks for 30)."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -20,7 +23,7 @@ class Drift:
     """A straight line through the visits to one touch.
 
     mm_per_touch: change of the shift along the normal with each touch, with its 1 σ; t: their ratio; significant: it is
-    there, and is to be allowed for; visits: how many there were, the first among them.
+    there; visits: how many there were, the first among them.
     """
 
     mm_per_touch: float
@@ -30,15 +33,16 @@ class Drift:
     visits: int
 
     def at(self, touch: ArrayLike) -> Floats:
-        """Shift (N,), mm, at touch numbers (N,) against touch 0; none where the drift is not significant."""
-        return np.asarray(touch, float) * (self.mm_per_touch if self.significant else 0.0)
+        """Shift (N,), mm, at touch numbers (N,) against touch 0."""
+        return np.asarray(np.asarray(touch, float) * self.mm_per_touch)
 
 
 def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drift:
     """The drift through visits at touch numbers (V,) with shifts (V,), mm, each with 1 σ `sigma_mm`.
 
-    t test of the slope with V − 2 degrees of freedom; its scatter is that of the visits about the line, but not less
-    than `sigma_mm`: few visits may lie on a line by luck. Fewer than three visits show no drift.
+    t test of the slope. Its scatter is pooled from what was known before, `sigma_mm` from `KNOWN_FROM` cycles, and from
+    the visits about the line, V − 2 more: a handful of visits alone would be a poor judge of scatter. Fewer than three
+    visits show no drift.
     """
     from scipy.stats import t as student
 
@@ -50,8 +54,9 @@ def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drif
     spread = float(away @ away)
     slope = float(away @ shift) / spread
     residual = shift - shift.mean() - slope * away
-    scatter = max(float(np.sqrt(residual @ residual / (visits - 2))), sigma_mm)
+    freedom = KNOWN_FROM + visits - 2
+    scatter = float(np.sqrt((KNOWN_FROM * sigma_mm**2 + residual @ residual) / freedom))
     sigma = scatter / spread**0.5
     ratio = slope / sigma
-    significant = abs(ratio) > float(student.ppf(1.0 - SIGNIFICANT / 2.0, visits - 2))
+    significant = abs(ratio) > float(student.ppf(1.0 - SIGNIFICANT / 2.0, freedom))
     return Drift(slope, sigma, ratio, bool(significant), visits)

@@ -191,7 +191,7 @@ def _touches(
 
 
 def _reaches(sieve: Sieve, artefact: Artefact | None, names: list[str]) -> list[float]:
-    """Sphere radius plus tip radius plus `drift` for each row, mm. One whose `radius` denies the artefact is rejected."""
+    """Sphere radius plus tip radius plus `drift` for each row, mm. A `radius` other than the artefact's is rejected."""
     tip = artefact.tip_radius if artefact else 0.0
     given = sieve.numbers("radius", missing=0.0)
     drift = sieve.numbers("drift", missing=0.0)

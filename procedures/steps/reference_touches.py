@@ -80,8 +80,8 @@ def drift_of(context: StepContext) -> Drift:
     return linear_drift(numbers, [0.0, *(row["shift_mm"] for row in visits)], sigma)
 
 
-def drift_report(drift: Drift, touches: int) -> dict[str, Any]:
-    """The drift as the verdict shows it; total_mm: over `touches` touches."""
+def drift_report(drift: Drift, touches: int, *, modelled: bool) -> dict[str, Any]:
+    """The drift as the verdict shows it; total_mm: over `touches` touches; modelled: corrected for."""
     return {
         "visits": drift.visits,
         "mm_per_touch": drift.mm_per_touch,
@@ -89,5 +89,5 @@ def drift_report(drift: Drift, touches: int) -> dict[str, Any]:
         "t": drift.t,
         "significant": drift.significant,
         "total_mm": drift.mm_per_touch * touches,
-        "modelled": drift.significant,
+        "modelled": modelled,
     }

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration import Drift, Split, fit
+from cellctl.calibration import Drift, FitResult, Split, fit
 from cellctl.files import sha256_of
-from cellctl.formats import DataSet, ModelFile, RobotFile, artefact_of, fit_report, measurements
+from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefact_of, fit_report, measurements
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
@@ -25,15 +26,19 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
     """
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
-    touches = context.recorded("touch")
-    drift = drift_of(context)
-    data = DataSet.of_records([_record(row, artefact, drift) for row in touches], "dataset.csv")
-    data.write(context.run_folder / "dataset.csv")
-    measured = measurements(robot, data, measure="sphere", model=model, artefact=artefact, use_distances=use_distances)
-    result = fit(measured.task, Split.by_column(np.array([of == "test" for of in measured.sets])))
-    hashes = {"cell_sha256": sha256_of(context.cell.text), "data_sha256": sha256_of(_text(context))}
-    ModelFile.of(robot, measured, result, hashes).save(context.run_folder / "model.json")
-    report = fit_report(measured, result)
+    touches, drift = context.recorded("touch"), drift_of(context)
+    choice = _Choice(robot, artefact, model, use_distances)
+    found = _fitted(touches, choice, None)
+    corrected = _fitted(touches, choice, drift) if drift.significant else found
+    if (
+        modelled := corrected.result.fit.rms < found.result.fit.rms
+    ):  # else it is something else than the tip that drifts
+        found = corrected
+    found.data.write(context.run_folder / "dataset.csv")
+    written = (context.run_folder / "dataset.csv").read_bytes()
+    hashes = {"cell_sha256": sha256_of(context.cell.text), "data_sha256": sha256_of(written)}
+    ModelFile.of(robot, found.measured, found.result, hashes).save(context.run_folder / "model.json")
+    report = fit_report(found.measured, found.result)
     return {
         "verdict": report["verdict"],
         "sentence": report["sentence"],
@@ -41,15 +46,48 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
         "after": report["test"],
         "model": report,
         "stops": _stops(robot, touches),
-        "drift": drift_report(drift, max(row["number"] for row in touches) + 1),
+        "drift": drift_report(drift, max(row["number"] for row in touches) + 1, modelled=modelled),
     }
 
 
-def _text(context: StepContext) -> bytes:
-    return (context.run_folder / "dataset.csv").read_bytes()
+@final
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """What to identify, and with the help of what."""
+
+    robot: RobotFile
+    artefact: Artefact
+    model: ModelChoice
+    use_distances: bool
 
 
-def _record(row: Row, artefact: Artefact, drift: Drift) -> dict[str, Any]:
+@final
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """The touches as a data set, as measurements, and what the fit made of them."""
+
+    data: DataSet
+    measured: Measurements
+    result: FitResult
+
+
+def _fitted(touches: Sequence[Row], choice: _Choice, drift: Drift | None) -> _Fitted:
+    """The fit, with the touches' reach corrected for `drift` where it is given."""
+    data = DataSet.of_records([_record(row, choice.artefact, drift) for row in touches], "dataset.csv")
+    measured = measurements(
+        choice.robot,
+        data,
+        measure="sphere",
+        model=choice.model,
+        artefact=choice.artefact,
+        use_distances=choice.use_distances,
+    )
+    return _Fitted(
+        data, measured, fit(measured.task, Split.by_column(np.array([of == "test" for of in measured.sets])))
+    )
+
+
+def _record(row: Row, artefact: Artefact, drift: Drift | None) -> dict[str, Any]:
     """A recorded touch as a row of the data set; `drift`: what the touch's reach had changed by, where it had."""
     sphere = artefact.sphere(row["sphere"])
     return {
@@ -59,7 +97,7 @@ def _record(row: Row, artefact: Artefact, drift: Drift) -> dict[str, Any]:
         "set": row["set"],
         "time": row["time_ns"] * 1e-9,
         "touch": row["number"],
-        **({"drift": round(float(drift.at(row["number"])), 6)} if drift.significant else {}),
+        **({"drift": round(float(drift.at(row["number"])), 6)} if drift else {}),
         "attempt": row["attempt"],
         "tick": row["tick"],
         "bounces": row["bounces"],

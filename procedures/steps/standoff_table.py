@@ -99,7 +99,9 @@ def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
     q = model.robot.joint_map().model([row["joints"] for row in rows])
     noise = float(model.figures.get("noise_growth", [1.0])[0])
     sigma = touch_sigma_mm(model.robot) * noise
-    reaches = reach + drift_of(context).at([row["number"] for row in rows])
+    reaches = np.full(len(rows), reach)
+    if context.recorded("verdict")[-1]["drift"]["modelled"]:
+        reaches = reaches + drift_of(context).at([row["number"] for row in rows])
     nominal, identified = RobotModel(nominal_chain(model)), model.robot_model()
     return _Sphere(locate_sphere(nominal, q, reaches, sigma), locate_sphere(identified, q, reaches, sigma), reach)
 
