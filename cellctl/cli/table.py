@@ -44,6 +44,8 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
         return await push_checked(store, who, file, str(table), place)
 
     result = _on(place, work)
+    if place.cell.simulated and state is None:
+        typer.echo("cellctl: the simulated controller has forgotten it again: --state FILE is its memory", err=True)
     _say(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
 
 

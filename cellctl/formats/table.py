@@ -122,18 +122,18 @@ class TableFile(BaseModel):
         """Read a table file. Raises InputError where it is none, or where its content is not what its id says."""
         try:
             table = cls.model_validate(json.loads(path.read_bytes()))
+            found = _contradictions(table)
         except OSError as error:
             raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
         except ValidationError as error:
             places = {".".join(str(part) for part in detail["loc"]): detail["msg"] for detail in error.errors()}
             what = [f"is no table file: {at or 'content'}: {why}" for at, why in places.items()]
             raise InputError(Problem(str(path), 0, 0, words) for words in what[:5]) from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             cure = "give a file that `cellctl compensate` or a campaign wrote"
             raise InputError(Problem(str(path), 0, 0, f"is no table file: {error}", cure)) from error
-        problems = [Problem(str(path), 0, 0, words, cure) for words, cure in _contradictions(table)]
-        if problems:
-            raise InputError(problems)
+        if found:
+            raise InputError(Problem(str(path), 0, 0, words, "make the table again") for words in found)
         return table
 
     def content_id(self) -> str:
@@ -174,15 +174,13 @@ def table_rows(
     return [Row(**dict(zip(names, values, strict=True))) for values in zip(*listed, strict=True)]
 
 
-def _contradictions(table: TableFile) -> list[tuple[str, str]]:
-    """What a table file's parts say against each other, each with its cure."""
+def _contradictions(table: TableFile) -> list[str]:
+    """What a table file's parts say against each other."""
     found = []
     if table.id != table.content_id():
-        found.append(
-            (f"was changed after it was made: its content is not that of table {table.id[:12]}…", "make it again")
-        )
+        found.append(f"was changed after it was made: its content is not that of table {table.id[:12]}…")
     count = len(table.joint_region.min)
     for number, row in enumerate(table.rows, 1):
         if {len(row.nominal), len(row.compensated), len(table.joint_region.max)} != {count}:
-            found.append((f"row {number}: not {count} joints everywhere", "make the table again"))
+            found.append(f"row {number}: not {count} joints everywhere")
     return found

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from kr5_model import kr5_model, readings_near_the_middle
 
 import cellctl.formats.table
@@ -91,6 +93,32 @@ def test_another_label_of_the_time_is_no_tampering(table, tmp_path):
 @pytest.mark.parametrize("content", ["", "{}", "[1]", '{"format": "cellctl table 2"}', "\xff", '{"rows": [NaN]}'])
 def test_a_file_that_is_no_table_is_refused(tmp_path, content):
     (tmp_path / "table.json").write_text(content, encoding="latin-1")
+    with pytest.raises(InputError, match="no table file"):
+        TableFile.load(tmp_path / "table.json")
+
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters()),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(st.sampled_from(["rows", "robot", "tool", "id", "joint_region", "payload", "source"]), _JSON)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_stands_in_a_field_is_refused_in_words(table, tmp_path, name, value):
+    content = json.loads(table.text())
+    if content[name] == value:
+        return
+    content[name] = value
+    (tmp_path / "table.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(InputError, match=r"table\.json"):
+        TableFile.load(tmp_path / "table.json")
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"payload": 1e999}', '{"id": "\\ud800"}'])
+def test_json_that_python_chokes_on_is_refused_too(tmp_path, text):
+    (tmp_path / "table.json").write_text(text)
     with pytest.raises(InputError, match="no table file"):
         TableFile.load(tmp_path / "table.json")
 
