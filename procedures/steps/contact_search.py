@@ -126,7 +126,7 @@ def _joints_at_contact(line: Line, found: SearchResult, contact: Contact) -> Joi
     except ValueError:
         joints = None
     if joints is None or math.dist(joints, found.joints[0]) < _MOVED_DEG:
-        what = f"contact on {line.sphere} was seen before the robot moved on it"
+        what = f"contact on {line.sphere} was not on the line: before the robot moved on it, or after the search"
         raise NoContact("probe", what, "does something else close the loop: a cable, dirt, a disturbance?")
     return joints
 
