@@ -29,7 +29,8 @@ def test_what_is_installed_here_is_what_is_pinned() -> None:
 
 def test_every_dependency_is_pinned() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    named = [*project["project"]["dependencies"], *(name for group in project["dependency-groups"].values() for name in group)]
+    groups = project["dependency-groups"].values()
+    named = [*project["project"]["dependencies"], *(name for group in groups for name in group)]
     pinned = {_normal(pin.split("==")[0]) for pin in PINS}
     assert {_normal(re.split(r"[<>=!~\[ ]", name)[0]) for name in named} <= pinned
 
