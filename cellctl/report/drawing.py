@@ -15,7 +15,8 @@ from matplotlib.ticker import FuncFormatter
 from matplotlib.typing import RcKeyType
 
 ACCENT, BEFORE, INK, FAINT = "#0b5394", "#8c8c8c", "#222222", "#d9d9d9"
-DIVERGING = "RdBu_r"
+DIVERGING = matplotlib.colormaps["RdBu_r"].resampled(31)
+"""Few enough colours for its scale to be drawn, not embedded as an image."""
 WIDTH = 7.2
 """Inches: the text width of an A4 page."""
 

@@ -72,7 +72,7 @@ def _bars(after: StandOff) -> Any:
 
 def _within_two_sigma(after: StandOff) -> float | None:
     known = np.isfinite(after.sigma)
-    return float(np.mean(np.abs(after.errors[known]) <= 2.0 * after.sigma[known])) if known.any() else None
+    return float(np.mean(np.abs(after.unforeseen[known]) <= 2.0 * after.sigma[known])) if known.any() else None
 
 
 def touches_section(errors: TouchErrors | None) -> Section | None:
@@ -125,7 +125,7 @@ def drift_section(run: Run) -> Section | None:
         return None
     drift = run.verdict.get("drift")
     return {
-        "picture": reference_touches(rows),
+        "picture": reference_touches(rows, drift if isinstance(drift, Mapping) else {}),
         "count": len(rows),
         "words": _pairs(drift) if isinstance(drift, Mapping) else [],
     }

@@ -14,8 +14,9 @@ from cellctl.report.drawing import ACCENT, INK, svg_of
 Rows = Sequence[Mapping[str, Any]]
 
 
-def reference_touches(rows: Rows) -> str:
-    """The shift of the reference touch along its normal over the run, with 1 σ."""
+def reference_touches(rows: Rows, drift: Mapping[str, Any]) -> str:
+    """The shift of the reference touch along its normal over the run, with 1 σ, and the drift where it was modelled."""
+    slope, first = float(drift.get("mm_per_touch") or 0.0), float(rows[0].get("repeats") or 0.0)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -23,6 +24,9 @@ def reference_touches(rows: Rows) -> str:
         looks = _looks(rows)
         for (sphere, at, shift, sigma), marker in zip(looks, "osD^v" * len(looks), strict=False):
             axes.errorbar(at, shift, sigma, fmt=f"{marker}-", color=ACCENT, markersize=4, linewidth=0.8, label=sphere)
+        if drift.get("modelled"):
+            ends = np.array([first, max(float(row.get("after_touch") or 0.0) for row in rows)])
+            axes.plot(ends, slope * (ends - first), "--", color=INK, linewidth=1.0, label="drift, modelled")
         axes.set(xlabel="touches made before", ylabel="shift along the normal, mm")
         axes.legend(loc="best")
 

@@ -16,12 +16,13 @@ from cellctl.kinematics import Floats
 class StandOff:
     """Stand-off targets reached with nominal joints (before) and with the table's (after).
 
-    errors (N,): measured travel to contact less the stand-off, mm, signed; sigma (N,): predicted 1 σ, mm, NaN where
-    none was predicted; numbers (N,).
+    errors (N,): measured travel to contact less the stand-off, mm, signed; expected (N,): what the model foresaw of it,
+    mm, 0 where nothing; sigma (N,): predicted 1 σ of the rest, mm, NaN where none was predicted; numbers (N,).
     """
 
     numbers: Floats
     errors: Floats
+    expected: Floats
     sigma: Floats
 
     @classmethod
@@ -30,12 +31,19 @@ class StandOff:
         mine = [row for row in rows if row.get("run") == run and row.get("error_mm") is not None]
         sigma = [float("nan") if row.get("sigma_mm") is None else float(row["sigma_mm"]) for row in mine]
         numbers = [float(row.get("number", place)) for place, row in enumerate(mine, 1)]
-        return cls(np.array(numbers), np.array([float(row["error_mm"]) for row in mine]), np.array(sigma))
+        errors = [float(row["error_mm"]) for row in mine]
+        expected = [float(row.get("expected_mm") or 0.0) for row in mine]
+        return cls(np.array(numbers), np.array(errors), np.array(expected), np.array(sigma))
+
+    @property
+    def unforeseen(self) -> Floats:
+        """What is left of the errors (N,), mm, without what the model foresaw."""
+        return np.asarray(self.errors - self.expected)
 
     @property
     def found_sigma(self) -> float:
-        """Root mean square of the errors, mm: what a predicted σ of the whole error has to match; NaN without rows."""
-        return float(np.sqrt(np.mean(self.errors**2))) if self.errors.size else float("nan")
+        """Root mean square of what was not foreseen, mm, which the predicted σ has to match; NaN without rows."""
+        return float(np.sqrt(np.mean(self.unforeseen**2))) if self.errors.size else float("nan")
 
     @property
     def predicted_sigma(self) -> float:
