@@ -192,8 +192,10 @@ class Firmware:
         elif line.kind == "SYNC":
             # a repeated SYNC gets the tick of its repetition: an older one would lie before the host's own question
             self._outbox.post(now, "SYNC", line.seq, self._crystal.tick(now))
-        else:
+        elif line.kind in {"ARM", "DISARM"}:
             self._outbox.post(now, "RE", line.seq, self._once(now, line))
+        else:
+            self._outbox.post(now, "RE", line.seq, "UNKNOWN")
 
     def _once(self, now: int, line: HostLine) -> str:
         """The answer to ARM or DISARM, which a repetition gets without its being done again."""
@@ -204,6 +206,8 @@ class Firmware:
         return self._answers[line]
 
     def _arm(self, now: int) -> str:
+        if self._level is Level.BROKEN:
+            return "WIRE"  # whatever the state: this is what somebody can mend
         if self.state not in {State.DISARMED, State.ARMED}:
             return "STATE"
         if self._level is not Level.OPEN or now - self._level_since < OPEN_NS:

@@ -11,15 +11,15 @@ LONGEST = 120
 """Characters of a line, without its end."""
 
 COMMANDS = frozenset({"ACK", "HELLO", "ARM", "DISARM", "SYNC"})
-"""What a host can say; each has its number and no further field."""
+"""What this probe knows; each has its number and no further field."""
 
-_HOST_LINE = re.compile(rb"([A-Z]+),(0|[1-9][0-9]{0,4})\*([0-9A-F]{4})")
+_HOST_LINE = re.compile(rb"([A-Z]+),(0|[1-9][0-9]{0,4})((?:,[^,*]*)*)\*([0-9A-F]{4})")
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class HostLine:
-    """A valid line of the host. `seq` is its own number, or, for ACK, that of the probe's line."""
+    """A valid line of the host, of a type that may be unknown. `seq`: its own number; of ACK, the probe's line's."""
 
     kind: str
     seq: int
@@ -37,12 +37,17 @@ def framed(body: str) -> bytes:
 
 
 def parse_host_line(line: bytes) -> HostLine | None:
-    r"""A host's line without its `\n`; None where check sum, type or fields are wrong."""
+    r"""A host's line without its `\n`; None where it is out of form, or its check sum or number of fields is wrong.
+
+    A type that this probe does not know may have any fields.
+    """
     match = _HOST_LINE.fullmatch(line.removesuffix(b"\r"))
-    if match is None or int(match[3], 16) != crc16(match.string[: match.start(3) - 1]):
+    if match is None or int(match[4], 16) != crc16(match.string[: match.start(4) - 1]):
         return None
     kind, seq = match[1].decode(), int(match[2])
-    return HostLine(kind, seq) if kind in COMMANDS and seq <= 0xFFFF else None
+    if seq > 0xFFFF or (kind in COMMANDS and match[3]):
+        return None
+    return HostLine(kind, seq)
 
 
 @final

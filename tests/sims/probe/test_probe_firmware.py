@@ -227,7 +227,27 @@ def test_a_loop_that_is_neither_open_nor_closed_is_a_fault_in_any_state(millivol
     bench.volts(millivolts)
     assert [m.fields for m in bench.lines("FAULT")] == [(code,)]
     assert bench.firmware.state is State.FAULT
-    assert bench.ask("ARM") == "STATE"
+    assert bench.ask("ARM") == ("WIRE" if code == "WIRE" else "STATE")
+
+
+def test_arm_on_a_broken_wire_says_so_whatever_was_before(armed):
+    armed.volts(CLOSED)
+    armed.wait(10)
+    assert armed.firmware.state is State.TRIPPED
+    armed.volts(BROKEN)
+    assert armed.ask("ARM") == "WIRE"
+    armed.volts(OPEN)
+    assert armed.ask("ARM") == "STATE"
+
+
+def test_a_line_of_a_type_that_it_does_not_know_is_answered_so_and_changes_nothing(armed):
+    assert [armed.ask("DANCE"), armed.ask("ARMS"), armed.ask("EDGE")] == ["UNKNOWN"] * 3
+    assert armed.firmware.state is State.ARMED
+    assert armed.firmware.dropped == 0
+    armed.wait(400, host=False)
+    armed.hear("DANCE")  # it is a valid line: the host lives
+    armed.wait(400, host=False)
+    assert armed.lines("FAULT") == []
 
 
 def test_disarm_leaves_a_fault_only_once_its_cause_is_gone(armed):

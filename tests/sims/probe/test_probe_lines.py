@@ -17,11 +17,30 @@ def test_a_line_of_the_host_is_understood_with_or_without_carriage_return():
     assert parse_host_line(line) == parse_host_line(line + b"\r") == HostLine("ARM", 17)
 
 
+@pytest.mark.parametrize("body", ["NONSENSE,1", "NONSENSE,1,2.5,abc", "ARMS,1,"])
+def test_a_type_that_the_probe_does_not_know_is_a_line_whatever_its_fields(body):
+    assert parse_host_line(framed(body).rstrip(b"\n")) == HostLine(body.split(",")[0], 1)
+
+
 @pytest.mark.parametrize(
     "body",
-    ["ARM", "ARM,", "ARM,1,2", "ARM,-1", "ARM,65536", "ARM,01", "arm,1", "NONSENSE,1", "ARM,1 ", " ARM,1", "ARM,1.0"],
+    [
+        "ARM",
+        "ARM,",
+        "ARM,1,2",
+        "ARM,-1",
+        "ARM,65536",
+        "ARM,01",
+        "arm,1",
+        "NONSENSE",
+        "NONSENSE,65536",
+        "HELLO,1,",
+        "ARM,1 ",
+        " ARM,1",
+        "ARM,1.0",
+    ],
 )
-def test_a_line_of_wrong_type_or_fields_is_dropped_though_its_check_sum_is_right(body):
+def test_a_line_of_wrong_form_or_fields_is_dropped_though_its_check_sum_is_right(body):
     assert parse_host_line(framed(body).rstrip(b"\n")) is None
 
 
