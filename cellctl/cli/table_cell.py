@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import Any, Self, final
 
 from cellctl.cli.connected import connected
-from cellctl.devices import ControllerTable, DeviceFault, Identity, TableInfo, TableRow, TableState, TableStore
+from cellctl.devices import (
+    ControllerTable,
+    DeviceFault,
+    DeviceLost,
+    Identity,
+    TableInfo,
+    TableRow,
+    TableState,
+    TableStore,
+)
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
@@ -71,12 +80,21 @@ async def push_checked(
         raise InputError(Problem(file, 0, 0, what) for what in found)
     wanted = controller_table(table)
     await store.push_table(wanted)
-    wrong = differences(wanted, who.serial, await store.read_table())
+    wrong = differences(wanted, who.serial, await _read_again(store, wanted))
     if wrong:
         what = f"after the push another table is in force than was pushed: {'; '.join(wrong)}"
         raise DeviceFault(store.name, what, "look with `cellctl table show`; `cellctl table rollback` undoes it")
     done = {"pushed": True, "verified": True, "active": True}
     return {"id": table.id, "serial": who.serial, "rows": len(table.rows), **done}
+
+
+async def _read_again(store: TableStore, table: ControllerTable) -> ControllerTable | None:
+    """What is in force after `table` was pushed. Raises DeviceLost that says so where the connection ends just then."""
+    try:
+        return await store.read_table()
+    except DeviceLost as error:
+        what = f"table {table.id[:12]} is in force, but the connection was lost as it was read once more: {error.what}"
+        raise DeviceLost(store.name, what, "look with `cellctl table verify`") from error
 
 
 def differences(wanted: ControllerTable, serial: str, found: ControllerTable | None) -> list[str]:

@@ -104,6 +104,16 @@ def test_a_controller_that_holds_other_rows_than_were_pushed_is_a_fault(cellctl,
     assert "rollback" in said
 
 
+def test_a_connection_that_ends_after_the_push_is_told_as_such(cellctl, controller, table, cell, capsys):
+    async def gone():
+        raise DeviceLost("robot", "the controller closed the channel")
+
+    controller.read_table = gone
+    assert cellctl("table", "push", table, "--cell", cell) == 3
+    assert f"table {TableFile.load(table).id[:12]} is in force, but" in capsys.readouterr().err
+    assert controller.active.id == TableFile.load(table).id
+
+
 def test_verify_tells_a_table_that_differs_in_the_sixth_decimal(cellctl, controller, table, cell, capsys, folder):
     controller.tamper = shifted
     cellctl("table", "push", table, "--cell", cell)
