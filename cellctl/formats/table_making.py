@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from cellctl.files import sha256_of
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import REGION_MARGIN_DEG, JointRegion, ModelFile
-from cellctl.formats.table import TableFile, TableRobot, TableSource, table_rows
+from cellctl.formats.table import JOINT_DECIMALS, TableFile, TableRobot, TableSource, table_rows
 
 if TYPE_CHECKING:
     from cellctl.compensation import Compensated
@@ -94,7 +94,7 @@ def table_of(
         rows = ", ".join(str(row + 1) for row in np.flatnonzero(~found.converged))
         raise ValueError(f"targets out of reach: {rows}")
     joints, identified = model.robot.joint_map(), model.robot_model()
-    nominal, commanded = (joints.readings(q).round(6) for q in (found.nominal_q, found.compensated_q))
+    nominal, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
     places = targets[:, :3, 3]
     before, after = (np.linalg.norm(identified.tip(joints.model(at)) - places, axis=1) for at in (nominal, commanded))
     said = np.hstack([places, abc_from_rotation(targets[:, :3, :3])])
