@@ -1,0 +1,179 @@
+"""What the documents show works: commands run, programs run, files are read, links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from cell_runs import CELL, ROOT, cellctl
+from kr5_model import kr5_model, readings_near_the_middle, targets_csv
+
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.formats import RobotFile
+from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
+
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+_BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code: its language, its text, and where it stands."""
+
+    file: Path
+    line: int
+    language: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.file.relative_to(ROOT)}:{self.line}"
+
+
+def blocks(language: str) -> list[Block]:
+    found = []
+    for file in DOCS:
+        text = file.read_text(encoding="utf-8")
+        found += [
+            Block(file, text.count("\n", 0, match.start()) + 1, language, match[2])
+            for match in _BLOCK.finditer(text)
+            if match[1] == language
+        ]
+    return found
+
+
+def shells() -> list[list[Block]]:
+    """The bash blocks of each document, in order: together they are one session."""
+    by_file: dict[Path, list[Block]] = {}
+    for block in blocks("bash"):
+        by_file.setdefault(block.file, []).append(block)
+    return list(by_file.values())
+
+
+def session(parts: list[Block], folder: Path, timeout: float) -> subprocess.CompletedProcess[str]:
+    """Run blocks as one shell session that ends at the first error, with the repository's folders beside it."""
+    (folder / "procedures").symlink_to(ROOT / "procedures")
+    tools = folder / ".tools"
+    tools.mkdir()
+    (tools / "cellctl").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m cellctl "$@"\n')
+    (tools / "cellctl").chmod(0o755)
+    script = "set -euo pipefail\n" + "".join(part.text for part in parts)
+    return subprocess.run(
+        ["bash", "-c", f'export PATH="{tools}:$PATH"\n{script}'],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+
+
+def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.campaign] if any("cellctl run" in part.text for part in parts) else []
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("parts", [pytest.param(each, id=str(each[0]), marks=_marks(each)) for each in shells()])
+def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: Path) -> None:
+    done = session(parts, tmp_path, 580.0)
+    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+
+
+@pytest.mark.parametrize("block", blocks("python"), ids=str)
+def test_the_programs_of_a_document_run(block: Block, tmp_path: Path) -> None:
+    _write_tracker_file(tmp_path / "measurements_grid.csv", 3900)
+    _write_table(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("block", blocks("yaml"), ids=str)
+def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> None:
+    _beside_the_shipped_files(tmp_path)
+    content: dict[str, Any] = yaml.safe_load(block.text)
+    file = tmp_path / "procedures" / "cells" / "shown.yaml"
+    match content:
+        case {"procedure": _}:
+            file = tmp_path / "procedures" / "shown.yaml"
+            file.write_text(block.text)
+            checked_parameters(load_procedure(file), [], StepRegistry.installed(), None)
+        case {"convention": _}:
+            file.write_text(block.text)
+            RobotFile.load(file)
+        case {"model": _}:
+            file.write_text(block.text)
+            assert Cell.load(file, DriverRegistry()).addresses.keys() == {"robot", "probe"}
+        case {"simulate": _}:
+            shipped = CELL.read_text().partition("\nsimulate:")[0] + "\n"
+            file.write_text(shipped + block.text)
+            done = cellctl("check", ROOT / "procedures" / "sphere_selfcal.yaml", "--cell", file)
+            assert done.returncode == 0, done.stderr
+        case _:
+            raise AssertionError("a kind of file that this test does not know")
+
+
+@pytest.mark.parametrize("file", DOCS, ids=lambda file: str(file.relative_to(ROOT)))
+def test_the_links_of_a_document_lead_somewhere(file: Path) -> None:
+    text = _BLOCK.sub("", file.read_text(encoding="utf-8"))
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+        if "://" not in target:
+            assert (file.parent / target).exists(), f"{target} does not exist"
+
+
+def test_the_index_names_every_document() -> None:
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    missing = [
+        str(file.relative_to(ROOT / "docs"))
+        for file in DOCS
+        if file.parent.name != "decisions" and file.name != "index.md"
+        if str(file.relative_to(ROOT / "docs")) not in index
+    ]
+    assert missing == []
+
+
+def test_the_documents_name_every_verb_that_they_promise() -> None:
+    """A command in the running text is one that the command line has."""
+    listed = cellctl("--help").stdout
+    for file in DOCS:
+        for verb in re.findall(r"`cellctl ([a-z]+)", file.read_text(encoding="utf-8")):
+            assert re.search(rf"^\s+{verb}\s", listed, re.MULTILINE), f"{file.name}: there is no 'cellctl {verb}'"
+
+
+def _beside_the_shipped_files(folder: Path) -> None:
+    (folder / "procedures" / "cells").mkdir(parents=True)
+    (folder / "procedures" / "robots").symlink_to(ROOT / "procedures" / "robots")
+    for file in CELL.parent.iterdir():
+        (folder / "procedures" / "cells" / file.name).symlink_to(file)
+
+
+def _write_table(folder: Path) -> None:
+    """`table.json` for two targets, as the command line makes it."""
+    kr5_model().save(folder / "model.json")
+    (folder / "targets.csv").write_text(targets_csv(readings_near_the_middle(2)))
+    made = (
+        "compensate",
+        folder / "model.json",
+        folder / "targets.csv",
+        "--serial",
+        "SIM-1",
+        "-o",
+        folder / "table.json",
+    )
+    done = cellctl(*made)
+    assert done.returncode == 0, done.stderr
+
+
+def _write_tracker_file(path: Path, rows: int) -> None:
+    """A file in the form that data-sets.md converts: `;` between columns, `,` as decimal sign, made-up numbers."""
+    joints = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
+    names = [*joints, *(f"measurement_{name}" for name in ("x", "y", "z", "temperature"))]
+    lines = [";".join(names)] + [";".join(f"{row % 7},{column}" for column in range(10)) for row in range(rows)]
+    path.write_text("\n".join(lines) + "\n")
