@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from cellctl.kinematics import Floats
 from cellctl.report.drawing import ACCENT, BEFORE, INK, millimetres, svg_of
@@ -52,6 +53,7 @@ def _histogram(axes: Axes, sets: Sets, what: str) -> None:
         axes.hist(errors, edges, color=colour, alpha=0.75, label=label, hatch=hatch, edgecolor="white", linewidth=0.4)
     axes.set_xscale("log")
     millimetres(axes)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel=f"{what}, mm", ylabel="count")
     axes.legend(loc="upper center", ncols=2, bbox_to_anchor=(0.5, 1.16))
 
@@ -68,4 +70,4 @@ def _cumulative(axes: Axes, sets: Sets, what: str) -> None:
     millimetres(axes)
     axes.set(xlabel=f"{what}, mm", ylabel="share not above, %", ylim=(0, 102))
     axes.axhline(95.0, color="#bbbbbb", linewidth=0.6, linestyle="--")
-    axes.text(0.0, 95.0, "95 %", fontsize=6.5, va="bottom", transform=axes.get_yaxis_transform(), color="#666666")
+    axes.text(0.01, 94.0, "95 %", fontsize=6.5, va="top", transform=axes.get_yaxis_transform(), color="#666666")

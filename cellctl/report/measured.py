@@ -75,12 +75,21 @@ def _within_two_sigma(after: StandOff) -> float | None:
     return float(np.mean(np.abs(after.unforeseen[known]) <= 2.0 * after.sigma[known])) if known.any() else None
 
 
-def touches_section(errors: TouchErrors | None) -> Section | None:
-    """Where the touches are and how far off each is."""
-    if errors is None or not len(errors.lines):
+def touches_section(run: Run, errors: TouchErrors | None) -> Section | None:
+    """Where the touches are and how far off each is; without those that the fit left out, which would set the scale."""
+    if errors is None:
+        return None
+    outliers = {row["line"] for row in run.figures.get("outliers", [])}
+    errors = errors.pick([place for place, line in enumerate(errors.lines) if line not in outliers])
+    if not errors.lines:
         return None
     spheres = [_on_sphere(errors, name) for name in sorted(set(errors.spheres))]
-    return {"maps": sphere_maps(errors), "joints": against_joints(errors), "spheres": spheres}
+    return {
+        "maps": sphere_maps(errors),
+        "joints": against_joints(errors),
+        "spheres": spheres,
+        "left_out": len(outliers),
+    }
 
 
 def _on_sphere(errors: TouchErrors, name: str) -> Section:
@@ -101,7 +110,7 @@ def stops_section(run: Run) -> Section | None:
     return {
         "picture": over_travel(*_over_travel(run, rows)) if run.model else "",
         "count": len(rows),
-        "mean": fixed(stops.get("overtravel_mean_mm")),
+        "mean": fixed(stops["overtravel_mean_mm"]) if "overtravel_mean_mm" in stops else "",
         "max": fixed(stops.get("overtravel_max_mm")),
         "cycles": max((row.get("stop_cycles", 0) for row in rows), default=0),
         "faulty": {name: sum(int(row.get(name, 0)) for row in rows) for name in ("late", "lost", "skipped")},
@@ -165,4 +174,11 @@ def _predicted(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
 
 
 def _pairs(values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return [(name.replace("_", " "), plain(value)) for name, value in values.items()]
+    return [(_worded(name), plain(value)) for name, value in values.items()]
+
+
+def _worded(name: str) -> str:
+    """`max_correction_deg` → `max correction, °`."""
+    words, _, unit = name.rpartition("_")
+    known = {"mm": "mm", "deg": "°"}.get(unit) if words else None
+    return f"{words.replace('_', ' ')}, {known}" if known else name.replace("_", " ")

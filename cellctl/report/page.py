@@ -56,7 +56,7 @@ def render(run: Run) -> str:
         complaints=[*run.complaints, *complaints],
         held_out=held_out_section(run, errors),
         standoff=standoff_section(run),
-        touches=touches_section(errors),
+        touches=touches_section(run, errors),
         stops=stops_section(run),
         drift=drift_section(run),
         model=model_section(run),

@@ -11,6 +11,8 @@ from cellctl.report.words import mean_with_uncertainty
 
 Section = dict[str, Any]
 
+_ENDS = {"failed": "failed", "aborted": "was aborted", "uncertain": "ended uncertain: a person has to look at the cell"}
+
 
 def head(run: Run) -> Section:
     """Title, state, sentence, and the rows of the table of figures."""
@@ -21,11 +23,10 @@ def head(run: Run) -> Section:
         "simulated": run.simulated,
         "devices": [who.get("model", name) for name, who in run.state.identities.items()],
         "began": run.state.started.calendar if run.state.started else "",
-        "state": run.word,
+        "end": _end(run),
         "good": run.word == "finished",
         "verdict": str(run.verdict.get("verdict") or ""),
         "sentence": sentence,
-        "reason": _reason(run),
         "failures": _failures(run),
         "touches": len(run.recorded("touch")),
         "figures": [*_held_out(run), *_standoff(run)],
@@ -41,15 +42,23 @@ def _title(run: Run) -> str:
     return run.state.started.procedure.path
 
 
+def _end(run: Run) -> str:
+    """`This run was aborted: …`."""
+    words = _ENDS.get(run.word) or f"{'was' if run.word.startswith('cut') else 'is'} {run.word}"
+    reason = _reason(run)
+    return f"This run {words}{': ' if reason else ''}{reason}"
+
+
 def _reason(run: Run) -> str:
     return run.state.ended.reason if run.state.ended else ""
 
 
 def _failures(run: Run) -> list[str]:
-    """The steps whose last attempt did not end well, in words."""
-    failed = [step for step in run.state.steps.values() if step.failure is not None]
-    in_flight = [f"{step.step} had begun and did not end" for step in run.state.in_flight]
-    return [f"{step.step}: {step.failure.text}" for step in failed if step.failure] + in_flight
+    """The steps whose last attempt did not end well, in words; what the reason says already is not repeated."""
+    reason = _reason(run)
+    failed = [(step.step, step.failure.text) for step in run.state.steps.values() if step.failure is not None]
+    told = [f"{step}: {text}" if text not in reason else f"It happened in {step}." for step, text in failed]
+    return told + [f"{step.step} had begun and did not end" for step in run.state.in_flight]
 
 
 def _held_out(run: Run) -> list[Section]:

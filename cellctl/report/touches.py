@@ -32,6 +32,19 @@ class TouchErrors:
     before: Floats
     after: Floats
 
+    def pick(self, rows: list[int]) -> TouchErrors:
+        """The touches at these places."""
+        return TouchErrors(
+            tuple(self.lines[row] for row in rows),
+            tuple(self.numbers[row] for row in rows),
+            self.readings[rows],
+            tuple(self.spheres[row] for row in rows),
+            self.held_out[rows],
+            self.normals[rows],
+            self.before[rows],
+            self.after[rows],
+        )
+
     def figures(self) -> tuple[ErrorFigures, ErrorFigures]:
         """Mean, RMS and greatest distance before and after, mm, on the held-out touches."""
         return tuple(ErrorFigures.of(np.abs(errors[self.held_out])) for errors in (self.before, self.after))  # type: ignore[return-value]  # there are two

@@ -67,7 +67,10 @@ def full_run(make_run_once, campaign):
     rows = [
         *standoff_rows([1.2, -0.9, 2.0, -1.5], [0.03, -0.05, 0.06, -0.04]),
         *[("reference", {**reference, "after_touch": 20 * n, "shift_mm": -0.01 * n}) for n in range(1, 4)],
-        ("table", {"id": "ab" * 32, "rows": 2, "pushed": True, "verified": True, "active": True}),
+        (
+            "table",
+            {"id": "ab" * 32, "rows": 2, "pushed": True, "verified": True, "active": True, "max_correction_deg": 0.3},
+        ),
     ]
     standoff = {
         "before": {"mean": 1.4, "rms": 1.458, "max": 2.0},
@@ -174,6 +177,7 @@ def test_reference_touches_drift_and_table_are_shown_where_they_are_recorded(ful
     assert "3 visits to the same touch" in text
     assert "−0.0005" in text
     assert "drift, modelled" in text
+    assert "max correction, ° 0.3" in text
     assert "ab" * 32 in text
     assert re.search(r"predicted error before, mm 2\.0 2\.5", text)
     without = Page(plain_html).text
@@ -191,6 +195,7 @@ def test_a_table_file_that_is_not_the_table_that_was_pushed_is_named(make_run, c
 def test_outliers_are_named_by_line_and_touch(make_run, spoilt_campaign):
     assert [row["line"] for row in spoilt_campaign.verdict["model"]["outliers"]] == [22]
     text = Page(report_text(make_run(spoilt_campaign))).text
+    assert "they are listed below" in text
     assert re.search(r"22 20 outlier .* mm off, where the others are", text)
 
 
@@ -212,11 +217,18 @@ def test_what_cannot_be_seen_is_said_with_the_relative_sigma_beside_the_raw_one(
     assert "θ1 with" in text
 
 
-@pytest.mark.parametrize("ended", ["failed", "aborted", "uncertain"])
-def test_a_run_that_did_not_finish_says_so_first_and_shows_what_there_is(make_run, campaign, ended):
+@pytest.mark.parametrize(
+    ("ended", "words"),
+    [
+        ("failed", "This run failed: the probe is gone"),
+        ("aborted", "This run was aborted: the probe is gone"),
+        ("uncertain", "This run ended uncertain: a person has to look at the cell: the probe is gone"),
+    ],
+)
+def test_a_run_that_did_not_finish_says_so_first_and_shows_what_there_is(make_run, campaign, ended, words):
     cut_off = replace(campaign, model=None, verdict=None)
     text = Page(report_text(make_run(cut_off, ended=ended, reason="the probe is gone", failed="no line for 2 s"))).text
-    assert f"This run is {ended}: the probe is gone" in text
+    assert words in text
     assert "64 touches are recorded" in text
     assert "points[3].touch: no line for 2 s" in text
     assert "telegrams late 0, lost 1, skipped 0" in text
@@ -225,7 +237,7 @@ def test_a_run_that_did_not_finish_says_so_first_and_shows_what_there_is(make_ru
 
 def test_a_run_whose_process_died_is_called_cut_off(make_run, campaign):
     run = make_run(replace(campaign, model=None, verdict=None), ended=None)
-    assert "This run is cut off while running" in Page(report_text(run)).text
+    assert "This run was cut off while running" in Page(report_text(run)).text
 
 
 def test_a_run_that_is_still_written_is_called_running(tmp_path):
