@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import zlib
 from collections import defaultdict, deque
@@ -16,9 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from krl_programs import Krl, Place, Text
 
-from cellctl.devices import Address
+from cellctl.clock import WallClock
+from cellctl.devices import Address, ControllerTable, TableInfo, TableRow, TableState
 from drivers.kuka_rsi import generate_controller_files
+from drivers.kuka_rsi.eki_channel import EkiChannel
 from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
+from drivers.kuka_rsi.table_channel import TableChannel
 
 ADDRESS = Address.parse("kuka+rsi://192.168.10.2:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54601")
 REFERENCE = (ROOT / "docs" / "reference" / "eki-channel.md").read_text()
@@ -373,3 +377,34 @@ def test_what_a_table_is_refused_for(controller: Controller) -> None:
     assert controller.reply(activation("x", ROWS[:3])).code == 41
     assert controller.reply(activation("y", ROWS[:4])).code == 41
     assert controller.reply(activation("x", ROWS[:4])).code == 0
+
+
+def test_the_driver_pushes_reads_back_and_rolls_back_a_table_on_these_programs(controller: Controller) -> None:
+    table = ControllerTable("ab" * 32, str(SERIAL), tuple(TableRow(tuple(a), tuple(b)) for a, b in ROWS))
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        stream = DocumentStream()
+        while data := await reader.read(4096):
+            for document in stream.feed(data):
+                controller.take(document)
+                writer.write(controller.sent)
+        writer.close()
+
+    async def push() -> tuple[TableState, ControllerTable | None, TableState]:
+        server = await asyncio.start_server(serve, "127.0.0.1", 0)
+        eki = EkiChannel("robot", server.sockets[0].getsockname()[:2], WallClock())
+        await eki.open()
+        try:
+            tables = TableChannel("robot", eki, str(SERIAL))
+            return await tables.push(table), await tables.read(), await tables.rollback()
+        finally:
+            await eki.close()
+            server.close()
+            await server.wait_closed()
+
+    pushed, read, after = asyncio.run(push())
+    info = TableInfo(table.id, len(ROWS), checksum(1, ROWS))
+    assert (pushed.active, pushed.staged) == (info, None)
+    assert read is not None
+    assert [row.compensated for row in read.rows] == [tuple(round(a, 6) for a in row.compensated) for row in table.rows]
+    assert (after.active, after.previous) == (None, info)
