@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -36,20 +36,21 @@ def compensate(
     from cellctl.cli.learnt_on import learnt_on
     from cellctl.cli.results import write_json
     from cellctl.formats import DataSet, ModelFile
-    from cellctl.formats.table_making import foreseen
+    from cellctl.formats.table_making import foreseen, sigma_among_rows
     from cellctl.formats.targets import read_targets
 
     _refuse(method, out, json_)
     identified = ModelFile.load(model)
     wanted = read_targets(DataSet.load(targets), identified.robot)
     table = _table(identified, wanted, str(targets), method, learnt_on(model, identified, serial))
+    figures = {**foreseen(table), "sigma_among_rows_mm": sigma_among_rows(identified, table)}
     if out:
         table.save(out)
         if json_ != "-":
-            typer.echo(_words(table, out))
+            typer.echo(_words(table, figures, out))
     elif json_ != "-":
         typer.echo(table.text(), nl=False)
-    write_json({**foreseen(table), "file": str(out) if out else None}, json_)
+    write_json({**figures, "file": str(out) if out else None}, json_)
 
 
 def _refuse(method: str, out: Path | None, json_: str | None) -> None:
@@ -119,14 +120,14 @@ def _outside(model: ModelFile, wanted: Targets, file: str, table: TableFile) -> 
     ]
 
 
-def _words(table: TableFile, out: Path) -> str:
-    from cellctl.formats.table_making import foreseen
-
-    said = foreseen(table)
+def _words(table: TableFile, said: dict[str, Any], out: Path) -> str:
     before, after, sigma = (said[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    among = said["sigma_among_rows_mm"]
     return (
         f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {said['rows']} rows, "
         f"joints corrected by up to {said['max_correction_deg']:.3f}°.\n"
-        f"Foreseen: {before['mean']:.3f} mm off (mean; max {before['max']:.3f}) with nominal joints, "
-        f"{after['mean']:.4f} mm with these, ± {sigma['rms']:.3f} mm (1 σ, RMS) of the model."
+        f"Foreseen, in the model's frame: {before['mean']:.3f} mm off (mean; max {before['max']:.3f}) "
+        f"with nominal joints, {after['mean']:.4f} mm with these.\n"
+        f"1 σ of the model (RMS): {sigma['rms']:.3f} mm in its frame"
+        + (f", {among:.3f} mm among the rows." if among is not None else ".")
     )

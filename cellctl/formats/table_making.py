@@ -70,6 +70,22 @@ def target_sigma(model: ModelFile, readings: Floats) -> Floats:
     return predict(model.robot_model(), covariance, model.robot.joint_map().model(readings)).sigma_mm
 
 
+def sigma_among_rows(model: ModelFile, table: TableFile) -> float | None:
+    """1 σ (3-D, RMS), mm, of the rows' tool centre points among themselves; None for fewer than four rows.
+
+    The part of `sigma_mm` that is not a motion of all rows as one body: what counts once the frame has been tied to
+    something in the cell (a sphere, a fixture).
+    """
+    import numpy as np
+
+    from cellctl.compensation import sigma_among
+
+    if len(table.rows) < 4:
+        return None
+    q = model.robot.joint_map().model([row.compensated for row in table.rows])
+    return sigma_among(model.robot_model(), np.array(model.covariance), q)
+
+
 def table_of(
     model: ModelFile,
     targets: Floats,

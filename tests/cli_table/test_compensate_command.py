@@ -43,6 +43,7 @@ def test_figures_go_to_json_and_the_table_to_stdout_where_no_file_is_named(cellc
     figures = json.loads((folder / "figures.json").read_text())
     assert (figures["id"], figures["rows"]) == (table.id, 8)
     assert figures["predicted_after_mm"]["max"] < 1e-3 < figures["predicted_before_mm"]["mean"]
+    assert 0.0 < figures["sigma_among_rows_mm"] < figures["sigma_mm"]["rms"]
 
 
 def test_json_to_stdout_is_json_and_nothing_else(cellctl, folder, capsys):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import RobotModel, ToolDeflection
-from cellctl.compensation import compensate, gauge_fixed, postures
+from cellctl.compensation import compensate, gauge_fixed, postures, sigma_among
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
 
 KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
@@ -168,3 +168,35 @@ def test_what_is_in_the_gauge_does_not_count_and_everything_else_does():
 def test_a_gauge_that_was_held_changes_nothing():
     covariance = np.diag([0.0, 0.0, 2.0])
     np.testing.assert_array_equal(gauge_fixed(covariance, ("theta1", "d1", "a2")), covariance)
+
+
+def test_the_sigma_of_points_among_themselves_is_what_a_best_fit_leaves_of_random_models(nominal, postures_near_home):
+    rng = np.random.default_rng(5)
+    sigma = np.where(nominal.parameter_turns, 2e-4, 0.2)
+    names = nominal.parameters
+    covariance = np.diag(sigma**2)
+    q = postures_near_home[:12]
+    tips = nominal.forward(q)[:, :3, 3]
+    squares = []
+    for _ in range(400):
+        errors = dict(zip(names, rng.normal(0.0, sigma), strict=True))
+        squares.append(np.mean(best_fit_rest(nominal.with_parameters(errors).forward(q)[:, :3, 3], tips) ** 2))
+    assert sigma_among(RobotModel(nominal), covariance, q) == pytest.approx(np.sqrt(np.mean(squares)), rel=0.05)
+
+
+def test_where_the_base_stands_is_no_error_of_points_among_themselves(nominal, postures_near_home):
+    sigma = np.array([1.0 if name.startswith("base_") else 0.0 for name in nominal.parameters])
+    assert sigma_among(RobotModel(nominal), np.diag(sigma**2), postures_near_home) < 1e-6
+
+
+def test_three_points_have_no_shape(nominal, postures_near_home):
+    with pytest.raises(ValueError, match="3 points"):
+        sigma_among(RobotModel(nominal), np.eye(len(nominal.parameters)), postures_near_home[:3])
+
+
+def best_fit_rest(points, onto):
+    """Distances (N,) after the best rigid motion of `points` onto `onto` (Kabsch)."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    u, _, vt = np.linalg.svd(b.T @ a)
+    turned = a @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
+    return np.linalg.norm(turned - b, axis=1)
