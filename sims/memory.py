@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
-import os
-from collections.abc import Callable, Mapping
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, final
 
 Part = Mapping[str, Any]
 """What one part of the cell has to tell, as JSON has it."""
 
+
+PATIENCE_S = 5.0
+"""How long a process waits for the one before it to be gone, which may just be ending with its host."""
 
 Recalled = TypeVar("Recalled")
 
@@ -51,9 +57,32 @@ class Memory:
         if self._path is None:
             return
         text = json.dumps({"cell": self._whose, **{part: tell() for part, tell in self._parts.items()}})
-        unfinished = self._path.with_name(f".{self._path.name}.{os.getpid()}")
+        unfinished = self._path.with_name(f".{self._path.name}.new")
         unfinished.write_text(text, encoding="utf-8")
         unfinished.replace(self._path)
+
+
+@contextmanager
+def sole_user(path: Path | None) -> Iterator[None]:
+    """One process at a time has the memory at `path`; the next waits for a moment. Raises BadMemory, OSError."""
+    if path is None:
+        yield
+        return
+    with path.with_name(f".{path.name}.lock").open("w") as lock:
+        deadline = time.monotonic() + PATIENCE_S
+        while not _taken(lock.fileno()):
+            if time.monotonic() > deadline:
+                raise BadMemory(f"{path} is in use by another simulated cell that runs")
+            threading.Event().wait(0.02)
+        yield
+
+
+def _taken(lock: int) -> bool:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _load(path: Path, whose: Part) -> dict[str, Any]:

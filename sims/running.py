@@ -19,7 +19,7 @@ from sims.contact_loop import ContactLoop
 from sims.control import ControlPort, RsiTarget
 from sims.faults import Faults
 from sims.kernel import Kernel, Mode
-from sims.memory import BadMemory, Memory
+from sims.memory import BadMemory, Memory, sole_user
 from sims.timefile import TimeFile
 
 ROBOT = "kuka+rsi"
@@ -154,9 +154,9 @@ def run_cell(path: Path, settings: Settings) -> None:
     cell = read_cell(path)
     check_devices(cell)
     cell = replace(cell, simulate=_overridden(cell.simulate, settings))
-    memory = _memory(cell, settings.state)
     _on_signals(_leave)
     with contextlib.ExitStack() as closing:
+        memory = _memory(cell, settings.state, closing)
         log = closing.enter_context(_open_log(settings.truth_log)) if settings.truth_log else None
         running = RunningCell(cell, log, memory)
         closing.callback(running.close)
@@ -168,9 +168,10 @@ def run_cell(path: Path, settings: Settings) -> None:
         running.run()
 
 
-def _memory(cell: SimCell, state: Path | None) -> Memory:
-    """Of this cell: another's is refused. Raises CellError."""
+def _memory(cell: SimCell, state: Path | None, closing: contextlib.ExitStack) -> Memory:
+    """Of this cell, and of this process alone: another's is refused. Raises CellError."""
     try:
+        closing.enter_context(sole_user(state))
         return Memory(state, {"name": cell.name, "robot": cell.robot.name, "seed": cell.simulate.seed})
     except BadMemory as error:
         raise CellError(cell.path, [str(error)]) from None

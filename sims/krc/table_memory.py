@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sims.krc.tables import Row, Table, Tables, row_lines, table_sum
+from sims.krc.tables import Row, Table, Tables, table_sum
 
 
 def told_tables(tables: Tables) -> dict[str, Any]:
@@ -19,7 +19,7 @@ def tables_of(told: Mapping[str, Any], axes: int) -> Tables:
 
 
 def _told(table: Table | None) -> dict[str, str] | None:
-    return table and {"id": table.id, "sum": table.sum, "lines": row_lines(1, table.rows)}
+    return table and {"id": table.id, "sum": table.sum, "lines": table.lines}
 
 
 def _table(told: Mapping[str, str] | None, axes: int) -> Table | None:
@@ -28,7 +28,7 @@ def _table(told: Mapping[str, str] | None, axes: int) -> Table | None:
     if table_sum(told["lines"]) != told["sum"]:
         raise ValueError(f"the sum of table '{told['id']}' does not fit")
     rows = tuple(_row(line.split(";")[1:], axes) for line in told["lines"].splitlines())
-    return Table(told["id"], told["sum"], rows)
+    return Table(told["id"], told["sum"], rows, told["lines"])
 
 
 def _row(fields: list[str], axes: int) -> Row:

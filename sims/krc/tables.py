@@ -24,11 +24,12 @@ class Row:
 @final
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A whole table: what is active, or was before."""
+    """A whole table: what is active, or was before. `lines`: the text that its sum is of."""
 
     id: str
     sum: str
     rows: tuple[Row, ...]
+    lines: str
 
 
 @final
@@ -101,8 +102,9 @@ class Tables:
             raise NoSuchRows(f"only {len(staged.rows)} of {staged.size} rows are there")
         if staged.id != table_id or staged.sum != total:
             raise BadSum(f"staged is table '{staged.id}' with sum {staged.sum}")
-        _fits(total, row_lines(1, staged.rows), "the table")
-        self.active, self.previous, self.staged = Table(staged.id, total, tuple(staged.rows)), self.active, None
+        lines = row_lines(1, staged.rows)
+        _fits(total, lines, "the table")
+        self.active, self.previous, self.staged = Table(staged.id, total, tuple(staged.rows), lines), self.active, None
 
     def rollback(self) -> None:
         """Active and previous change places. Raises NoSuchRows where there is neither."""

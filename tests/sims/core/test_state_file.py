@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
@@ -130,6 +131,22 @@ def test_ended_well_in_mid_move_it_stands_where_it_was_then(start):
     pc.process.communicate(timeout=PATIENCE_S)
     held = float(joints(start().ask("HELLO"))[0])
     assert float(joints(seen)[0]) <= held < 90.0
+
+
+def test_the_one_that_comes_next_waits_for_the_one_that_is_ending(start, tmp_path):
+    pc = start("--clock", "realtime")
+    with ThreadPoolExecutor() as pool:
+        following = pool.submit(start)
+        move(pc, "30.0", "100.0")
+        assert 'Code="0"' in pc.document("Rep")
+        pc.process.terminate()
+        pc.process.communicate(timeout=PATIENCE_S)
+        assert joints(following.result(PATIENCE_S).ask("HELLO")) == ["30.0000", *HOME[1:]]
+
+
+def test_two_processes_do_not_share_a_memory(start, request, tmp_path):
+    start()
+    assert "in use" in refusal(request, str(tmp_path / "state.json"))
 
 
 def refusal(request, state, *arguments):

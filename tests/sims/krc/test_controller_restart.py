@@ -111,6 +111,22 @@ def test_sensor_telegrams_stop_at_once(bench):
     assert pc.command("HELLO", 8)[2] == pytest.approx(HOME, abs=1e-3)
 
 
+def test_a_cell_in_lockstep_goes_on_after_a_restart_in_mid_search(bench):
+    pc = bench(faults=[{"fault": "robot.restart", "search": 1, "after_ms": 18}])
+    pc.rsi_on()
+    pc.cycles(5)  # 0 … 16 ms
+    hung_up(pc)
+    pc.tcp.close()
+    call_again(pc)
+    pc.udp.setblocking(False)
+    while select.select([pc.udp], [], [], 0.1)[0]:
+        pc.telegram()
+    pc.udp.settimeout(PATIENCE_S)
+    pc.rsi_on(8)
+    pc.cycles(10)
+    assert pc.finish()[:2] == ("8", 0)
+
+
 def test_a_standing_message_is_gone_after_a_restart(bench):
     pc = bench(mode="realtime", faults=[{"fault": "robot.stop"}])
     pc.state(['Prog="ERROR"'])
