@@ -82,6 +82,20 @@ class Controller:
 
     # EthernetKRL and the system, as far as the programs call them
 
+    def _get_msgbuffer(self, buffer: Place) -> int:
+        buffer.get()[1,] = {"NR": 29002}
+        return 1
+
+    def _confirm(self, _: str) -> None:
+        self.krl.variables["$STOPMESS"] = False
+
+    def _wait(self, _: str) -> None:
+        self.krl.variables["$ROB_TIMER"] += 12
+
+    def _cwrite(self, channel: Place, state: Place, mode: Place, command: Place) -> None:
+        word = re.split(r"[ /]", str(command.get()))[0]
+        self.krl.variables["$PRO_STATE1"] = {"STOP": "#P_STOP", "CANCEL": "#P_FREE", "RUN": "#P_ACTIVE"}[word]
+
     def _eki_init(self, *_: Place) -> None: ...
 
     def _eki_open(self, *_: Place) -> None: ...
@@ -321,6 +335,36 @@ def test_a_lost_connection_halts_what_moves(controller: Controller) -> None:
     controller.krl.variables["$FLAG"][401,] = False
     controller.cycle()
     assert controller.krl.variables["$FLAG"][403,]
+
+
+def test_a_message_ends_the_command_with_31_and_stands_until_reset(controller: Controller) -> None:
+    variables = controller.krl.variables
+    controller.take(write_command(8, "RSI"))
+    variables["$STOPMESS"], variables["$PRO_STATE1"], variables["$ROB_STOPPED"] = True, "#P_STOP", False
+    said = controller.cycle()
+    assert [(stat.program, stat.message) for stat in said if isinstance(stat, Stat)] == [("ERROR", "KSS29002")]
+    assert not [reply for reply in said if isinstance(reply, Reply)], "the robot does not stand yet"
+    variables["$ROB_STOPPED"] = True
+    replies = [said for said in controller.cycle() if isinstance(said, Reply)]
+    assert [(reply.id, reply.code, reply.text) for reply in replies] == [(8, 31, "KSS29002")]
+    assert controller.reply(write_command(9, "RSI")).code == 12
+    assert controller.reply(write_command(10, "RESET")).code == 0
+    assert variables["$PRO_STATE1"] == "#P_ACTIVE"
+    controller.take(write_command(11, "RSI"))
+    assert variables["$FLAG"][402,]
+
+
+def test_whoever_connects_next_hears_nothing_of_the_command_before(controller: Controller) -> None:
+    flags = controller.krl.variables["$FLAG"]
+    controller.take(write_command(8, "RSI"))
+    flags[401,] = False
+    controller.cycle()
+    flags[401,], flags[404,] = True, True
+    assert not [said for said in controller.cycle() if isinstance(said, Reply)]
+    controller.krl.variables["CC_OUTCOME"], flags[404,], flags[405,] = 30, False, True
+    said = controller.cycle()
+    assert [type(part) for part in said] == [Stat]
+    assert controller.reply(write_command(1, "HALT")).code == 0
 
 
 def test_an_operation_that_nobody_knows_is_refused(controller: Controller) -> None:
