@@ -36,8 +36,16 @@ def held_out_section(run: Run, errors: TouchErrors | None) -> Section | None:
         "found": fixed(figures.get("test", {}).get("rms")),
         "coverage": percent(figures.get("coverage_95")),
         "count": int(errors.held_out.sum()),
+        "outside": _outside(run, errors),
         "off": _off(figures, errors),
     }
+
+
+def _outside(run: Run, errors: TouchErrors) -> tuple[int, str]:
+    """How many held-out touches lie outside the joint region of the fit, and the greatest error among them, mm."""
+    assert run.model is not None
+    outside = errors.held_out & ~run.model.inside(errors.readings)
+    return int(outside.sum()), fixed(float(np.abs(errors.after[outside]).max(initial=0.0)))
 
 
 def _off(figures: Mapping[str, Any], errors: TouchErrors) -> str:
@@ -60,6 +68,7 @@ def standoff_section(run: Run) -> Section | None:
         "counts": (len(before.errors), len(after.errors)),
         "predicted": significant(after.predicted_sigma),
         "found": significant(after.found_sigma),
+        "foreseen": significant(before.found_sigma) if before.expected.any() else "",
         "ratio": significant(after.found_sigma / after.predicted_sigma),
         "within": percent(_within_two_sigma(after)),
         "located": len(run.recorded("locate")),
@@ -167,10 +176,14 @@ def _predicted(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     columns = {words: [row.get(name) for row in rows] for name, words in names.items()}
     full = {words: [float(v) for v in values if isinstance(v, int | float)] for words, values in columns.items()}
     return [
-        (words, significant(sum(values) / len(values)), significant(max(values)))
+        (words, _small(sum(values) / len(values)), _small(max(values)))
         for words, values in full.items()
         if values and len(values) == len(rows)
     ]
+
+
+def _small(value: float) -> str:
+    return significant(value) if value >= 1e-4 else "< 0.0001"
 
 
 def _pairs(values: Mapping[str, Any]) -> list[tuple[str, str]]:

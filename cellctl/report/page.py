@@ -72,5 +72,5 @@ def _errors(run: Run) -> tuple[TouchErrors | None, list[str]]:
         return None, []
     try:
         return touch_errors(run.model, run.data, run.artefact), []
-    except InputError as error:
-        return None, [str(error)]
+    except (InputError, ValueError) as error:
+        return None, [f"the touches cannot be computed anew: {error}"]

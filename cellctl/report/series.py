@@ -25,9 +25,9 @@ def reference_touches(rows: Rows, drift: Mapping[str, Any]) -> str:
         for (sphere, at, shift, sigma), marker in zip(looks, "osD^v" * len(looks), strict=False):
             axes.errorbar(at, shift, sigma, fmt=f"{marker}-", color=ACCENT, markersize=4, linewidth=0.8, label=sphere)
         if drift.get("modelled"):
-            ends = np.array([first, max(float(row.get("after_touch") or 0.0) for row in rows)])
+            ends = np.array([first, max(_made_before(row) for row in rows)])
             axes.plot(ends, slope * (ends - first), "--", color=INK, linewidth=1.0, label="drift, modelled")
-        axes.set(xlabel="touches made before", ylabel="shift along the normal, mm")
+        axes.set(xlabel="contacts made before", ylabel="shift along the normal, mm")
         axes.legend(loc="best")
 
     return svg_of(draw, "reference", 1.9, "Shift of the reference touch in the course of the run")
@@ -53,8 +53,11 @@ def _looks(rows: Rows) -> list[tuple[str, list[float], list[float], list[float]]
     series = []
     for sphere in dict.fromkeys(str(row.get("sphere", "")) for row in rows):
         mine = [row for row in rows if str(row.get("sphere", "")) == sphere and row.get("shift_mm") is not None]
-        at, shift, sigma = (
-            [float(row.get(name) or 0.0) for row in mine] for name in ("after_touch", "shift_mm", "sigma_mm")
-        )
-        series.append((sphere, at, shift, sigma))
+        shift, sigma = ([float(row.get(name) or 0.0) for row in mine] for name in ("shift_mm", "sigma_mm"))
+        series.append((sphere, [_made_before(row) for row in mine], shift, sigma))
     return series
+
+
+def _made_before(row: Mapping[str, Any]) -> float:
+    """How many contacts were made before a visit: its own number, stand-offs counted; else the last touch's."""
+    return float(row.get("number", row.get("after_touch")) or 0.0)

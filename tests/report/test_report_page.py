@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cellctl.files import write_atomically
+from cellctl.formats.model import REGION_MARGIN_DEG, JointRegion
 from cellctl.journal import Journal, JournalError, fold, read_journal
 from cellctl.report import report_text, write_report
 
@@ -168,8 +169,19 @@ def test_the_stand_off_proof_compares_found_with_predicted(full_html):
 
 def test_what_the_model_foresaw_of_a_stand_off_error_is_not_held_against_its_sigma(make_run, campaign):
     rows = standoff_rows([1.0, 1.0], [0.5, 0.6], sigma=0.1, expected=0.5)
+    rows[0][1]["expected_mm"], rows[1][1]["expected_mm"] = 1.03, 0.96
     text = Page(report_text(make_run(campaign, rows=rows))).text
     assert "found 0.071 mm RMS where 0.10 mm was predicted" in text
+    assert "foresaw each error of the nominal robot to 0.035 mm RMS" in text
+
+
+def test_held_out_touches_outside_the_region_of_the_fit_are_counted(make_run, campaign):
+    turned = sorted(row["joints"][0] for row in campaign.touches if row["set"] == "test")
+    all_but_the_last = (turned[-1] + turned[-2]) / 2 - REGION_MARGIN_DEG
+    region = JointRegion(min=[-360.0] * 6, max=[all_but_the_last, *[360.0] * 5])
+    model = campaign.model.model_copy(update={"joint_region": region})
+    text = Page(report_text(make_run(replace(campaign, model=model)))).text
+    assert "1 of them lies outside the joint region of the fit" in text
 
 
 def test_reference_touches_drift_and_table_are_shown_where_they_are_recorded(full_html, plain_html):
