@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -125,6 +124,7 @@ def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json
 
 def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) -> Result:
     """What `work` makes of the cell's table store and its identity, once that is connected."""
+    import asyncio
 
     async def go() -> Result:
         async with place.connected() as (store, who):
