@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -37,6 +38,7 @@ class Memory:
         self._path = path
         self._whose = dict(whose or {})
         self._recalled = _load(path, self._whose) if path and path.exists() else {}
+        self._failed = False
         self._parts: dict[str, Callable[[], Part]] = {}
 
     def recall(self, part: str, read: Callable[[Any], Recalled]) -> Recalled | None:
@@ -53,7 +55,19 @@ class Memory:
         self._parts[part] = tell
 
     def save(self) -> None:
-        """Write what every part tells now. Survives the end of the process at any instant, not that of the computer."""
+        """Write what every part tells now. Where that fails, say so once: a robot does not stop for a full disk."""
+        try:
+            self.write()
+        except OSError as error:
+            if not self._failed:
+                print(f"{self._path}: {error.strerror}; the cell is remembered as last written", file=sys.stderr)
+            self._failed = True
+
+    def write(self) -> None:
+        """`save` whose failure is the caller's. What is written survives the end of the process at any instant.
+
+        Raises OSError.
+        """
         if self._path is None:
             return
         text = json.dumps({"cell": self._whose, **{part: tell() for part, tell in self._parts.items()}})

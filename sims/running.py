@@ -163,7 +163,7 @@ def run_cell(path: Path, settings: Settings) -> None:
         _on_signals(lambda *_: running.kernel.stop())
         if settings.parent is not None:
             parent.end_with(running.kernel, settings.parent)
-        memory.save()  # a file that cannot be written is better known now
+        memory.write()  # a file that cannot be written is better known now
         _tell(json.dumps(running.ready), settings.ready)
         running.run()
 
