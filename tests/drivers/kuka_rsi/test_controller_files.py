@@ -206,6 +206,16 @@ def test_every_operation_and_code_of_the_reference_is_in_the_programs(made: dict
     assert codes == set(re.findall(r"CC_(?:BEGIN_)?REPLY\([A-Z_]+,(\d+),", programs))
 
 
+def test_every_routine_is_defined_once_and_every_name_is_declared(made: dict[str, str]) -> None:
+    programs = "\n".join(re.sub(r"^\s*;.*$", "", made[name], flags=re.MULTILINE) for name in made if "cellctl" in name)
+    defined = re.findall(r"^(?:GLOBAL )?(?:DEF|DEFFCT \w+) (\w+)\(", programs, re.MULTILINE)
+    assert len(defined) == len(set(defined)) > 60
+    called = set(re.findall(r"\b(CC_\w+)\(", programs))
+    assert called <= set(defined)
+    declared = set(re.findall(r"DECL GLOBAL \w+ (CC_\w+)", programs)) | {"CC_BANK_T"}
+    assert set(re.findall(r"\bCC_\w+", programs)) == declared | {name for name in defined if name.startswith("CC_")}
+
+
 def test_the_ethernet_configuration_is_the_persons_own_with_the_address_filled_in(made: dict[str, str]) -> None:
     own = (CELL.parent / "rsi_ethernet.xml").read_text()
     assert made["rsi_ethernet.xml"] == own
