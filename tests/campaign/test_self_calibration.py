@@ -9,7 +9,11 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,12 +26,42 @@ from cellctl.journal import StepStarted, fold, read_journal
 pytestmark = pytest.mark.campaign
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
-def test_the_robot_is_identified_and_the_whole_workspace_is_better(seed: int, tmp_path: Path) -> None:
-    result_file = tmp_path / "result.json"
-    done = cellctl("run", SELFCAL, "--seed", str(seed), "--runs", tmp_path / "runs", "--json", result_file)
-    assert done.returncode == 0, done.stderr
-    result = json.loads(result_file.read_text())
+SEEDS = [1, 2, 3, 4, 5]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole campaign as the command line ran it: its result and its run folder."""
+
+    result: dict[str, Any]
+    run: Path
+
+    def standoffs(self) -> list[dict[str, Any]]:
+        rows = fold(read_journal(self.run)).recorded("standoff")
+        return [dict(row) for row in rows if row["run"] == "after"]
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory) -> Callable[[int], Whole]:
+    """A robot's campaign by its seed, run once."""
+
+    @cache
+    def run(seed: int) -> Whole:
+        folder = tmp_path_factory.mktemp(f"seed{seed}")
+        done = cellctl("run", SELFCAL, "--seed", str(seed), "--runs", folder, "--json", folder / "result.json")
+        assert done.returncode == 0, done.stderr
+        result = json.loads((folder / "result.json").read_text())
+        return Whole(result, folder / result["run"])
+
+    return run
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_robot_is_identified_and_the_whole_workspace_is_better(
+    seed: int, campaign: Callable[[int], Whole], tmp_path: Path
+) -> None:
+    whole = campaign(seed)
+    result, run = whole.result, whole.run
     assert result["verdict"] == "better"
     assert result["state"] == "finished"
     assert result["points"] == 80
@@ -37,7 +71,6 @@ def test_the_robot_is_identified_and_the_whole_workspace_is_better(seed: int, tm
     assert held_out["before"]["mean"] >= 0.5
     assert held_out["after"]["mean"] <= 0.05
     assert held_out["after"]["max"] <= 0.20
-    run = tmp_path / "runs" / result["run"]
     model = ModelFile.load(run / "model.json")
     errors = volumetric_errors(model, CELL, seed, tmp_path)
     assert float(np.sqrt(np.mean(errors**2))) <= 0.25
@@ -45,6 +78,33 @@ def test_the_robot_is_identified_and_the_whole_workspace_is_better(seed: int, tm
         rows = list(csv.DictReader(stream))
     assert len(rows) == 80
     assert {row["sphere"] for row in rows} == {"S1", "S2", "S3"}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_on_a_sphere_that_no_fit_saw_the_pushed_joints_stand_off_within_a_tenth_of_a_millimetre(
+    seed: int, campaign: Callable[[int], Whole]
+) -> None:
+    whole = campaign(seed)
+    result = whole.result
+    assert result["standoff"]["n"] == 30
+    assert result["standoff"]["sphere"] == "P1"
+    assert result["before"]["mean"] >= 0.5
+    assert result["after"]["mean"] <= 0.10
+    errors = np.abs([row["error_mm"] for row in whole.standoffs()])
+    assert result["after"]["mean"] == pytest.approx(errors.mean())
+    table = result["table"]
+    assert table["rows"] == 30
+    assert table["pushed"]
+    assert table["verified"]
+    assert table["active"]
+
+
+def test_over_five_robots_stand_off_errors_are_as_large_as_was_predicted(campaign: Callable[[int], Whole]) -> None:
+    rows = [row for seed in SEEDS for row in campaign(seed).standoffs()]
+    predicted = np.sqrt(np.mean([row["sigma_mm"] ** 2 for row in rows]))
+    found = np.sqrt(np.mean([(row["error_mm"] - row["expected_mm"]) ** 2 for row in rows]))
+    assert len(rows) == 150
+    assert found == pytest.approx(predicted, rel=0.25)
 
 
 def test_the_data_set_and_model_of_a_run_are_what_fit_and_predict_take(tmp_path: Path) -> None:
