@@ -16,17 +16,21 @@ _COLUMNS = 4
 
 
 def sphere_maps(errors: TouchErrors) -> str:
-    """Each sphere seen from above (equal-area), each touch coloured by its signed residual, before and after."""
+    """Each sphere seen from above (equal-area), each touch coloured by its signed residual.
+
+    Before stands above after; with one sphere, beside it.
+    """
     spheres = sorted(set(errors.spheres))
     columns = min(len(spheres), _COLUMNS)
     rows = -(-len(spheres) // columns)
 
     def draw(figure: Figure) -> None:
-        places = figure.subplots(2 * rows, columns, squeeze=False)
-        _maps(figure, places[:rows].ravel().tolist(), errors, spheres, "before", errors.before)
-        _maps(figure, places[rows:].ravel().tolist(), errors, spheres, "after", errors.after)
+        places = figure.subplots(*((2 * rows, columns) if len(spheres) > 1 else (1, 2)), squeeze=False).ravel().tolist()
+        half = len(places) // 2
+        _maps(figure, places[:half], errors, spheres, "before", errors.before)
+        _maps(figure, places[half:], errors, spheres, "after", errors.after)
 
-    height = 2 * rows * min(2.4, (WIDTH - 0.8) / columns)
+    height = 2 * rows * min(2.4, (WIDTH - 0.8) / columns) if len(spheres) > 1 else 2.7
     return svg_of(draw, "maps", height, "Residual of every touch on a map of each sphere, before and after")
 
 
