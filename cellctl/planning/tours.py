@@ -22,12 +22,13 @@ _NEAREST = 8
 class PlannedTouch:
     """One touch: joint readings in degrees.
 
-    `approach`: from where the last touch ended to clear of the sphere; `start`, `end`: of the search; `search_mm`: the
-    tip's way between them by the nominal model; `retreat`: back to `start`, to clear of the sphere, and home after the
-    last one. `reference`: it repeats an earlier touch, to see what has changed since.
+    `origin`: where the last touch ended, or home; `approach`: from there to clear of the sphere; `start`, `end`: of the
+    search; `search_mm`: the tip's way between them by the nominal model; `retreat`: back to `start`, to clear of the
+    sphere, and home after the last one. `reference`: it repeats an earlier touch, to see what has changed since.
     """
 
     sphere: str
+    origin: tuple[float, ...]
     approach: tuple[tuple[float, ...], ...]
     start: tuple[float, ...]
     end: tuple[float, ...]
@@ -84,6 +85,7 @@ def linked(tour: Sequence[Candidate], ways: Ways, home: Array) -> list[PlannedTo
         planned.append(
             PlannedTouch(
                 touch.sphere,
+                _row(here),
                 tuple(_row(q) for q in approach),
                 _row(touch.start),
                 _row(touch.end),

@@ -18,6 +18,7 @@ from cellctl.devices import (
     SearchingRobot,
     SearchResult,
 )
+from procedures.steps.rejoining import rejoin
 
 _PROBE_PATIENCE_S = 0.2
 """How old the probe's last sign of life may be in a search before the robot holds by itself."""
@@ -37,8 +38,16 @@ class Line(Protocol):
         """The sphere's name."""
 
     @property
+    def origin(self) -> Sequence[float]:
+        """Joints at which the way begins: where the one before ended."""
+
+    @property
     def approach(self) -> Sequence[Sequence[float]]:
         """Joints passed on the way, the last ones clear of the sphere."""
+
+    @property
+    def start(self) -> Sequence[float]:
+        """Joints at which the search begins."""
 
     @property
     def end(self) -> Sequence[float]:
@@ -102,9 +111,11 @@ async def search_and_retreat(
 ) -> FoundContact:
     """Approach, go to the start of the line by `to_start`, search, retreat; the contact that was found.
 
+    A robot that was cut off somewhere on this way goes on from there; one that stands elsewhere is not moved.
+
     Raises NoContact once the robot is back where it came from, and what the devices raise.
     """
-    for target in line.approach:
+    for target in await _left_of_approach(robot, line, speeds):
         await robot.move(tuple(target), speeds.transfer_percent)
     start = await to_start()
     found, contact = await _search(robot, probe, line, start, speeds.search_mm_s)
@@ -117,6 +128,20 @@ async def search_and_retreat(
     if not contact.confirmed:
         raise NoContact("probe", f"contact on {line.sphere} did not hold (a bounce)", "clean tip and sphere")
     return FoundContact(start, _joints_at_contact(line, found, contact), found, contact)
+
+
+async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -> Sequence[Sequence[float]]:
+    """What is left of the approach, the robot being brought back to a point of the way where it was cut off on it.
+
+    Cut off in the search or on the retreat, it is brought back to the start of the search, and nothing is left.
+    """
+    before = [line.origin, *line.approach]
+    way = [tuple(joints) for joints in (*before, line.start, line.end, *line.retreat)]
+    passed = await rejoin(robot, way, speeds.near_percent)
+    back_from = passed - len(before) - 2  # index into the retreat, whose first point is the start again
+    for joints in reversed(line.retreat[: max(0, back_from)]):
+        await robot.move(tuple(joints), speeds.near_percent)
+    return before[passed + 1 :]
 
 
 def _joints_at_contact(line: Line, found: SearchResult, contact: Contact) -> JointReadings:

@@ -116,11 +116,13 @@ class Identified(StepResult):
     sentence: str
 
 
-@step("sphere.identify")
+@step("sphere.identify", needs={"robot": SearchingRobot})
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
     from procedures.steps.sphere_identification import identify_touches
 
-    found = await asyncio.to_thread(identify_touches, context, inputs.model, inputs.use_distances)
+    robot: SearchingRobot = context.device("robot")
+    serial = (await robot.connect()).serial
+    found = await asyncio.to_thread(identify_touches, context, inputs.model, inputs.use_distances, serial)
     await context.record("verdict", found)
     return Identified(verdict=str(found["verdict"]), sentence=str(found["sentence"]))

@@ -19,7 +19,9 @@ from procedures.steps.reference_touches import drift_of, drift_report
 Row = Mapping[str, Any]
 
 
-def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> dict[str, Any]:
+def identify_touches(
+    context: StepContext, model: ModelChoice, use_distances: bool, robot_serial: str
+) -> dict[str, Any]:
     """Write `dataset.csv` and `model.json` into the run folder; the verdict with its figures as a row to record.
 
     Raises InputError where the touches do not allow an identification.
@@ -30,14 +32,17 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
     choice = _Choice(robot, artefact, model, use_distances)
     found = _fitted(touches, choice, None)
     corrected = _fitted(touches, choice, drift) if drift.significant else found
-    if (
-        modelled := corrected.result.fit.rms < found.result.fit.rms
-    ):  # else it is something else than the tip that drifts
-        found = corrected
+    modelled = corrected.result.fit.rms < found.result.fit.rms  # else it is something else than the tip that drifts
+    found = corrected if modelled else found
     found.data.write(context.run_folder / "dataset.csv")
     written = (context.run_folder / "dataset.csv").read_bytes()
-    hashes = {"cell_sha256": sha256_of(context.cell.text), "data_sha256": sha256_of(written)}
-    ModelFile.of(robot, found.measured, found.result, hashes).save(context.run_folder / "model.json")
+    provenance = {
+        "cell_sha256": sha256_of(context.cell.text),
+        "data_sha256": sha256_of(written),
+        "robot_serial": robot_serial,
+        "run": context.run_folder.name,
+    }
+    ModelFile.of(robot, found.measured, found.result, provenance).save(context.run_folder / "model.json")
     report = fit_report(found.measured, found.result)
     return {
         "verdict": report["verdict"],

@@ -90,6 +90,7 @@ def as_plan(number: int, touch: PlannedTouch, of: str, repeats: int = 0) -> dict
         "number": number,
         "sphere": touch.sphere,
         "set": "reference" if touch.reference else of,
+        "origin": list(touch.origin),
         "approach": [list(q) for q in touch.approach],
         "start": list(touch.start),
         "end": list(touch.end),

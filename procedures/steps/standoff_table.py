@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cellctl.calibration import LocatedSphere, RobotModel, locate_sphere
 from cellctl.clock import calendar_time
@@ -85,8 +86,10 @@ def standoffs_and_table(context: StepContext, wanted: Wanted, identity: Identity
     found, inside = _compensated(context, model, sphere, targets)
     table = _table(context, model, sphere, targets, found, identity)
     table.save(context.run_folder / "table.json")
-    pairs = _pairs(model, sphere, wanted.distance_mm, targets, found, inside)
-    rounds = _rounds(lines, pairs, wanted.reference, _next_number(context))
+    first = _next_number(context)
+    drifted = _drifted(context, first + 2.0 * np.arange(len(targets)))
+    pairs = _pairs(model, sphere, wanted.distance_mm, targets, found, inside, drifted)
+    rounds = _rounds(lines, pairs, wanted.reference, first)
     return Prepared(rounds, _row(wanted.sphere, sphere, table), _sentence(wanted.sphere, sphere, table))
 
 
@@ -99,16 +102,22 @@ def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
     q = model.robot.joint_map().model([row["joints"] for row in rows])
     noise = float(model.figures.get("noise_growth", [1.0])[0])
     sigma = touch_sigma_mm(model.robot) * noise
-    reaches = np.full(len(rows), reach)
-    if context.recorded("verdict")[-1]["drift"]["modelled"]:
-        reaches = reaches + drift_of(context).at([row["number"] for row in rows])
+    reaches = reach + _drifted(context, [row["number"] for row in rows])
     nominal, identified = RobotModel(nominal_chain(model)), model.robot_model()
     return _Sphere(locate_sphere(nominal, q, reaches, sigma), locate_sphere(identified, q, reaches, sigma), reach)
 
 
+def _drifted(context: StepContext, numbers: ArrayLike) -> Floats:
+    """By how much the tip's reach has changed at touch `numbers` (N,), mm; 0 unless the fit allowed for it."""
+    modelled = context.recorded("verdict")[-1]["drift"]["modelled"]
+    return drift_of(context).at(numbers) if modelled else np.zeros(np.shape(numbers))
+
+
 def _reference(plan: TouchPlan) -> PlannedTouch:
     approach, retreat = (tuple(tuple(q) for q in way) for way in (plan.approach, plan.retreat))
-    return PlannedTouch(plan.sphere, approach, tuple(plan.start), tuple(plan.end), plan.search_mm, retreat)
+    return PlannedTouch(
+        plan.sphere, tuple(plan.origin), approach, tuple(plan.start), tuple(plan.end), plan.search_mm, retreat
+    )
 
 
 def _compensated(
@@ -159,15 +168,19 @@ def _pairs(
     lines: list[PlannedTouch],
     found: Compensated,
     inside: Compensated,
+    drifted: Floats,
 ) -> list[list[StandOffPlan]]:
-    """For each target the stand-off before and the one after, which goes on from where the first one ended."""
+    """For each target the stand-off before and the one after, which goes on from where the first one ended.
+
+    The targets are those of the tip as it was at the first touch; what it has `drifted` by (N,), mm, is expected.
+    """
     joints = model.robot.joint_map()
     before = np.array([line.start for line in lines])
     nominal, after, ends = (
         joints.readings(q).round(6) for q in (found.nominal_q, found.compensated_q, inside.compensated_q)
     )
     normals = sphere.nominal.normals(joints.model(before))
-    foreseen = [_foreseen(model, sphere, readings, distance_mm) for readings in (before, after)]
+    foreseen = [_foreseen(model, sphere, readings, distance_mm + drifted) for readings in (before, after)]
     pairs = []
     for number, line in enumerate(lines):
         common = {
@@ -180,6 +193,7 @@ def _pairs(
         first = StandOffPlan(
             run="before",
             row=None,
+            origin=list(line.origin),
             approach=[list(q) for q in line.approach],
             nominal=list(line.start),
             commanded=list(line.start),
@@ -192,6 +206,7 @@ def _pairs(
         second = StandOffPlan(
             run="after",
             row=number + 1,
+            origin=list(line.start),
             approach=[],
             nominal=nominal[number].tolist(),
             commanded=after[number].tolist(),
@@ -205,7 +220,7 @@ def _pairs(
     return pairs
 
 
-def _foreseen(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm: float) -> tuple[Floats, Floats]:
+def _foreseen(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm: Floats) -> tuple[Floats, Floats]:
     """The error of a move to `readings` (N, n), deg, that the identified model expects (N,), and its 1 σ (N,), mm."""
     q = model.robot.joint_map().model(readings)
     expected = sphere.identified.distances(q) - sphere.reach - distance_mm

@@ -21,6 +21,7 @@ class TouchPlan(StepResult):
     number: int
     sphere: str
     set: Literal["fit", "test", "locate", "reference"]
+    origin: Joints
     approach: list[Joints]
     start: Joints
     end: Joints
@@ -42,6 +43,7 @@ class StandOffPlan(StepResult):
     run: Literal["before", "after"]
     row: int | None
     sphere: str
+    origin: Joints
     approach: list[Joints]
     nominal: Joints
     commanded: Joints
@@ -52,6 +54,11 @@ class StandOffPlan(StepResult):
     distance_mm: float
     expected_mm: float
     sigma_mm: float
+
+    @property
+    def start(self) -> Joints:
+        """Where the search begins: what is moved to."""
+        return self.commanded
 
 
 class Round(StepResult):

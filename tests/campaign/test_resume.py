@@ -1,0 +1,141 @@
+"""A crash is a pause: killed at any instant and resumed, no touch is lost or done twice, and nothing moves unasked."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from cell_runs import ROOT, cell_with, cellctl, touches_procedure
+
+from cellctl.journal import Outcome, RunState, StepEnded, fold, read_journal
+
+pytestmark = pytest.mark.campaign
+
+KILLS = 25  # in each of two tests
+
+
+def start(arguments: list[str]) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "cellctl", "run", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+
+
+def journal_of(runs: Path) -> Path | None:
+    return next(runs.glob("*/journal.sqlite"), None)
+
+
+def killed_after(process: subprocess.Popen[str], seconds: float) -> bool:
+    """Whether it still ran after that time, and was killed (-9)."""
+    try:
+        process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGKILL)
+        process.communicate(timeout=30)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_fifty_random_kills_lose_and_repeat_nothing(seed: int, tmp_path: Path) -> None:
+    chance = random.Random(seed)
+    procedure, cell = str(touches_procedure(tmp_path)), str(cell_with(tmp_path))
+    kills, campaign = 0, 0
+    while kills < KILLS:
+        campaign += 1
+        runs = tmp_path / f"runs{campaign}"
+        common = [procedure, "--cell", cell, "--runs", str(runs)]
+        process = start(common)
+        while killed_after(process, chance.uniform(0.5, 3.5)) and kills < KILLS:
+            kills += 1
+            journal = journal_of(runs)
+            if journal is None or fold(read_journal(journal)).started is None:
+                break
+            process = start([*common, "--resume", journal.parent.name, *_acknowledged(journal)])
+        journal = journal_of(runs)
+        if journal is None or fold(read_journal(journal)).started is None:
+            continue
+        _finish(common, journal)
+        _nothing_lost_or_doubled(journal)
+
+
+def test_a_cut_off_touch_is_not_repeated_before_somebody_has_looked(tmp_path: Path) -> None:
+    procedure, cell = str(touches_procedure(tmp_path)), str(cell_with(tmp_path))
+    common = [procedure, "--cell", cell, "--runs", str(tmp_path / "runs")]
+    journal = _killed_in_a_touch(common, tmp_path / "runs")
+    before = list(read_journal(journal))
+    refused = cellctl("run", *common, "--resume", journal.parent.name)
+    assert refused.returncode == 4
+    assert "points[" in refused.stderr
+    assert "--acknowledge" in refused.stderr
+    assert list(read_journal(journal)) == before, "nothing was written, nothing moved"
+    done = cellctl("run", *common, "--resume", journal.parent.name, "--acknowledge")
+    assert done.returncode == 0, done.stderr
+    _nothing_lost_or_doubled(journal)
+
+
+@pytest.mark.parametrize("what", ["procedure", "cell"])
+def test_a_run_of_which_procedure_or_cell_has_changed_is_not_resumed(what: str, tmp_path: Path) -> None:
+    files = {"procedure": touches_procedure(tmp_path), "cell": cell_with(tmp_path)}
+    common = [str(files["procedure"]), "--cell", str(files["cell"]), "--runs", str(tmp_path / "runs")]
+    journal = _killed_in_a_touch(common, tmp_path / "runs")
+    files[what].write_text(files[what].read_text() + "\n# changed\n")
+    refused = cellctl("run", *common, "--resume", journal.parent.name, "--acknowledge")
+    assert refused.returncode == 2
+    assert f"the {what}" in refused.stderr
+    assert "has changed since" in refused.stderr
+
+
+def test_a_finished_run_is_not_resumed(tmp_path: Path) -> None:
+    common = [str(touches_procedure(tmp_path)), "--cell", str(cell_with(tmp_path)), "--runs", str(tmp_path / "runs")]
+    assert cellctl("run", *common).returncode == 0
+    journal = journal_of(tmp_path / "runs")
+    assert journal is not None
+    refused = cellctl("run", *common, "--resume", journal.parent.name)
+    assert refused.returncode == 2
+    assert "finished" in refused.stderr
+
+
+def _acknowledged(journal: Path) -> list[str]:
+    state = fold(read_journal(journal))
+    return ["--acknowledge"] if state.uncertain or state.state == "uncertain" else []
+
+
+def _finish(common: list[str], journal: Path) -> None:
+    if fold(read_journal(journal)).state == "finished":
+        return
+    done = cellctl("run", *common, "--resume", journal.parent.name, *_acknowledged(journal))
+    assert done.returncode == 0, done.stderr
+
+
+def _nothing_lost_or_doubled(journal: Path) -> None:
+    entries = list(read_journal(journal))
+    state: RunState = fold(entries)
+    assert state.state == "finished"
+    assert sorted(row["number"] for row in state.recorded("touch")) == list(range(6))
+    done = Counter(
+        entry.event.step
+        for entry in entries
+        if isinstance(entry.event, StepEnded) and entry.event.outcome is Outcome.DONE
+    )
+    assert {step: count for step, count in done.items() if count > 1 and not step.startswith("cleanup")} == {}
+
+
+def _killed_in_a_touch(common: list[str], runs: Path) -> Path:
+    """A run killed in its third touch: its journal."""
+    process = start(common)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        journal = journal_of(runs)
+        if journal is not None:
+            state = fold(read_journal(journal))
+            if any(step.step == "points[2].touch" for step in state.in_flight):
+                process.send_signal(signal.SIGKILL)
+                process.communicate(timeout=30)
+                return journal
+        time.sleep(0.02)  # noqa: TID251 - another process, in wall time
+    raise AssertionError("the campaign did not get to its third touch")
