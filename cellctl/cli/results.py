@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,15 @@ def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
         "simulated_s": round(outcome.seconds, 3),
         "wall_s": round(wall_s, 3),
     }
+
+
+def refuse_unwritable(target: str | None) -> None:
+    """Raise InputError where the result could not be written to `target`: better before the robot moves than after."""
+    if target is None or target == "-":
+        return
+    path = Path(target)
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise InputError(Problem(str(path), 0, 0, "the result cannot be written here", "give another file to --json"))
 
 
 def write_json(result: dict[str, Any], target: str | None) -> None:

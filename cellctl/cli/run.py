@@ -32,9 +32,18 @@ def run(
     from cellctl.cli.campaign import load_campaign
     from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.progress import progress
-    from cellctl.cli.results import exit_of, new_run_folder, report_of, result_of, say_end, write_json
+    from cellctl.cli.results import (
+        exit_of,
+        new_run_folder,
+        refuse_unwritable,
+        report_of,
+        result_of,
+        say_end,
+        write_json,
+    )
     from cellctl.cli.resume import resumed_run
 
+    refuse_unwritable(json_)
     campaign = load_campaign(procedure, cell, set_ or [])
     if resume:
         going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
@@ -48,7 +57,7 @@ def run(
     with progress(campaign, folder, quiet=to_stdout) as watcher:
         outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
     result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
+    say_end(outcome, result, folder, quiet=to_stdout)
     write_json(result, json_)
     report_of(folder)
-    say_end(outcome, result, folder, quiet=to_stdout)
     raise typer.Exit(exit_of(outcome))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, final
@@ -99,6 +99,7 @@ class Engine:
         `after_connect` is awaited once every device answers, before the first step.
         """
         began = self._clock.now()
+        self._enter(State.CHECKING, "")
         work = asyncio.create_task(self._work(after_connect), name="campaign")
         self._mailbox.when_aborted(work.cancel)
         error = await _end_of(work)
@@ -113,7 +114,6 @@ class Engine:
         return Outcome(end, error or self._journal_error, tuple(troubles), verdict, self._clock.now() - began)
 
     async def _work(self, after_connect: AfterConnect | None) -> None:
-        self._enter(State.CHECKING, "")
         self._enter(State.CONNECTING, "")
         identities = await self._connect()
         self._append(DevicesConnected({i.device: asdict(i) for i in identities}))
@@ -211,13 +211,18 @@ class Engine:
             if isinstance(step, Step) and self._plan.registry.find(step.do).needs.keys() <= reached:
                 troubles += await self._clean_step(step)
         for device in self._connected:
-            try:
-                async with self._clock.timeout(_STOP_SECONDS):
-                    await device.stop()
-            except Exception as failure:
-                troubles.append(f"{device.name} could not be brought to its safe state: {failure}")
-            await device.close()
-        return troubles
+            troubles += await self._tried(device.stop, f"{device.name} could not be brought to its safe state")
+            troubles += await self._tried(device.close, f"{device.name} could not be let go of")
+        return list(dict.fromkeys(troubles))
+
+    async def _tried(self, action: Callable[[], Awaitable[None]], otherwise: str) -> list[str]:
+        """Do one action of the clean-up, bounded; what came of it where it failed, begun by `otherwise`."""
+        try:
+            async with self._clock.timeout(_STOP_SECONDS):
+                await action()
+        except Exception as failure:
+            return [f"{otherwise}: {failure or type(failure).__name__}"]
+        return []
 
     async def _clean_step(self, step: Step) -> list[str]:
         path = step_path("cleanup", step.id)

@@ -26,7 +26,7 @@ ENDS = frozenset({State.FINISHED, State.ABORTED, State.FAILED, State.UNCERTAIN})
 
 TRANSITIONS: dict[State, frozenset[State]] = {
     State.IDLE: frozenset({State.CHECKING}),
-    State.CHECKING: frozenset({State.CONNECTING, State.FAILED, State.ABORTED}),
+    State.CHECKING: frozenset({State.CONNECTING, State.CLEANING}),
     State.CONNECTING: frozenset({State.RUNNING, State.CLEANING}),
     State.RUNNING: frozenset({State.PAUSED, State.CLEANING}),
     State.PAUSED: frozenset({State.RUNNING, State.CLEANING}),

@@ -15,6 +15,7 @@ from cellctl.devices import (
     DeviceFault,
     DeviceLost,
     DeviceRefused,
+    DeviceUncertain,
     Guard,
     Health,
     Identity,
@@ -66,6 +67,7 @@ class KukaRobot:
         self._beating: asyncio.Task[None] | None = None
         self._search = 1  # number of the one under way, or else of the next
         self._busy = False
+        self._adrift = False  # a motion was cut off, and no standstill was confirmed since
         self._guards = GuardSlots(name, lambda: self._process and self._process.block)
 
     @property
@@ -96,7 +98,8 @@ class KukaRobot:
 
     async def close(self) -> None:
         """Stop the robot, end the process, let go of the line."""
-        await self.stop()
+        with suppress(DeviceError):
+            await self.stop()
         await see_through(self._let_go())
 
     def listening(self) -> tuple[str, int]:
@@ -178,10 +181,14 @@ class KukaRobot:
             process.block.words[Slot.STOP] = 0
 
     async def stop(self) -> None:
-        """Hold the robot whatever it does."""
+        """Hold the robot whatever it does. Raises DeviceUncertain where the controller does not confirm it."""
         self.stop_now()
-        if self._moving():
-            await see_through(self._halt())
+        if (self._moving() or self._adrift) and not await see_through(self._halt()):
+            raise DeviceUncertain(
+                self.name,
+                "the controller has not confirmed that the robot stands: it may still be moving",
+                "Keep away from it, stop it at the pendant, then look at the EthernetKRL line.",
+            )
 
     def guard(self, name: str) -> Guard:
         """The slot in which `name`'s proof of life is left. Raises ValueError where all are taken."""
@@ -284,15 +291,18 @@ class KukaRobot:
         except TimeoutError:
             raise DeviceLost(self.name, f"the move of {farthest_deg:.1f} deg did not end in {limit_s:.0f} s") from None
 
-    async def _halt(self) -> None:
-        """Ask for standstill and wait for it; without a connection the controller holds the robot by itself.
+    async def _halt(self) -> bool:
+        """Ask for standstill and wait for it; whether the controller has confirmed it.
 
         The search is released only once RSI is known to be off: zero would send the robot back to the search's start.
         """
-        with suppress(DeviceError):
-            if self._eki and self._process:
+        if self._eki and self._process:
+            self._adrift = True
+            with suppress(DeviceError):
                 await self._eki.ask("HALT", timeout_s=_HALT_S)
                 self._process.block.release()
+                self._adrift = False
+        return not self._adrift
 
     def _moving(self) -> bool:
         with suppress(DeviceLost):

@@ -307,3 +307,27 @@ def test_a_resumed_run_does_not_repeat_what_is_done_and_loses_no_row(tmp_path: P
     assert outcome.state is State.FINISHED
     assert CALLS == ["double 3"]
     assert fold(read_journal(journal.path)).recorded("doubled") == [{"value": 2}, {"value": 4}, {"value": 6}]
+
+
+def test_an_abort_before_anything_began_is_an_abort_and_connects_nothing(tmp_path: Path) -> None:
+    device = FakeDevice("robot")
+    engine, mailbox, journal = engine_for(LOOP, tmp_path, [device])
+    mailbox.abort()
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.ABORTED
+    assert device.calls == []
+    assert fold(read_journal(journal.path)).state == "aborted"
+
+
+def test_a_device_that_cannot_be_closed_keeps_no_other_from_being_closed(tmp_path: Path) -> None:
+    devices = [FakeDevice("robot"), FakeDevice("probe")]
+
+    async def broken() -> None:
+        raise RuntimeError("does not close")
+
+    devices[0].close = broken  # type: ignore[method-assign]
+    engine, _, journal = engine_for("  - {id: some, do: test.numbers}", tmp_path, devices)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.UNCERTAIN
+    assert devices[1].calls == ["connect", "stop", "close"]
+    assert fold(read_journal(journal.path)).ended is not None

@@ -20,6 +20,7 @@ from cellctl.devices import (
     DeviceFault,
     DeviceLost,
     DeviceRefused,
+    DeviceUncertain,
     DeviceUnreachable,
     LimitExceeded,
     Listener,
@@ -226,6 +227,19 @@ def test_a_controller_that_falls_silent_is_lost(controller, connected, run):
                 await robot.health()
 
     run(wait())
+
+
+def test_a_robot_whose_standstill_is_not_confirmed_is_not_called_held(controller, connected, run):
+    async def lose_it_in_a_move():
+        async with connected() as robot:
+            controller.eki_silent = True
+            with pytest.raises(DeviceLost):
+                await robot.move(TARGET, 10)
+            with pytest.raises(DeviceUncertain, match="may still be moving"):
+                await robot.stop()
+            await robot.close()  # never raises
+
+    run(lose_it_in_a_move())
 
 
 def test_a_move_that_the_controller_stops_is_a_fault(controller, connected, run):

@@ -17,6 +17,8 @@ END = (0.0, -88.0, 90.0, 0.0, 45.0, 0.0)
 @dataclass
 class Way:
     sphere: str = "S1"
+    origin: tuple[float, ...] = HOME
+    start: tuple[float, ...] = HOME
     approach: list[tuple[float, ...]] = field(default_factory=list)
     end: tuple[float, ...] = END
     search_mm: float = 20.0
