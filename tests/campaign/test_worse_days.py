@@ -1,0 +1,141 @@
+"""A full disk, a folder that cannot be written, two engines on one cell, simulators killed: each a clear end."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cell_runs import ROOT, cell_with, cellctl, controller_states, touches_procedure
+
+from cellctl.cli.campaign import load_campaign
+from cellctl.cli.launch import Options, run_on
+from cellctl.cli.simulated import SimulatedCell
+from cellctl.devices import DeviceError
+from cellctl.engine import Mailbox, NobodyWatching, State
+from cellctl.journal import fold, read_journal
+
+pytestmark = pytest.mark.campaign
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 160 KiB, where this machine allows one."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=160k", "tmpfs", str(disk)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets nobody mount a small file system")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_disk_that_fills_up_ends_the_run_and_what_was_committed_is_kept(small_disk: Path, tmp_path: Path) -> None:
+    arguments = ["run", touches_procedure(tmp_path), "--cell", cell_with(tmp_path), "--runs", small_disk]
+    done = cellctl(*arguments)
+    assert done.returncode == 3, done.stderr
+    assert "the disk is full" in done.stderr
+    assert "the robot is held" in done.stderr
+    assert "Traceback" not in done.stderr
+    state = fold(read_journal(next(small_disk.iterdir())))
+    assert state.started is not None
+    assert state.steps["plan"].outcome == "done"
+
+
+def test_a_folder_that_cannot_hold_a_run_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    runs.write_text("a file where a folder should be")
+    done = cellctl("run", touches_procedure(tmp_path), "--cell", cell_with(tmp_path), "--runs", runs)
+    assert done.returncode == 2
+    assert "cannot hold a run" in done.stderr
+    assert "--runs" in done.stderr
+
+
+def test_a_result_that_could_not_be_written_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    common = ["run", touches_procedure(tmp_path), "--cell", cell_with(tmp_path), "--runs", tmp_path / "runs"]
+    done = cellctl(*common, "--json", tmp_path / "nowhere" / "result.json")
+    assert done.returncode == 2
+    assert "--json" in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(tmp_path: Path) -> None:
+    async def two() -> tuple[Any, Any]:
+        campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])
+        simulated = await SimulatedCell.start(campaign.cell, None, "realtime")
+        try:
+            options = Options(None, "realtime")
+            watch = NobodyWatching()
+            first_engine = asyncio.create_task(
+                run_on(simulated, campaign, options, tmp_path / "first", Mailbox(), watch)
+            )
+            while not _touches(tmp_path / "first"):
+                await asyncio.sleep(0.1)
+            second = await run_on(simulated, campaign, options, tmp_path / "second", Mailbox(), watch)
+            return await first_engine, second
+        finally:
+            simulated.stop()
+
+    first, second = asyncio.run(two())
+    assert second.state in (State.FAILED, State.UNCERTAIN)
+    assert isinstance(second.error, DeviceError)
+    assert not fold(read_journal(tmp_path / "second")).steps.keys() & {"plan"}
+    assert first.state is State.FINISHED
+    assert len(_touches(tmp_path / "first")) == 6
+
+
+def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_is_lost(tmp_path: Path) -> None:
+    cell, runs = cell_with(tmp_path), tmp_path / "runs"
+    command = [sys.executable, "-m", "cellctl", "run", str(touches_procedure(tmp_path)), "--cell", str(cell)]
+    with subprocess.Popen([*command, "--runs", str(runs)], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not any(len(_touches(run)) >= 2 for run in runs.glob("*")):
+            time.sleep(0.05)  # noqa: TID251 - another process, in wall time
+        os.kill(_simulator_of(cell), signal.SIGKILL)
+        _, said = process.communicate(timeout=120)
+    assert process.returncode == 4, said
+    assert "may still be moving" in said
+    assert "Traceback" not in said
+    state = fold(read_journal(next(runs.iterdir())))
+    assert state.state == "uncertain"
+    assert len(state.recorded("touch")) >= 2
+    assert not state.in_flight
+
+
+def test_after_the_end_the_controller_can_be_asked_again(tmp_path: Path) -> None:
+    async def one() -> list[dict[str, str]]:
+        campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])
+        simulated = await SimulatedCell.start(campaign.cell, None, "lockstep")
+        try:
+            ended = await run_on(
+                simulated, campaign, Options(None, None), tmp_path / "run", Mailbox(), NobodyWatching()
+            )
+            assert ended.state is State.FINISHED
+            return await asyncio.to_thread(controller_states, str(simulated.address("robot").query["eki"]))
+        finally:
+            simulated.stop()
+
+    assert asyncio.run(one())[-1]["Prog"] in ("READY", "STOPPED")
+
+
+def _touches(run: Path) -> list[Any]:
+    return list(fold(read_journal(run)).recorded("touch")) if (run / "journal.sqlite").exists() else []
+
+
+def _simulator_of(cell: Path) -> int:
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (process / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"sims" in words and str(cell).encode() in words:
+            return int(process.name)
+    raise AssertionError("no simulator of this cell runs")
