@@ -5,15 +5,25 @@
 
 from cellctl.calibration.drift import Drift, linear_drift
 from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.fit import FitResult, Split, fit
+from cellctl.calibration.fit import FitResult, fit
 from cellctl.calibration.identify import Identification, Task, identify
 from cellctl.calibration.model import DEFLECTION, STANDARD_GRAVITY, RobotModel, ToolDeflection
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.predict import Prediction, predict
 from cellctl.calibration.rows import PoseRows, PositionRows, Rows, SpacingRows, TouchRows
+from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
+from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere
 from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
-from cellctl.calibration.verdict import ErrorFigures, Verdict, paired_verdict, verdict_sentence
+from cellctl.calibration.verdict import (
+    ErrorFigures,
+    HeldOut,
+    Judgement,
+    Verdict,
+    judge,
+    paired_verdict,
+    verdict_sentence,
+)
 
 __all__ = [
     "DEFLECTION",
@@ -23,7 +33,9 @@ __all__ = [
     "Estimate",
     "FitResult",
     "Group",
+    "HeldOut",
     "Identification",
+    "Judgement",
     "LocatedSphere",
     "Observability",
     "PoseRows",
@@ -43,10 +55,14 @@ __all__ = [
     "estimate",
     "fit",
     "identify",
+    "judge",
     "linear_drift",
     "locate_sphere",
     "observability",
     "paired_verdict",
     "predict",
+    "shape_sigma",
+    "sigma_among",
+    "sigma_over_region",
     "verdict_sentence",
 ]

@@ -8,41 +8,15 @@ from typing import Any, final
 
 import numpy as np
 
+from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.identify import Identification, Task, identify
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.predict import foresee
-from cellctl.calibration.verdict import ErrorFigures, Verdict, paired_verdict
+from cellctl.calibration.proof import doubts
+from cellctl.calibration.shape import sigma_over_region
+from cellctl.calibration.split import Split
+from cellctl.calibration.verdict import ErrorFigures, HeldOut, Verdict, judge
 from cellctl.kinematics import Bools, Floats
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Split:
-    """Rows the model is made from, and pairs (fit, held out) by which it is judged: indices into a task's rows."""
-
-    fit: Any
-    judged: tuple[tuple[Any, Any], ...]
-
-    @classmethod
-    def by_column(cls, held_out: Bools) -> Split:
-        """Rows where `held_out` (N,) is true are for judging alone."""
-        fit, test = np.flatnonzero(~held_out), np.flatnonzero(held_out)
-        return cls(fit, ((fit, test),) if test.size else ())
-
-    @classmethod
-    def holdout(cls, rows: int, fraction: float, seed: int) -> Split:
-        """A random share of the rows is held out."""
-        held_out = np.zeros(rows, bool)
-        held_out[np.random.default_rng(seed).permutation(rows)[: round(fraction * rows)]] = True
-        return cls.by_column(held_out)
-
-    @classmethod
-    def folds(cls, rows: int, count: int, seed: int) -> Split:
-        """The model is made from all rows; each fold is judged by a model made from the others."""
-        order = np.random.default_rng(seed).permutation(rows)
-        parts = [np.sort(part) for part in np.array_split(order, count)]
-        everything = np.arange(rows)
-        return cls(everything, tuple((np.setdiff1d(everything, part), part) for part in parts if part.size))
 
 
 @final
@@ -51,7 +25,10 @@ class FitResult:
     """An identified model with its figures on the rows of the fit and on held-out rows; distances in mm.
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
-    nominal is that of the fit rows, and the verdict `no better`: nothing is proved.
+    nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
+    predicted_volumetric_rms: 1 σ of the model, 3-D, over the joint region of the fit, apart from what moves all of it
+    as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
+    foresees; they are in the figures.
     """
 
     identification: Identification
@@ -64,7 +41,10 @@ class FitResult:
     test: ErrorFigures
     predicted_test_rms: float
     coverage_95: float
+    predicted_volumetric_rms: float
     verdict: Verdict
+    verdict_reason: str
+    unforeseen: tuple[int, ...]
     nominal_errors: Floats
     test_errors: Floats
 
@@ -88,7 +68,9 @@ class FitResult:
             "test": asdict(self.test),
             "predicted_test_rms": self.predicted_test_rms,
             "coverage_95": self.coverage_95,
+            "predicted_volumetric_rms": self.predicted_volumetric_rms,
             "verdict": self.verdict,
+            "verdict_reason": self.verdict_reason,
             "converged": found.converged,
             "ended": found.ended,
             "noise_growth": [float(value) for value in self.identification.noise],
@@ -99,23 +81,27 @@ def fit(task: Task, split: Split) -> FitResult:
     """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model."""
     final_one = identify(task, split.fit)
     judged = [_judge(task, final_one if one is split.fit else identify(task, one), test) for one, test in split.judged]
-    nominal, test, variance, inside = (np.concatenate([np.zeros(0), *parts]) for parts in _columns(judged))
+    held_out = HeldOut(*(np.concatenate([np.zeros(0), *parts]) for parts in _columns(judged)))
     own = task.rows.pick(list(final_one.used))
-    before = nominal if test.size else own.errors(final_one.nominal.state)
+    before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
+    judgement = judge(held_out, doubts(task, split, final_one))
     return FitResult(
         identification=final_one,
         observability=observability(final_one.identified),
         model=_model_name(final_one),
         n_fit=len(own),
-        n_test=int(test.size),
+        n_test=int(held_out.identified.size),
         nominal=ErrorFigures.of(before),
         fit=ErrorFigures.of(own.errors(final_one.identified.state)),
-        test=ErrorFigures.of(test),
-        predicted_test_rms=float(np.sqrt(variance.mean())) if test.size else 0.0,
-        coverage_95=float(inside.mean()) if test.size else 0.0,
-        verdict=paired_verdict(nominal, test),
+        test=ErrorFigures.of(held_out.identified),
+        predicted_test_rms=held_out.foreseen_rms,
+        coverage_95=float(held_out.inside.mean()) if held_out.inside.size else 0.0,
+        predicted_volumetric_rms=_over_region(final_one.identified, own.q),
+        verdict=judgement.verdict,
+        verdict_reason=judgement.reason,
+        unforeseen=_unforeseen(split, held_out.unforeseen),
         nominal_errors=before,
-        test_errors=test,
+        test_errors=held_out.identified,
     )
 
 
@@ -124,11 +110,22 @@ def _columns(judged: Sequence[tuple[Floats, ...]]) -> list[tuple[Floats, ...]]:
 
 
 def _judge(task: Task, by: Identification, test: Any) -> tuple[Floats, Floats, Floats, Floats]:
-    """Nominal errors, identified errors, their foreseen variances, and whether inside 95 %, on the held-out rows."""
+    """Nominal errors, identified errors, their foreseen variances, and their chances, on the held-out rows."""
     rows = task.rows.pick(test)
     foreseen = foresee(by.identified, rows.noisier(by.noise))
     errors = rows.errors(by.nominal.state), rows.errors(by.identified.state)
-    return *errors, foreseen.variance, foreseen.inside.astype(float)
+    return *errors, foreseen.variance, foreseen.chance
+
+
+def _unforeseen(split: Split, which: Bools) -> tuple[int, ...]:
+    places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
+    return tuple(sorted(places[which].tolist()))
+
+
+def _over_region(found: Estimate, q: Floats) -> float:
+    robot = found.unknowns.robot
+    model, covariance = found.state.model, found.covariance[:robot, :robot]
+    return sigma_over_region(model, covariance, q.min(axis=0), q.max(axis=0))
 
 
 def _model_name(found: Identification) -> str:

@@ -1,4 +1,4 @@
-"""Identification from one kind of rows: register, fit, judge the noise, leave out what cannot be, fit again."""
+"""Identification from one kind of rows: find the rows that belong together, register, fit, judge the noise."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, final
 
 import numpy as np
-from scipy.stats import chi2
 
 from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.model import RobotModel
+from cellctl.calibration.outliers import Linear, belonging
 from cellctl.calibration.registration import register_poses, register_positions, sphere_centre
 from cellctl.calibration.rows import PoseRows, PositionRows, Rows, SpacingRows, TouchRows
 from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
@@ -18,11 +18,16 @@ from cellctl.kinematics import Bools, Floats
 
 Measured: TypeAlias = PositionRows | PoseRows | TouchRows
 
-OUTLYING = 1e-7
-"""A fit row is left out, and named, where scatter of the size of the others would put it less often than this."""
+OUTLIERS_AT_MOST = 0.2
+"""If more of the rows than this do not belong to the others, nothing says which of them are right, and all stay."""
 
-OUTLIERS_AT_MOST = 0.1
-"""If more of the rows than this lie outside, it is the model that is wrong, and all stay."""
+CLOSEST = 0.6
+"""The share of the rows, those nearest to nominal, that the search for the rows that belong together starts from."""
+
+ROUNDS = 8
+
+OVERDETERMINED = 2
+"""Measured numbers for each unknown of the registration from which on rows can say something of each other."""
 
 
 @final
@@ -51,8 +56,12 @@ class Task:
     @property
     def rows_at_least(self) -> int:
         """With fewer rows than this, registration alone explains everything: 9 or 12 numbers, or 3 for each sphere."""
-        unknowns = 3 * len(self.spheres) or (12 if isinstance(self.rows, PoseRows) else 9)
-        return unknowns // len(self.rows.quantities) + 1
+        return self.registering // len(self.rows.quantities) + 1
+
+    @property
+    def registering(self) -> int:
+        """How many numbers registration has to find: 3 for each sphere; 9 or 12 for base and tool."""
+        return 3 * len(self.spheres) or (12 if isinstance(self.rows, PoseRows) else 9)
 
 
 @final
@@ -61,7 +70,8 @@ class Identification:
     """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
 
     noise (k,): by how much the rows' standard deviations had to grow, for each of a row's numbers. used, outliers:
-    indices into the task's rows that made the fit, and that were left out of it.
+    indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
+    rows did not belong to the others where that was too many to leave them out; 0 otherwise.
     """
 
     nominal: Estimate
@@ -69,30 +79,75 @@ class Identification:
     noise: Floats
     used: tuple[int, ...]
     outliers: tuple[int, ...]
+    apart: int = 0
 
 
 def identify(task: Task, fit: Any = None) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
 
-    Noise: if the residuals are clearly larger than the rows' σ say (χ² beyond its own 4 σ), σ grows to match, for
-    positions and rotations apart, and the fit is repeated, as otherwise the tolerances would weigh too little and every
-    predicted σ be too small. It never shrinks.
+    Rows that do not belong to the others are left out. Noise: if the residuals of the rest are clearly larger than the
+    rows' σ say (χ² beyond its own 4 σ), σ grows to match, for positions and rotations apart, and the fit is repeated,
+    as otherwise the tolerances would weigh too little and every predicted σ be too small. It never shrinks.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.arange(len(task.rows))[fit]
     rows = task.rows.pick(chosen)
-    unknowns = _unknowns(task, _start(task, rows))
-    nominal = estimate(unknowns.only(task.registration), [rows])
-    spacings = [task.spacings] if task.spacings is not None else []
-    start = unknowns.restarted(nominal.state).only(task.registration | task.groups)
-    kept = np.ones(len(rows), bool)
-    found, noise = _fit_with_noise(start, rows, spacings)
-    for _ in range(3):
-        outside = _outlying(rows, found, kept)
-        if not outside.any() or (~kept | outside).mean() > OUTLIERS_AT_MOST:
+    kept = _belonging(task, rows)
+    apart = int(np.count_nonzero(~kept))
+    if apart > OUTLIERS_AT_MOST * len(rows):
+        kept = np.ones(len(rows), bool)
+    nominal = _registered(task, rows.pick(kept))
+    found, noise = _fit_with_noise(_start_of(task, nominal), rows.pick(kept), _certain(task))
+    return Identification(
+        nominal=nominal,
+        identified=found,
+        noise=noise,
+        used=tuple(chosen[kept].tolist()),
+        outliers=tuple(chosen[~kept].tolist()),
+        apart=apart if kept.all() else 0,
+    )
+
+
+def _registered(task: Task, rows: Measured) -> Estimate:
+    """The nominal robot, tied to the measurement by `rows`."""
+    return estimate(_unknowns(task, _start(task, rows)).only(task.registration), [rows])
+
+
+def _start_of(task: Task, nominal: Estimate) -> Unknowns:
+    """What is to be identified, expected where nominal is registered."""
+    unknowns = _unknowns(task, nominal.unknowns.start)
+    return unknowns.restarted(nominal.state).only(task.registration | task.groups)
+
+
+def _certain(task: Task) -> list[Rows]:
+    return [task.spacings] if task.spacings is not None else []
+
+
+def _belonging(task: Task, rows: Measured) -> Bools:
+    """Which rows (N,) belong together, found about the fit of those that do, and again until they stay the same.
+
+    All, where these are too few to say anything of each other.
+    """
+    if len(rows) * len(rows.quantities) < OVERDETERMINED * task.registering:
+        return np.ones(len(rows), bool)
+    start = _start_of(task, _registered_on_closest(task, rows))
+    deviations, before, noise = np.zeros(len(start.names)), None, np.ones(rows.sigma.shape[1])
+    for _ in range(ROUNDS):
+        balanced = rows.noisier(noise / noise.min())
+        kept = belonging(Linear.about(start, deviations, balanced, _certain(task))).kept
+        if before is not None and np.array_equal(kept, before):
             break
-        kept &= ~outside
-        found, noise = _fit_with_noise(start, rows.pick(kept), spacings)
-    return Identification(nominal, found, noise, tuple(chosen[kept].tolist()), tuple(chosen[~kept].tolist()))
+        found, noise = _fit_with_noise(start, rows.pick(kept), _certain(task))
+        deviations, before = found.deviations, kept
+    return kept
+
+
+def _registered_on_closest(task: Task, rows: Measured) -> Estimate:
+    """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
+    nominal, share = _registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
+    for _ in range(ROUNDS):
+        closest = np.argsort(rows.errors(nominal.state), kind="stable")[:share]
+        nominal = _registered(task, rows.pick(np.sort(closest)))
+    return nominal
 
 
 def _unknowns(task: Task, start: State) -> Unknowns:
@@ -158,11 +213,3 @@ def _growth(rows: Measured, found: Estimate) -> Floats:
         if ratio > 1.0 + 4.0 * np.sqrt(2.0 / count):
             factors[columns] = np.sqrt(ratio)
     return factors
-
-
-def _outlying(rows: Measured, found: Estimate, kept: Bools) -> Bools:
-    """Which kept rows lie far outside, measured by the median of all: a few wild rows do not widen their own limit."""
-    squares = np.sum((rows.residual(found.state) / rows.sigma) ** 2, axis=-1)
-    k = rows.sigma.shape[1]
-    limit = float(np.median(squares[kept])) * chi2.isf(OUTLYING, k) / chi2.median(k)
-    return np.asarray(kept & (squares > limit))

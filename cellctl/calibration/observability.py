@@ -16,6 +16,7 @@ SEEN = 0.1
 """A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
 
 _LINK = re.compile(r"(theta|d|a|alpha|beta)(\d+)")
+_ALONE = " alone"
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β"}
 _TURNS = {"a": "Z", "b": "Y", "c": "X"}
 
@@ -25,8 +26,8 @@ _TURNS = {"a": "Z", "b": "Y", "c": "X"}
 class Observability:
     """What the data see of the free parameters.
 
-    rank: number of combinations seen; unseen: the others, in words; singular (F,): by how many standard deviations one
-    tolerance of each combination changes the rows, largest first.
+    rank: number of combinations seen; unseen: the others, in words, single parameters in one phrase; singular (F,): by
+    how many standard deviations one tolerance of each combination changes the rows, largest first.
     """
 
     rank: int
@@ -40,8 +41,8 @@ def observability(estimate: Estimate) -> Observability:
     rank = int(np.sum(singular >= SEEN))
     names = [name for name, free in zip(estimate.unknowns.names, estimate.unknowns.free, strict=True) if free]
     effect = np.linalg.norm(estimate.triangle, axis=0)
-    words = tuple(_words(names, weights) for weights in _sparse_combinations(right[rank:], effect, names))
-    return Observability(rank, words, tuple(float(value) for value in singular))
+    words = [_words(names, weights) for weights in _sparse_combinations(right[rank:], effect, names)]
+    return Observability(rank, _merged(words), tuple(float(value) for value in singular))
 
 
 def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> list[Floats]:
@@ -64,7 +65,16 @@ def _words(names: list[str], weights: Floats) -> str:
     """The parameters with a tenth or more of the greatest weight, as a sentence fragment."""
     strong = np.flatnonzero(np.abs(weights) >= 0.1 * np.max(np.abs(weights)))
     parts = _grouped([names[index] for index in strong])
-    return parts[0] + (f" with {', '.join(parts[1:])}" if len(parts) > 1 else " alone")
+    return parts[0] + (f" with {', '.join(parts[1:])}" if len(parts) > 1 else _ALONE)
+
+
+def _merged(words: list[str]) -> tuple[str, ...]:
+    """The fragments with those of single parameters as one, where there are several: `θ5, d5: each alone`."""
+    alone = [fragment.removesuffix(_ALONE) for fragment in words if fragment.endswith(_ALONE)]
+    if len(alone) < 2:
+        return tuple(words)
+    others = [fragment for fragment in words if not fragment.endswith(_ALONE)]
+    return (*others, f"{', '.join(dict.fromkeys(alone))}: each{_ALONE}")
 
 
 def _grouped(names: list[str]) -> list[str]:

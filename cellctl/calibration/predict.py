@@ -43,10 +43,17 @@ def predict(model: RobotModel, covariance: Floats, q: ArrayLike) -> Prediction:
 @final
 @dataclass(frozen=True, eq=False)
 class Foreseen:
-    """Held-out rows as foreseen: variance (N,) of each distance error, mm²; inside (N,): within its 95 % region."""
+    """Held-out rows as foreseen: variance (N,) of each distance error, mm²; chance (N,): of an error as improbable as
+    the one found, or more so.
+    """
 
     variance: Floats
-    inside: Bools
+    chance: Floats
+
+    @property
+    def inside(self) -> Bools:
+        """Which rows (N,) lie within their 95 % region."""
+        return np.asarray(self.chance >= 0.05)
 
 
 def foresee(found: Estimate, rows: Rows) -> Foreseen:
@@ -57,4 +64,4 @@ def foresee(found: Estimate, rows: Rows) -> Foreseen:
     squared = np.einsum("nk,nk->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
     variance = np.sum(np.diagonal(spread, axis1=-2, axis2=-1)[:, lengths], axis=-1)
-    return Foreseen(np.asarray(variance), np.asarray(squared <= chi2.ppf(0.95, rows.sigma.shape[1])))
+    return Foreseen(np.asarray(variance), np.asarray(chi2.sf(squared, rows.sigma.shape[1]), float))

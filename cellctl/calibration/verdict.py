@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
 import numpy as np
 
-from cellctl.kinematics import Floats
+from cellctl.calibration.outliers import OUTLYING
+from cellctl.kinematics import Bools, Floats
 
 Verdict: TypeAlias = Literal["better", "no better", "worse"]
+
+UNLIKELY = 0.01
+"""So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
+
+FAR = 1.25
+"""Found errors up to this many times those foreseen are of the size foreseen."""
+
+CLEAR = 3.0
+"""Errors that fell by this factor are better whatever the model thought of them."""
 
 
 @final
@@ -27,6 +38,77 @@ class ErrorFigures:
         if not errors.size:
             return cls(0.0, 0.0, 0.0)
         return cls(float(errors.mean()), float(np.sqrt(np.mean(errors**2))), float(errors.max()))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Rows that a model never saw: distances from the nominal and from the identified robot (N,), mm; variance (N,) of
+    the latter as foreseen, mm²; chance (N,) of one as improbable as that found, or more so, by what was foreseen.
+    """
+
+    nominal: Floats
+    identified: Floats
+    variance: Floats
+    chance: Floats
+
+    @property
+    def foreseen_rms(self) -> float:
+        """Foreseen root mean square of the identified robot's distances, mm; 0 without rows."""
+        return float(np.sqrt(self.variance.mean())) if self.variance.size else 0.0
+
+    @property
+    def inside(self) -> Bools:
+        """Which rows (N,) lie in their foreseen 95 % region."""
+        return np.asarray(self.chance >= 0.05)
+
+    @property
+    def unforeseen(self) -> Bools:
+        """Which rows (N,) lie where hardly any ever does: something is wrong with them, or with the model there."""
+        return np.asarray(self.chance < OUTLYING)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict, and why, in words that follow a colon or a semicolon."""
+
+    verdict: Verdict
+    reason: str
+
+
+def judge(rows: HeldOut, doubts: Sequence[str] = ()) -> Judgement:
+    """Whether the identified robot is better than nominal, by `rows`; `doubts`: why no row could show that it is.
+
+    `better` takes a gain beyond its own scatter (`paired_verdict`), a smaller root mean square, and errors that the
+    model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
+    well, and there nobody looks; only a gain that dwarfs what is left (`CLEAR`) can do without.
+    """
+    verdict = paired_verdict(rows.nominal, rows.identified)
+    if verdict == "worse":
+        return Judgement(verdict, "the loss is beyond its own scatter")
+    if doubts:
+        return Judgement("no better", "; ".join(doubts))
+    if verdict == "no better":
+        return Judgement(verdict, "the difference is within its own scatter")
+    before, after = ErrorFigures.of(rows.nominal).rms, ErrorFigures.of(rows.identified).rms
+    if after >= before:
+        return Judgement("no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})")
+    if not _foreseen(rows, after) and before < CLEAR * after:
+        seen = f"{int(rows.inside.sum())} of {rows.inside.size} lie where 95 % should"
+        what = (
+            f"the model does not know how wrong it is ({seen}; {rows.foreseen_rms:.3f} mm foreseen, {after:.3f} found)"
+        )
+        return Judgement("no better", what)
+    return Judgement("better", "the gain is beyond its own scatter and clear of what the model is still wrong by")
+
+
+def _foreseen(rows: HeldOut, found: float) -> bool:
+    """Whether the found errors (`found`: their RMS, mm) are those foreseen: enough in the 95 % regions, or the size."""
+    from scipy.stats import binom
+
+    covered = float(binom.cdf(int(rows.inside.sum()), rows.inside.size, 0.95)) >= UNLIKELY
+    return covered or rows.foreseen_rms * FAR >= found
 
 
 def paired_verdict(nominal: Floats, identified: Floats) -> Verdict:
@@ -47,8 +129,17 @@ def paired_verdict(nominal: Floats, identified: Floats) -> Verdict:
     return "worse" if gain.mean() < -bound else "no better"
 
 
-def verdict_sentence(verdict: Verdict, nominal: ErrorFigures, test: ErrorFigures, rows: int, kind: str) -> str:
-    """One sentence for a person: how good before, how good now, on how many held-out rows of what `kind`."""
+def verdict_sentence(
+    verdict: Verdict,
+    nominal: ErrorFigures,
+    test: ErrorFigures,
+    rows: int,
+    kind: str,
+    reason: str = "the difference is within its own scatter",
+) -> str:
+    """One sentence for a person: how good before, how good now, on how many held-out rows of what `kind`, and, where
+    it is no better, the `reason`.
+    """
     figures = f"{nominal.mean:.3f} → {test.mean:.3f} mm mean ({nominal.max:.3f} → {test.max:.3f} max)"
     where = f"on {rows} held-out {kind}"
     match verdict:
@@ -57,4 +148,4 @@ def verdict_sentence(verdict: Verdict, nominal: ErrorFigures, test: ErrorFigures
         case "worse":
             return f"Worse than nominal: {figures} {where}; do not use this model."
         case _:
-            return f"No better than nominal: {figures} {where}; the difference is within its own scatter."
+            return f"No better than nominal: {figures} {where}; {reason}."

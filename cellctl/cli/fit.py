@@ -168,11 +168,13 @@ def _say(report: dict[str, Any]) -> None:
     for column in ("mean", "RMS", "max"):
         table.add_column(column, justify="right")
     for name, key in (("held out, nominal", "nominal"), ("held out, identified", "test"), ("rows of the fit", "fit")):
-        table.add_row(name, *(f"{report[key][figure]:.3f}" for figure in ("mean", "rms", "max")))
+        table.add_row(name, *_cells(report, key))
     console = Console(highlight=False, soft_wrap=True)
     console.print(table)
     seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are seen"
     console.print(f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out.")
+    sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
+    console.print(f"Foreseen over the joints of the fit: {sure}.")
     for words in report["unobservable"]:
         console.print(f"  not seen by these rows: {words}", markup=False)
     if not report["converged"]:
@@ -180,10 +182,18 @@ def _say(report: dict[str, Any]) -> None:
     console.print(report["sentence"], markup=False)
 
 
+def _cells(report: dict[str, Any], key: str) -> list[str]:
+    """Mean, RMS and max, or dashes where no row stands behind them."""
+    if key != "fit" and not report["n_test"]:
+        return ["–"] * 3
+    return [f"{report[key][figure]:.3f}" for figure in ("mean", "rms", "max")]
+
+
 def _name_rows(report: dict[str, Any]) -> None:
-    """Every row that was not used, on stderr, by line; the JSON has them all."""
-    unused = [*report["rejected"], *report["outliers"]]
-    for row in unused[:_SHOWN]:
-        typer.echo(f"line {row['line']}: not used: {row['reason']}", err=True)
-    if len(unused) > _SHOWN:
-        typer.echo(f"… and {len(unused) - _SHOWN} more rows not used (--json names them all)", err=True)
+    """Every row that was not used, or held out and wild, on stderr, by line; the JSON has them all."""
+    named = [f"line {row['line']}: not used: {row['reason']}" for row in [*report["rejected"], *report["outliers"]]]
+    named += [f"line {row['line']}: {row['reason']}" for row in report["test_outliers"]]
+    for words in named[:_SHOWN]:
+        typer.echo(words, err=True)
+    if len(named) > _SHOWN:
+        typer.echo(f"… and {len(named) - _SHOWN} more such rows (--json names them all)", err=True)

@@ -19,7 +19,9 @@ def predict(
 ) -> None:
     """Predict the tool centre point at each row's joints: position, orientation and 1 σ (3-D, mm).
 
-    Output: A1…An, X, Y, Z, A, B, C, sigma, seen (1: within the joints of the fit; 0: extrapolated).
+    Output: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen (1: within the joints of the fit; 0: extrapolated).
+    sigma: in the model's base frame, of which touches never see heading and height. sigma_among: of the rows among
+    themselves, what moves all of them as one body left out; empty for fewer than four rows.
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
@@ -54,8 +56,13 @@ def _predicted(model: ModelFile, readings: Floats) -> tuple[str, int]:
         [readings, found.poses[:, :3, 3], abc_from_rotation(found.poses[:, :3, :3]), found.sigma_mm]
     )
     names = [*(f"A{number}" for number in range(1, model.robot.n + 1)), "X", "Y", "Z", "A", "B", "C", "sigma"]
+    among = model.sigma_among(readings)
     rows = [
-        {**dict(zip(names, row, strict=True)), "seen": int(inside)}
-        for row, inside in zip(np.round(values, 9).tolist(), seen, strict=True)
+        {**dict(zip(names, row, strict=True)), "sigma_among": own, "seen": int(inside)}
+        for row, own, inside in zip(np.round(values, 9).tolist(), _cells(among, len(readings)), seen, strict=True)
     ]
     return text_of(rows), int(np.count_nonzero(~seen))
+
+
+def _cells(sigma: Floats | None, rows: int) -> list[float | None]:
+    return [None] * rows if sigma is None else [round(float(value), 9) for value in sigma]

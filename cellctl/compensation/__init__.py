@@ -6,6 +6,6 @@ for targets that are given where touched spheres are.
 
 from cellctl.compensation.postures import postures
 from cellctl.compensation.pseudo_target import METHODS, Compensated, compensate
-from cellctl.compensation.uncertainty import gauge_fixed, sigma_among
+from cellctl.compensation.uncertainty import gauge_fixed
 
-__all__ = ["METHODS", "Compensated", "compensate", "gauge_fixed", "postures", "sigma_among"]
+__all__ = ["METHODS", "Compensated", "compensate", "gauge_fixed", "postures"]

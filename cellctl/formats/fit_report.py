@@ -9,11 +9,20 @@ from cellctl.formats.measurements import Measurements
 if TYPE_CHECKING:
     from cellctl.calibration import FitResult
 
+_LINES = 5
 _NOUNS = {"position": "positions", "pose": "poses", "sphere": "touches", "socket": "sockets"}
 
 
+NOISY = 1.5
+"""From this factor on it is said that the rows scatter more than they should."""
+
+
 def fit_report(measured: Measurements, result: FitResult) -> dict[str, Any]:
-    """The result's figures with outliers and rejected rows by line; the time it took is left to the caller."""
+    """The result's figures with outliers and rejected rows by line; the time it took is left to the caller.
+
+    outliers: rows left out of the fit; test_outliers: held-out rows far beyond what the model foresees, in the figures
+    all the same.
+    """
     return {
         **result.summary(),
         "measure": measured.measure,
@@ -21,21 +30,57 @@ def fit_report(measured: Measurements, result: FitResult) -> dict[str, Any]:
             {"line": measured.lines[row], "reason": _far_out(measured, result, row)}
             for row in result.identification.outliers
         ],
+        "test_outliers": [
+            {"line": measured.lines[row], "reason": _unforeseen(measured, result, row)} for row in result.unforeseen
+        ],
         "rejected": [{"line": row.line, "reason": row.reason} for row in measured.rejected],
         "sentence": sentence(measured, result),
     }
 
 
 def sentence(measured: Measurements, result: FitResult) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence, with what must not be read without it: σ over the region, scatter, wild rows."""
     from cellctl.calibration import verdict_sentence
 
-    kind = _NOUNS[measured.measure]
+    kind, reason = _NOUNS[measured.measure], result.verdict_reason
     if not result.n_test:
-        return f"Not proved: no {kind} were held out ({result.fit.mean:.3f} mm mean on those of the fit)."
-    return verdict_sentence(result.verdict, result.nominal, result.test, result.n_test, kind)
+        said = f"Not proved: no {kind} were held out ({result.fit.mean:.3f} mm mean on those of the fit)."
+    else:
+        said = verdict_sentence(result.verdict, result.nominal, result.test, result.n_test, kind, reason)
+    return f"{said.removesuffix('.')}; {'; '.join(_besides(measured, result))}."
+
+
+def _besides(measured: Measurements, result: FitResult) -> list[str]:
+    kind, noise = _NOUNS[measured.measure], float(result.identification.noise.max())
+    clauses = [f"1 σ over the joints of the fit {result.predicted_volumetric_rms:.3f} mm"]
+    if noise >= NOISY:
+        clauses.append(
+            f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
+        )
+    if result.unforeseen:
+        lines = [str(measured.lines[row]) for row in result.unforeseen]
+        where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
+        clauses.append(f"{len(lines)} of the held-out {kind} far beyond what the model foresees (line {where})")
+    return clauses
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.0f}" if factor >= 10.0 else f"{factor:.1f}"
+
+
+def _promise(measured: Measurements) -> str:
+    return "the data set says" if measured.own_sigma else "the robot file says"
 
 
 def _far_out(measured: Measurements, result: FitResult, row: int) -> str:
-    error = measured.task.rows.pick([row]).errors(result.identification.identified.state)[0]
+    error = _error(measured, result, row)
     return f"{error:.3f} mm off, where the others are {result.fit.rms:.3f} mm off (RMS): left out of the fit"
+
+
+def _unforeseen(measured: Measurements, result: FitResult, row: int) -> str:
+    foreseen = f"{result.predicted_test_rms:.3f} mm (RMS) was foreseen"
+    return f"held out and {_error(measured, result, row):.3f} mm off, where {foreseen}: counted all the same"
+
+
+def _error(measured: Measurements, result: FitResult, row: int) -> float:
+    return float(measured.task.rows.pick([row]).errors(result.identification.identified.state)[0])

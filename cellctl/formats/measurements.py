@@ -37,7 +37,8 @@ class Measurements:
     """Usable rows, ready for the identification.
 
     task: model and rows. readings (N, n): controller readings, deg. lines (N,): where each row stood in the file.
-    sets (N,): the `set` column, empty where there is none. measure: what the rows are.
+    sets (N,): the `set` column, empty where there is none. measure: what the rows are. own_sigma: whether the rows say
+    themselves how much they scatter, rather than the robot file.
     """
 
     task: Task
@@ -46,6 +47,7 @@ class Measurements:
     sets: tuple[str, ...]
     measure: Measure
     rejected: tuple[Rejected, ...]
+    own_sigma: bool = False
 
 
 def measurements(
@@ -81,6 +83,7 @@ def measurements(
         tuple(sets[row] for row in kept),
         kind,
         tuple(sieve.rejected()),
+        any(any(data.texts(name)) for name in _SIGMAS),
     )
 
 
@@ -192,7 +195,7 @@ def _touches(
 
 def _reaches(sieve: Sieve, artefact: Artefact | None, names: list[str]) -> list[float]:
     """Sphere radius plus tip radius plus `drift` for each row, mm. A `radius` other than the artefact's is rejected."""
-    tip = artefact.tip_radius if artefact else 0.0
+    tips = _tip_radii(sieve, artefact)
     given = sieve.numbers("radius", missing=0.0)
     drift = sieve.numbers("drift", missing=0.0)
     result = []
@@ -207,8 +210,19 @@ def _reaches(sieve: Sieve, artefact: Artefact | None, names: list[str]) -> list[
             sieve.reject(row, "radius is missing" if radius == 0.0 else f"radius is {radius:g}")
         elif radius and abs(radius - known) > 1e-3:
             sieve.reject(row, f"radius {radius:g}, but the artefact says {known:g} mm for '{name}'")
-        result.append(known + tip + drift[row])
+        result.append(known + tips[row] + drift[row])
     return result
+
+
+def _tip_radii(sieve: Sieve, artefact: Artefact | None) -> list[float]:
+    """Radius of what touched, for each row, mm. A `tip_radius` other than the artefact's is rejected."""
+    given, column = sieve.numbers("tip_radius", missing=0.0), sieve.data.texts("tip_radius")
+    for row, radius in enumerate(given):
+        if radius < 0.0:
+            sieve.reject(row, f"tip_radius is {radius:g}")
+        elif artefact and column[row] and abs(radius - artefact.tip_radius) > 1e-3:
+            sieve.reject(row, f"tip_radius {radius:g}, but the artefact says {artefact.tip_radius:g} mm")
+    return [artefact.tip_radius] * len(column) if artefact else given
 
 
 def _rough_centres(artefact: Artefact | None, spheres: tuple[str, ...]) -> Floats | None:

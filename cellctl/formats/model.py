@@ -159,6 +159,18 @@ class ModelFile(BaseModel):
 
         return predict(self.robot_model(), np.array(self.covariance), self.robot.joint_map().model(readings))
 
+    def sigma_among(self, readings: Floats) -> Floats | None:
+        """1 σ (N,), 3-D, mm, of the tool centre points at readings (N, n), deg, among themselves: what moves all as one
+        body is left out. None for fewer than four.
+        """
+        import numpy as np
+
+        from cellctl.calibration import shape_sigma
+
+        if len(readings) < 4:
+            return None
+        return shape_sigma(self.robot_model(), np.array(self.covariance), self.robot.joint_map().model(readings))
+
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the joint region that the fit saw (N,); elsewhere it extrapolates."""
         import numpy as np

@@ -78,7 +78,7 @@ def sigma_among_rows(model: ModelFile, table: TableFile) -> float | None:
     """
     import numpy as np
 
-    from cellctl.compensation import sigma_among
+    from cellctl.calibration import sigma_among
 
     if len(table.rows) < 4:
         return None

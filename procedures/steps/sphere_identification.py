@@ -99,6 +99,7 @@ def _record(row: Row, artefact: Artefact, drift: Drift | None) -> dict[str, Any]
         **{f"A{axis}": float(value) for axis, value in enumerate(row["joints"], 1)},
         "sphere": row["sphere"],
         "radius": sphere.diameter / 2.0 if sphere else None,
+        "tip_radius": artefact.tip_radius,
         "set": row["set"],
         "time": row["time_ns"] * 1e-9,
         "touch": row["number"],

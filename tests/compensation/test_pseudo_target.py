@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cellctl.calibration import RobotModel, ToolDeflection
-from cellctl.compensation import compensate, gauge_fixed, postures, sigma_among
+from cellctl.calibration import RobotModel, ToolDeflection, sigma_among
+from cellctl.compensation import compensate, gauge_fixed, postures
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
 
 KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]

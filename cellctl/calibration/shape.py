@@ -1,0 +1,50 @@
+"""How sure a model is of tool centre points among themselves, wherever all of them together may be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.calibration.model import RobotModel
+from cellctl.kinematics import Floats
+
+POINTS = 256
+"""Points of a joint region over which the uncertainty in it is averaged."""
+
+
+def shape_sigma(model: RobotModel, covariance: Floats, q: ArrayLike) -> Floats:
+    """1 σ (N,), 3-D, mm, of each tool centre point among all at model angles q (N, n), rad, N ≥ 4.
+
+    covariance (P, P): of the model's parameters. What moves all points as one body is left out: where the model's frame
+    lies is a question to whoever gave the joints. Three points and fewer have hardly any shape: ValueError.
+    """
+    angles = np.asarray(q, float)
+    if len(angles) < 4:
+        raise ValueError(f"{len(angles)} points have no shape to speak of")
+    columns = model.jacobian(angles)[:, :3].reshape(3 * len(angles), -1)
+    together, _ = np.linalg.qr(_rigid_motions(model.tip(angles)))
+    shape = columns - together @ (together.T @ columns)
+    variance = np.sum((shape @ covariance) * shape, axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance.reshape(len(angles), 3).sum(axis=1), 0.0)))
+
+
+def sigma_among(model: RobotModel, covariance: Floats, q: ArrayLike) -> float:
+    """`shape_sigma` as RMS over the rows, mm."""
+    return float(np.sqrt(np.mean(shape_sigma(model, covariance, q) ** 2)))
+
+
+def sigma_over_region(model: RobotModel, covariance: Floats, lower: Floats, upper: Floats) -> float:
+    """`sigma_among` for points spread evenly (Sobol) over the joint region lower (n,) … upper (n,), rad; mm."""
+    from scipy.stats import qmc
+
+    spread = qmc.Sobol(len(lower), scramble=False).random(POINTS)
+    return sigma_among(model, covariance, lower + spread * (upper - lower))
+
+
+def _rigid_motions(points: Floats) -> Floats:
+    """How points (N, 3) move under three slides and three turns about their middle (3 N, 6), per mm and per spread."""
+    arms = points - points.mean(axis=0)
+    arms = arms / max(float(np.abs(arms).max()), 1e-9)
+    turns = [np.cross(axis, arms) for axis in np.eye(3)]
+    slides = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)]
+    return np.stack([motion.reshape(-1) for motion in (*slides, *turns)], axis=1)
