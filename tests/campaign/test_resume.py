@@ -13,7 +13,19 @@ from pathlib import Path
 import pytest
 from cell_runs import ROOT, cell_with, cellctl, touches_procedure
 
-from cellctl.journal import Outcome, RunState, StepEnded, fold, read_journal
+from cellctl.cli.provenance import code_hash
+from cellctl.files import sha256_of
+from cellctl.journal import (
+    Journal,
+    Outcome,
+    RunStarted,
+    RunState,
+    SourceFile,
+    StepEnded,
+    StepStarted,
+    fold,
+    read_journal,
+)
 
 pytestmark = pytest.mark.campaign
 
@@ -98,6 +110,30 @@ def test_a_finished_run_is_not_resumed(tmp_path: Path) -> None:
     refused = cellctl("run", *common, "--resume", journal.parent.name)
     assert refused.returncode == 2
     assert "finished" in refused.stderr
+
+
+@pytest.mark.parametrize("step", ["push", "points[3].touch"])
+def test_a_push_or_a_move_in_flight_asks_for_a_person(step: str, tmp_path: Path) -> None:
+    common = _journal_by_hand(tmp_path, code_hash(), StepStarted(step, 1, moves=True))
+    refused = cellctl("run", *common)
+    assert refused.returncode == 4
+    assert step in refused.stderr
+
+
+def test_a_run_made_by_other_code_is_not_resumed(tmp_path: Path) -> None:
+    refused = cellctl("run", *_journal_by_hand(tmp_path, "0" * 64, StepStarted("plan", 1, moves=False)))
+    assert refused.returncode == 2
+    assert "the code of cellctl" in refused.stderr
+
+
+def _journal_by_hand(folder: Path, code: str, last: StepStarted) -> list[str]:
+    """Arguments that resume a run whose journal says this."""
+    procedure, cell = touches_procedure(folder), cell_with(folder)
+    files = [SourceFile(str(path), path.read_text(), sha256_of(path.read_text())) for path in (procedure, cell)]
+    with Journal.create(folder / "runs" / "made", lambda: 0) as journal:
+        journal.append(RunStarted(*files, {}, 1, "lockstep", "me", "2026-11-21T00:00:00Z", code, {}))
+        journal.append(last)
+    return [str(procedure), "--cell", str(cell), "--runs", str(folder / "runs"), "--resume", "made"]
 
 
 def _acknowledged(journal: Path) -> list[str]:
