@@ -40,13 +40,13 @@ class Options:
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
-    """Run a campaign into `folder`, with its simulators where the cell is simulated. SIGINT and SIGTERM abort it.
+    """Run a campaign into `folder`, with simulators where the cell is simulated. SIGINT, SIGTERM, SIGHUP abort it.
 
     Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
     """
     mailbox = Mailbox()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, mailbox.abort)
     if not campaign.cell.simulated:
         return await run_on(None, campaign, options, folder, mailbox, watcher)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -104,11 +105,22 @@ def exit_of(outcome: Outcome) -> Exit:
     return Exit.GOOD if better else Exit.NOT_BETTER
 
 
+def stops_line(stops: Mapping[str, Any]) -> str:
+    """How the searches stopped, in a line."""
+    return (
+        f"Stops: over-travel {stops['overtravel_mean_mm']:.3f} mm mean ({stops['overtravel_max_mm']:.3f} max), within "
+        f"{stops['stop_cycles_max']} cycles; telegrams late {stops['late']}, lost {stops['lost']}, skipped "
+        f"{stops['skipped']}."
+    )
+
+
 def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
     if outcome.state is State.FINISHED:
         if not quiet:
             print(result["sentence"] or "Finished.")
+            if result["stops"]:
+                print(stops_line(result["stops"]))
             print(f"Run folder: {folder}")
         return
     lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]

@@ -93,6 +93,7 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
         "sentence": verdict.get("sentence"),
         "before": verdict.get("before"),
         "after": verdict.get("after"),
+        "stops": verdict.get("stops"),
         "reason": state.ended.reason if state.ended else None,
         "cell_s": round((state.last_ns - state.first_ns) * 1e-9, 3),
         "seed": state.started.seed if state.started else None,
@@ -101,6 +102,8 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
 
 
 def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
+    from cellctl.cli.results import stops_line
+
     lines = [
         f"{summary['run']}: {summary['state']}",
         f"  procedure  {summary['procedure']}",
@@ -113,6 +116,8 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
     )
     if summary["sentence"]:
         lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
+    if summary["stops"]:
+        lines.append(f"  {stops_line(summary['stops'])}")
     if summary["reason"]:
         lines.append(f"  ended by   {summary['reason']}")
     return lines

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, final
 
 from cellctl.clock import Clock
@@ -117,6 +118,8 @@ class Engine:
         self._enter(State.CONNECTING, "")
         identities = await self._connect()
         self._append(DevicesConnected({i.device: asdict(i) for i in identities}))
+        for device in self._connected:
+            self._said("", f"{device.name}: {(await device.health()).text}")
         if after_connect:
             await after_connect()
         self._enter(State.RUNNING, "")
@@ -148,10 +151,10 @@ class Engine:
         values = resolve(loop.for_each, scope)
         path = step_path(outer, loop.id)
         for index, value in enumerate(values):
-            self._watcher.loop(path, index, len(values))
+            self._show(partial(_pass_begins, path, index, len(values)))
             inner = {**scope, loop.variable: value}
             await self._actions(loop.steps, inner, step_path(outer, loop.id, index))
-        self._watcher.loop(path, len(values), len(values))
+        self._show(partial(_pass_begins, path, len(values), len(values)))
 
     async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
         """Do one step, with its retries; or take its result where it is done. Raises what its last attempt raised."""
@@ -245,6 +248,13 @@ class Engine:
         before, self.state = self.state, checked(self.state, state)
         self._append(StateChanged(before.value, state.value, reason), final=state != State.RUNNING)
 
+    def _show(self, tell: Callable[[Watcher], None]) -> None:
+        """Tell who looks on. A display that fails (its terminal is gone) is not asked again, and ends no campaign."""
+        try:
+            tell(self._watcher)
+        except Exception:
+            self._watcher = NobodyWatching()
+
     def _said(self, path: str, text: str) -> None:
         self._append(Said(text, path))
 
@@ -260,13 +270,17 @@ class Engine:
                 self._journal_error = error
                 if not final:
                     raise
-        self._watcher.event(event)
+        self._show(lambda watcher: watcher.event(event))
 
 
 def _failed(path: str, attempt: int, error: BaseException) -> StepEnded:
     outcomes = {asyncio.CancelledError: StepOutcome.CANCELLED, TimeoutError: StepOutcome.TIMED_OUT}
     failure = StepFailure(type(error).__name__, str(error), getattr(error, "cure", ""))
     return StepEnded(path, attempt, outcomes.get(type(error), StepOutcome.FAILED), None, failure)
+
+
+def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:
+    watcher.loop(path, index, count)
 
 
 async def _end_of(task: asyncio.Task[None]) -> BaseException | None:

@@ -331,3 +331,18 @@ def test_a_device_that_cannot_be_closed_keeps_no_other_from_being_closed(tmp_pat
     assert outcome.state is State.UNCERTAIN
     assert devices[1].calls == ["connect", "stop", "close"]
     assert fold(read_journal(journal.path)).ended is not None
+
+
+def test_a_display_that_fails_ends_no_campaign(tmp_path: Path) -> None:
+    engine, _, _ = engine_for(LOOP, tmp_path)
+
+    class Gone:
+        def event(self, event: Any) -> None:
+            raise BrokenPipeError
+
+        def loop(self, path: str, index: int, count: int) -> None:
+            raise BrokenPipeError
+
+    engine._watcher = Gone()
+    assert asyncio.run(engine.run()).state is State.FINISHED
+    assert CALLS == ["double 1", "double 2", "double 3"]
