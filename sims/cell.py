@@ -57,12 +57,22 @@ class Distance:
 
 @final
 @dataclass(frozen=True, slots=True)
+class Plate:
+    """A horizontal plate at height `z` of the robot's base frame; the spheres' stems on it have `stem_radius`; mm."""
+
+    z: float
+    stem_radius: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class Artefact:
     """What the tip touches; `tip_radius` in mm."""
 
     tip_radius: float
     spheres: tuple[Sphere, ...]
     distances: tuple[Distance, ...]
+    plate: Plate | None = None
 
 
 @final
@@ -158,14 +168,20 @@ def _load_model(cell: Path, model: str, problems: list[str]) -> Any:
 
 
 def _artefact(section: Section) -> Artefact:
-    section.only(["tip_radius", "spheres", "distances"])
+    section.only(["tip_radius", "spheres", "distances", "plate"])
     spheres = tuple(
         Sphere(sphere.word("id"), sphere.number("diameter", least=0.1), sphere.triple("centre"))
         for sphere in section.each("spheres")
     )
     names = {sphere.id for sphere in spheres}
     distances = tuple(_distance(distance, names) for distance in section.each("distances"))
-    return Artefact(section.number("tip_radius", 0.0, 0.0), spheres, distances)
+    plate = _plate(section.below("plate")) if "plate" in section.entries else None
+    return Artefact(section.number("tip_radius", 0.0, 0.0), spheres, distances, plate)
+
+
+def _plate(section: Section) -> Plate:
+    section.only(["z", "stem_radius"])
+    return Plate(section.number("z"), section.number("stem_radius", 8.0, 0.0))
 
 
 def _distance(section: Section, names: set[str]) -> Distance:

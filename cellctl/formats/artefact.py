@@ -38,13 +38,23 @@ class Distance(BaseModel):
 
 
 @final
+class Plate(BaseModel):
+    """The horizontal plate that the spheres stand on, by stems straight down: its height in the base frame, mm."""
+
+    model_config = _STRICT
+    z: Annotated[float, Field(allow_inf_nan=False)]
+    stem_radius: Annotated[float, Field(allow_inf_nan=False, gt=0, le=500)] = 8.0
+
+
+@final
 class Artefact(BaseModel):
-    """Spheres and certified distances; tip_radius of what touches them, mm."""
+    """Spheres and certified distances; tip_radius of what touches them, mm; the plate, where it is known."""
 
     model_config = _STRICT
     tip_radius: Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)] = 0.0
     spheres: Annotated[list[Sphere], Field(min_length=1)]
     distances: list[Distance] = []
+    plate: Plate | None = None
 
     def sphere(self, name: str) -> Sphere | None:
         """The sphere called `name`, or None."""
@@ -63,7 +73,8 @@ def load_artefact(path: Path) -> Artefact:
 def artefact_of(document: Document, at: Place) -> Artefact:
     """The artefact at `at` of a loaded document. Raises InputError with every mistake."""
     artefact = validated(document, Artefact, at)
-    problems = [*_doubles(document, artefact, at), *_distances(document, artefact, at)]
+    problems = [*_doubles(document, artefact, at), *_above_plate(document, artefact, at)]
+    problems += _distances(document, artefact, at)
     if problems:
         raise InputError(problems)
     return artefact
@@ -75,6 +86,17 @@ def _doubles(document: Document, artefact: Artefact, at: Place) -> list[Problem]
         document.problem((*at, "spheres", index, "id"), f"sphere '{sphere.id}' is there twice")
         for index, sphere in enumerate(artefact.spheres)
         if counts[sphere.id] > 1
+    ]
+
+
+def _above_plate(document: Document, artefact: Artefact, at: Place) -> list[Problem]:
+    plate = artefact.plate
+    return [
+        document.problem(
+            (*at, "spheres", index, "centre"), f"sphere '{sphere.id}' is not above the plate (z {plate.z:g})"
+        )
+        for index, sphere in enumerate(artefact.spheres)
+        if plate and sphere.centre[2] - sphere.diameter / 2 < plate.z
     ]
 
 

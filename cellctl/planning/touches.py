@@ -1,7 +1,8 @@
-"""Touches on spheres: from where, with which wrist, and by which way, so that nothing but the tip meets a sphere.
+"""Touches on spheres: from where, with which wrist, and by which way, so that nothing but the tip meets anything.
 
 Contact normals lie quasi-randomly (Sobol) on the reachable cap of each sphere, wrist orientations in a cone about them,
-spun about the tool's own axis; a touch is kept only where its whole way is within joint limits and clear.
+spun about the tool's own axis; a touch is kept only where its whole way is within joint limits and clear of spheres,
+stems and plate.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain, inverse
+from cellctl.planning.bodies import Body, Thickness
+from cellctl.planning.obstacles import Obstacles, Plate
 from cellctl.planning.tours import Candidate, PlannedTouch, linked, ordered, with_references
 from cellctl.planning.ways import Reach, Ways
 
@@ -46,10 +49,10 @@ class TouchOptions:
     `guard`: distance to the expected surface at which a search starts; `depth`: how far inside the expected surface it
     ends without contact; `cap`: largest angle of the contact normal from straight up; `tilt`: largest angle between
     the tool's shaft and the normal; `clear`: distance from the surface at which the tool turns; `clearance`: the least
-    distance from tool to any sphere on the way; `search_joints`: the longest search, as norm of the joint vector;
-    `wrist_bend`: the least |A5| (the wrist's singularity is at 0); `turn`: the most that a joint turns between guard
-    distance and clear. `home`: where a campaign begins and ends; `starts`: postures from which the inverse kinematics
-    sets out, A1 turned towards the sphere.
+    distance of the robot's surface, of this `thickness`, from anything on the way; `search_joints`: the longest search,
+    as norm of the joint vector; `wrist_bend`: the least |A5| (the wrist's singularity is at 0); `turn`: the most that
+    a joint turns between guard distance and clear. `home`: where a campaign begins and ends; `starts`: postures from
+    which the inverse kinematics sets out, A1 turned towards the sphere.
     """
 
     guard: float = 10.0
@@ -58,6 +61,7 @@ class TouchOptions:
     tilt: float = 55.0
     clear: float = 110.0
     clearance: float = 15.0
+    thickness: Thickness = field(default_factory=Thickness)
     search_joints: float = 4.5
     wrist_bend: float = 12.0
     turn: float = 60.0
@@ -82,25 +86,29 @@ def plan_touches(
     seed: int,
     options: TouchOptions | None = None,
     *,
+    plate: Plate | None = None,
     reference_every: int = 0,
     reference: PlannedTouch | None = None,
 ) -> list[PlannedTouch]:
     """Plan `counts[i]` touches on `spheres[i]`, in an order whose ways are clear, beginning and ending at home.
 
     The first touch's approach begins at `options.home`; the last one's retreat ends there. A sphere with a count of 0
-    is only kept clear of. After each `reference_every` touches (0: never) comes a return to `reference`, a touch of an
-    earlier plan, or else to this plan's first. The same seed gives the same touches. Raises OutOfReach naming the
+    is only kept clear of; so are `plate` (else one 100 mm below the lowest centre) and the stems on it. After each
+    `reference_every` touches (0: never) comes a return to `reference`, a touch of an earlier plan, or else to this
+    plan's first. The same seed gives the same touches. Raises OutOfReach naming the
     sphere on which too few touches are reachable.
     """
     options = options or TouchOptions()
-    ways = Ways(chain, joints, reach, spheres_of(spheres), options.clearance)
+    around = spheres_of(spheres)
+    body = Body(chain, joints, options.thickness)
+    ways = Ways(body, reach, Obstacles(around, plate or Plate.assumed(around)), options.clearance)
     chosen: list[Candidate] = []
     for index, count in enumerate(counts):
         found = _candidates(chain, joints, ways, spheres[index], index, count, seed, options) if count else []
         if len(found) < count:
             raise OutOfReach(
                 f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
-                f"limits and clear of the spheres"
+                f"limits and clear of spheres, stems and plate"
             )
         chosen += found
     home = np.array(options.home)
@@ -184,8 +192,8 @@ def _feasible(
         np.linalg.norm(inside - at_guard) > options.search_joints
         or np.abs(readings[:, 4]).min() < options.wrist_bend
         or np.abs(clear - at_guard).max() > options.turn
-        or not ways.shaft_clear(at_guard, inside, index)
-        or not ways.clear(clear, at_guard, spare=index)
+        or not ways.only_tip_touches(at_guard, inside, index)
+        or not ways.clear(clear, at_guard, touched=index)
         or not ways.clear(home, clear)
     ):
         return None

@@ -1,4 +1,4 @@
-"""Ways in joint space: within the limits, and the tool clear of the spheres, by the nominal model."""
+"""Ways in joint space: within the limits, and the robot clear of all around it but the tip, by the nominal model."""
 
 from __future__ import annotations
 
@@ -8,12 +8,19 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.kinematics import JointMap, SerialChain
+from cellctl.planning.bodies import Body, Posture
+from cellctl.planning.obstacles import Obstacles, between_lines
 
 Array = NDArray[np.float64]
 
-_STEP_DEG = 2.0
+_STEP_DEG = 1.0
 """How finely a way is looked at: joint degrees of the axis that moves most."""
+
+_WIRE_MM = 5.0
+"""The least distance of the bare wire from the stem of the sphere that it touches."""
+
+_MOUTH_MM = 4.0
+"""The least distance of the tool's shaft from the sphere that its wire touches, even were the search to miss it."""
 
 
 @final
@@ -28,18 +35,16 @@ class Reach:
 
 @final
 class Ways:
-    """Point-to-point ways of one robot with its tool among spheres.
+    """Point-to-point ways of one robot among obstacles, `clearance` (mm) to be kept between their surfaces and its own.
 
-    `spheres`: (m, 4), centre and contact radius in mm. The tool is seen as a straight shaft from flange to tip; the
-    clearance to keep has to cover its thickness and the error of the nominal model.
+    The clearance has to cover the error of the nominal model and of the spheres' places.
     """
 
-    def __init__(self, chain: SerialChain, joints: JointMap, reach: Reach, spheres: Array, clearance: float) -> None:
-        self._chain = chain
-        self._joints = joints
+    def __init__(self, body: Body, reach: Reach, obstacles: Obstacles, clearance: float) -> None:
+        self._body = body
         self._low = np.array(reach.minimum) + reach.margin
         self._high = np.array(reach.maximum) - reach.margin
-        self._spheres = spheres
+        self._obstacles = obstacles
         self._clearance = clearance
 
     def wrapped(self, readings: Array) -> Array:
@@ -52,48 +57,55 @@ class Ways:
         """Which rows of `readings` (…, n) keep the margin from every joint limit."""
         return np.asarray(((readings > self._low) & (readings < self._high)).all(axis=-1))
 
-    def clear(self, start: Array, end: Array, spare: int | None = None) -> bool:
-        """Does the tool keep the clearance from all spheres on the way? The tip may come nearer to sphere `spare`,
-        as long as it never comes nearer to it than at the nearer end of the way.
+    def clear(self, start: Array, end: Array, touched: int | None = None) -> bool:
+        """Does the robot keep the clearance from all around it on the way? The tool may come nearer to sphere
+        `touched`, as long as it never comes nearer to it than at the nearer end of the way.
         """
-        flange, tip = self._ends(self._line(start, end))
-        for index, sphere in enumerate(self._spheres):
-            distance = _from_segment(sphere[:3], flange, tip) - sphere[3]
-            least = min(distance[0], distance[-1]) - 0.5 if index == spare else self._clearance
-            if (distance < least).any():
-                return False
-        return True
+        posture = self._body.at(_line(start, end))
+        if not self._free(posture, touched):
+            return False
+        if touched is None:
+            return True
+        distance = self._to_sphere(posture, touched)
+        return not bool((distance < min(distance[0], distance[-1]) - 0.5).any())
 
-    def shaft_clear(self, start: Array, end: Array, touched: int) -> bool:
-        """Is the tip the part of the tool nearest to the touched sphere, and the tool clear of the others?"""
-        flange, tip = self._ends(self._line(start, end))
-        for index, sphere in enumerate(self._spheres):
-            distance = _from_segment(sphere[:3], flange, tip)
-            if index == touched:
-                if (distance < np.linalg.norm(tip - sphere[:3], axis=-1) - 0.5).any():
-                    return False
-            elif (distance - sphere[3] < self._clearance).any():
-                return False
-        return True
+    def only_tip_touches(self, start: Array, end: Array, touched: int) -> bool:
+        """Is the tip the part of the tool nearest to the touched sphere, and the robot clear of all else?"""
+        posture = self._body.at(_line(start, end))
+        if not self._free(posture, touched):
+            return False
+        tip = np.linalg.norm(posture.tip - self._obstacles.spheres[touched, :3], axis=-1)
+        shaft = self._obstacles.gaps(posture.flange, posture.mouth)[touched] - self._body.thickness.shaft
+        return not bool((self._to_sphere(posture, touched) < tip - 0.5).any() or (shaft < _MOUTH_MM).any())
 
     def tip_path(self, start: Array, end: Array) -> float:
         """Length of the tip's way, mm."""
-        _, tip = self._ends(np.linspace(start, end, 21))
+        tip = self._body.tip(np.linspace(start, end, 21))
         return float(np.linalg.norm(np.diff(tip, axis=0), axis=1).sum())
 
-    def _line(self, start: Array, end: Array) -> Array:
-        count = int(np.ceil(np.abs(end - start).max() / _STEP_DEG)) + 2
-        return np.linspace(start, end, count)
+    def _free(self, at: Posture, touched: int | None) -> bool:
+        """Is there the clearance from plate, stems and spheres, but between the tool and sphere `touched`?"""
+        around, thick = self._obstacles, self._body.thickness
+        wrist, shaft = thick.wrist + self._clearance, thick.shaft + self._clearance
+        if (around.above_plate(at.elbow, at.wrist, at.flange) < wrist).any():
+            return False
+        if (around.above_plate(at.mouth, at.tip) < shaft).any():
+            return False
+        for start, end in ((at.wrist, at.flange), (at.elbow, at.wrist)):
+            if (around.gaps(start, end) < wrist).any():
+                return False
+        to_shaft, to_wire = around.gaps(at.flange, at.mouth) - shaft, around.gaps(at.mouth, at.tip) - shaft
+        if touched is not None:
+            to_shaft[touched] = to_wire[touched] = 0.0
+            to_wire[touched + len(around.spheres)] += shaft - _WIRE_MM
+        return bool(to_shaft.min() >= 0.0 and to_wire.min() >= 0.0)
 
-    def _ends(self, readings: Array) -> tuple[Array, Array]:
-        q = self._joints.model(readings)
-        return self._chain.forward_flange(q)[..., :3, 3], self._chain.forward(q)[..., :3, 3]
+    def _to_sphere(self, at: Posture, touched: int) -> Array:
+        """From the whole tool's line to the sphere's centre, mm, (k,)."""
+        centre = self._obstacles.spheres[touched, :3]
+        return between_lines(at.flange, at.tip, centre, centre)
 
 
-def _from_segment(point: Array, start: Array, end: Array) -> Array:
-    """Distance of `point` (3,) from the segments `start`–`end` (k, 3)."""
-    along = end - start
-    share = ((point - start) * along).sum(axis=-1) / (along * along).sum(axis=-1)
-    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * along
-    distance: Array = np.linalg.norm(point - nearest, axis=-1)
-    return distance
+def _line(start: Array, end: Array) -> Array:
+    count = int(np.ceil(np.abs(end - start).max() / _STEP_DEG)) + 2
+    return np.linspace(start, end, count)

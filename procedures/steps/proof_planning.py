@@ -10,7 +10,7 @@ from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
 from procedures.steps.sphere_planning import as_plan, plan_on, seed_for, sphere_called
 
-_BEYOND_MM = 5.0
+_BEYOND_MM = 8.0
 """How far inside the expected surface a stand-off's search ends without contact."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.formats.artefact import Artefact, Sphere
-from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning import OutOfReach, PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
 
@@ -43,7 +43,9 @@ def plan_on(
     reference_every: int = 0,
     reference: PlannedTouch | None = None,
 ) -> list[PlannedTouch]:
-    """`counts[name]` touches on each sphere, by ways clear of all of the cell's; see `cellctl.planning.plan_touches`.
+    """`counts[name]` touches on each sphere, by ways clear of all of the cell's and their plate.
+
+    See `cellctl.planning.plan_touches`.
 
     `centres`: where spheres are better known than by the cell file; `reach`: joint readings to stay within, else the
     robot's limits. Raises InputError where too few can be reached.
@@ -61,6 +63,7 @@ def plan_on(
             [counts.get(target.name, 0) for target in targets],
             seed,
             options,
+            plate=Plate(artefact.plate.z, artefact.plate.stem_radius) if artefact.plate else None,
             reference_every=reference_every,
             reference=reference,
         )

@@ -32,7 +32,8 @@ class Robot:
     """Follows one motion after another; looks 10 ms ahead for contact, and opens and closes the loop at the exact time.
 
     `on_collision` is called where a point-to-point motion pushes the tip over 3 mm deep into a sphere. In a search the
-    torch's spring mount gives way instead: there a missed contact ends with the travel.
+    torch's spring mount gives way instead: there a missed contact ends with the travel. And it is called wherever
+    forearm, wrist or the tool's side run into plate, stem or sphere, in a search too; deeper, that is, than they stood.
     """
 
     def __init__(
@@ -57,6 +58,8 @@ class Robot:
         self._events: list[Event] = []
         self._clear_mm = 0.0
         self._deepest_mm: float | None = None
+        self._free_mm = 0.0
+        self._least_free_mm = self._least_free(stance.joints)
         self.attempt = stance.attempt
         self.commanded = stance.commanded
         self._scatter = self._draw(stance.joints) if stance.scatter is None else stance.scatter
@@ -125,6 +128,7 @@ class Robot:
         """The robot has come to rest where it is."""
         now = self._kernel.now
         self._follow(Standing(self.joints(), now), None)
+        self._least_free_mm = self._least_free(self.joints())
         self._log.rest(now)
 
     def take_measured(self) -> None:
@@ -150,7 +154,11 @@ class Robot:
         start, motion = self._kernel.now, self._motion
         self._world.ageing.warm(start)
         end = min(start + LOOK_AHEAD_NS, motion.end_ns)
-        if end > start and self._may_touch(start, end):
+        way_mm = self._most_way(start, end)
+        if end > start and self._strikes(end, way_mm):
+            self._events.append(self._kernel.at(end, self.on_collision))
+            return
+        if end > start and self._may_touch(way_mm):
             self._sense()
             for time, closed in crossings(self._gap, (start, (start + end) // 2, end)):
                 self._events.append(self._kernel.at(time, partial(self._touch, closed)))
@@ -175,8 +183,8 @@ class Robot:
         if then:
             then()
 
-    def _may_touch(self, start: int, end: int) -> bool:
-        """Whether the tip could reach a sphere in this stretch; keeps the lower bound of the gap up to date."""
+    def _most_way(self, start: int, end: int) -> float:
+        """What no point of the robot moves farther than in this stretch, mm."""
         motion = self._motion
         swing = _SWING * (end - start) * 1e-9
         way = sum(
@@ -185,11 +193,27 @@ class Robot:
                 motion.at(start), motion.at(end), motion.velocity(start), motion.velocity(end), strict=True
             )
         )
-        bound = self._clear_mm - radians(way) * self._world.reach_mm - 0.1  # 0.1: the scatter's change on the way
+        return radians(way) * self._world.reach_mm
+
+    def _may_touch(self, way_mm: float) -> bool:
+        """Whether the tip could reach a sphere in this stretch; keeps the lower bound of the gap up to date."""
+        bound = self._clear_mm - way_mm - 0.1  # 0.1: the scatter's change on the way
         if bound <= 0.0:
             return True
         self._clear_mm = bound
         return False
+
+    def _strikes(self, end: int, way_mm: float) -> bool:
+        """Whether anything but the wire has run into something by the end of this stretch; keeps a lower bound too."""
+        self._free_mm -= way_mm
+        if self._free_mm <= 0.0:
+            self._free_mm = self._world.free(self._motion.at(end))
+        return self._free_mm < self._least_free_mm and not isinstance(self._motion, Braking)
+
+    def _least_free(self, joints: Joints) -> float:
+        """Who starts out in something may come out, but not go deeper."""
+        self._free_mm = self._world.free(joints)
+        return min(0.0, self._free_mm - COLLISION_MARGIN_MM)
 
     def _sense(self) -> None:
         self._clear_mm = self._gap(self._kernel.now)

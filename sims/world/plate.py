@@ -43,6 +43,14 @@ def true_spheres(artefact: Artefact, seed: int, scale: float) -> list[TrueSphere
     ]
 
 
+def true_plate_z(artefact: Artefact, spheres: Sequence[TrueSphere]) -> float | None:
+    """Where the plate really is: as far below the spheres, in the mean, as the cell file says. None without a plate."""
+    if artefact.plate is None or not spheres:
+        return None
+    raised = [true.centre[2] - rough.centre[2] for true, rough in zip(spheres, artefact.spheres, strict=True)]
+    return artefact.plate.z + sum(raised) / len(raised)
+
+
 def _shaped(artefact: Artefact, random: np.random.Generator, scale: float) -> NDArray[np.float64]:
     """Centres nearest to the rough places whose distances are the drawn ones (weighted, where they contradict)."""
     rank = {sphere.id: i for i, sphere in enumerate(artefact.spheres)}

@@ -11,11 +11,12 @@ from typing import final
 
 import numpy as np
 
-from sims.cell import SimCell
+from sims.cell import Artefact, SimCell
 from sims.world.ageing import Ageing
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.nominal import nominal_geometry, pose, vector
-from sims.world.plate import TrueSphere, true_spheres
+from sims.world.obstacles import Obstacles
+from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
 
 GRAVITY_M_S2 = 9.80665
@@ -56,7 +57,11 @@ class World:
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
         self._nominal = Arm(nominal.axes)
         self._tool = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
+        self._wrist = vector(np.array(true.axes[-2:][0].point) - true.flange[:3, 3])
+        self._upper_arm = Arm(true.axes[:-3])
+        self._elbow = true.axes[-3:][0].point
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
+        self._obstacles = _obstacles(cell.artefact, self.spheres)
         self.reach_mm = _reach(self._nominal, self._tool[0])
         links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
@@ -67,14 +72,18 @@ class World:
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
         """The tool centre point now, `scatter` being what `scatter()` drew for this approach."""
-        angles = [
-            radians(sign * reading + offset)
-            for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
-        ]
+        angles = self._angles(readings)
         (x, y, z), (ux, uy, uz) = self._carried(angles)
         # ĝ = (0, 0, −1): the load bends the tool by what of it is across the flange's z
         along = self._sag_mm * uz - self.ageing.worn_mm
         return x + along * ux + scatter[0], y + along * uy + scatter[1], z + along * uz - self._sag_mm + scatter[2]
+
+    def _angles(self, readings: Sequence[float]) -> list[float]:
+        """Model angles, rad, of the true chain."""
+        return [
+            radians(sign * reading + offset)
+            for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
+        ]
 
     def _carried(self, angles: Sequence[float]) -> tuple[Vector, ...]:
         """The unloaded tool centre point and the flange's z; warm links are longer, the tool is not."""
@@ -94,6 +103,16 @@ class World:
             if gap < nearest:
                 nearest, which = gap, i
         return nearest, which
+
+    def free(self, readings: Sequence[float]) -> float:
+        """How far forearm, wrist and tool are from running into anything, mm, negative where they do.
+
+        The wire's contact with a sphere is `gap`'s; the tool is taken unbent and unworn, without scatter.
+        """
+        angles = self._angles(readings)
+        flange, back, offset = self._true.carry(angles, self._flange, self._wrist, self._offset)
+        (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
+        return self._obstacles.gap(elbow, _sum(flange, back), flange, _sum(flange, offset))
 
     def scatter(self, target: Sequence[float], attempt: int) -> Vector:
         """Where the tool ends up beside its mean at the `attempt`-th (from 0) move to `target`, mm.
@@ -124,6 +143,17 @@ class World:
             degrees(asin(max(-1.0, min(1.0, -xz)))),
             degrees(atan2(zx * xy - zy * xx, zz)),  # z of y = z × x
         )
+
+
+def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:
+    """The true spheres on their plate, without the tip's radius."""
+    stem_radius = artefact.plate.stem_radius if artefact.plate else 0.0
+    bare = [(sphere.centre, sphere.touch_mm - artefact.tip_radius) for sphere in spheres]
+    return Obstacles(bare, true_plate_z(artefact, spheres), stem_radius)
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _sag_mm(length_mm: float, mass_kg: float) -> float:

@@ -100,8 +100,8 @@ def test_withdrawing_opens_the_loop_and_the_next_search_touches_again(bench):
     assert pc.ptp(HOME)[1] == 0
     assert [closed for _, closed in pc.changes] == [True, False]
     pc.rsi_on(9)
-    pc.cycles(120, lambda i: (STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert pc.finish((STEP_DEG * 119, 0.0, 0.0, 0.0, 0.0, 0.0))[1] == 0
+    pc.cycles(80, lambda i: (STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert pc.finish((STEP_DEG * 79, 0.0, 0.0, 0.0, 0.0, 0.0))[1] == 0
     assert [(line["search"], line["attempt"]) for line in pc.truth_lines()] == [(1, 0), (2, 1)]
 
 

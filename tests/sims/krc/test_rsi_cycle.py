@@ -297,7 +297,8 @@ def test_with_onlysend_the_controller_streams_without_an_answer_until_halted(ben
 
 def test_a_set_point_past_an_axis_limit_stops_the_controller(bench):
     pc = bench()
-    pc.ptp((0.0, 64.0, 0.0, 0.0, 45.0, 0.0))
+    pc.ptp((150.0, -90.0, 90.0, 0.0, 45.0, 0.0))  # away from the spheres
+    pc.ptp((150.0, 64.0, 0.0, 0.0, 45.0, 0.0))
     pc.rsi_on()
     pc.cycles(1, (0.0, 2.0, 0.0, 0.0, 0.0, 0.0))
     number, code, _, text = pc.reply()

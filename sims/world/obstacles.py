@@ -1,0 +1,92 @@
+"""What stands in the robot's way besides the tip's contact: spheres, stems and plate against tool, wrist and forearm.
+
+In plain floats, because it is asked for on every stretch of every motion that comes near to something.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import dist, sqrt
+from typing import final
+
+from sims.world.screws import Vector
+
+WRIST_MM = 60.0
+"""Radius of forearm and wrist, from elbow to flange."""
+SHAFT_MM = 5.0
+"""Radius of the torch's contact tube; the wire, which touches, stands out of it bare."""
+STICK_OUT_MM = 25.0
+
+
+@final
+class Obstacles:
+    """Spheres as (centre, radius) on stems of `stem_radius` straight down to a plate at height `plate_z`, all in mm.
+
+    Without a plate (None) the spheres hang in the air.
+    """
+
+    def __init__(self, spheres: Sequence[tuple[Vector, float]], plate_z: float | None, stem_radius: float) -> None:
+        self._spheres = tuple(spheres)
+        self._plate_z = plate_z
+        self._stem_radius = stem_radius
+
+    def gap(self, elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> float:
+        """Least distance of the robot from anything, mm, negative where they overlap; the wire may touch spheres."""
+        mouth = _towards(tip, flange, STICK_OUT_MM)
+        bodies = ((elbow, wrist, WRIST_MM), (wrist, flange, WRIST_MM), (flange, mouth, SHAFT_MM))
+        gap = min(self._to_stand(a, b, radius) for a, b, radius in (*bodies, (mouth, tip, 0.0)))
+        for centre, size in self._spheres:
+            gap = min(gap, *(_apart(a, b, centre, centre) - radius - size for a, b, radius in bodies))
+        return gap
+
+    def _to_stand(self, a: Vector, b: Vector, radius: float) -> float:
+        """From a round body about the line a–b to plate and stems."""
+        if self._plate_z is None:
+            return float("inf")
+        gap = min(a[2], b[2]) - self._plate_z
+        for (x, y, z), _ in self._spheres:
+            gap = min(gap, _apart(a, b, (x, y, self._plate_z), (x, y, z)) - self._stem_radius)
+        return gap - radius
+
+
+def _towards(start: Vector, end: Vector, way: float) -> Vector:
+    share = way / max(dist(start, end), way)
+    x, y, z = (a + share * (b - a) for a, b in zip(start, end, strict=True))
+    return x, y, z
+
+
+def _apart(a: Vector, b: Vector, c: Vector, d: Vector) -> float:
+    """Least distance between the lines a–b and c–d: of the four ends from the other line, and between the insides."""
+    ends = (_from_line(a, c, d), _from_line(b, c, d), _from_line(c, a, b), _from_line(d, a, b))
+    return min(*ends, _inside(a, b, c, d))
+
+
+def _from_line(p: Vector, a: Vector, b: Vector) -> float:
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    wx, wy, wz = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    length = ux * ux + uy * uy + uz * uz
+    share = min(1.0, max(0.0, (wx * ux + wy * uy + wz * uz) / length)) if length else 0.0
+    return sqrt((wx - share * ux) ** 2 + (wy - share * uy) ** 2 + (wz - share * uz) ** 2)
+
+
+def _inside(a: Vector, b: Vector, c: Vector, d: Vector) -> float:
+    """Distance of the two infinite lines where their nearest points lie within both pieces; else infinity."""
+    u = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v = d[0] - c[0], d[1] - c[1], d[2] - c[2]
+    w = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n = _cross(u, v)
+    square = _dot(n, n)
+    if square < 1e-12:
+        return float("inf")
+    along_u, along_v = _dot(_cross(w, v), n) / square, _dot(_cross(w, u), n) / square
+    if not (0.0 <= along_u <= 1.0 and 0.0 <= along_v <= 1.0):
+        return float("inf")
+    return abs(_dot(w, n)) / sqrt(square)
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
