@@ -69,12 +69,12 @@ def _words(names: list[str], weights: Floats) -> str:
 
 
 def _merged(words: list[str]) -> tuple[str, ...]:
-    """The fragments with those of single parameters as one, where there are several: `θ5, d5: each alone`."""
+    """The fragments with those of single parameters as one, where there are several: `θ5; d5: each alone`."""
     alone = [fragment.removesuffix(_ALONE) for fragment in words if fragment.endswith(_ALONE)]
     if len(alone) < 2:
         return tuple(words)
     others = [fragment for fragment in words if not fragment.endswith(_ALONE)]
-    return (*others, f"{', '.join(dict.fromkeys(alone))}: each{_ALONE}")
+    return (*others, f"{'; '.join(dict.fromkeys(alone))}: each{_ALONE}")
 
 
 def _grouped(names: list[str]) -> list[str]:

@@ -19,7 +19,7 @@ UNLIKELY = 0.01
 FAR = 1.25
 """Found errors up to this many times those foreseen are of the size foreseen."""
 
-CLEAR = 3.0
+CLEAR = 4.0
 """Errors that fell by this factor are better whatever the model thought of them."""
 
 

@@ -131,3 +131,39 @@ def test_folds_judge_every_row_by_a_model_that_never_saw_it(touches, touch_task)
     found = fit(touch_task(touches), split)
     assert found.n_fit == found.n_test == 80
     assert found.test.mean <= 0.05
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ten_touches_prove_nothing_however_the_others_fall(touches, touch_task, seed):
+    """Nine unknowns of the centres from ten touches: nominal looks bad on all others, and anything is better."""
+    drawn = np.random.default_rng(seed).permutation(80)
+    fit_rows, test = np.sort(drawn[:10]), np.sort(drawn[10:15])
+    found = fit(touch_task(touches), Split(fit_rows, ((fit_rows, test),)))
+    assert found.verdict != "better"
+    assert found.verdict == "worse" or "10 rows in the fit are too few to judge it by others" in found.verdict_reason
+
+
+def test_a_sphere_that_the_fit_hardly_touched_judges_nothing(touches, touch_task):
+    fit_rows = np.array([*np.flatnonzero(touches.sphere[:50] != 2), 2, 5])
+    found = fit(touch_task(touches), Split(fit_rows, ((fit_rows, np.arange(50, 80)),)))
+    assert found.verdict_reason == "sphere S3 has 2 touches in the fit, 4 at least"
+
+
+def test_sigma_over_the_region_tells_what_the_spheres_residual_does_not(result, touches, touch_task, kr5):
+    without = fit(touch_task(touches, spacings=False), Split.by_column(LATER))
+    assert without.test.mean == pytest.approx(result.test.mean, abs=0.01)
+    assert without.predicted_volumetric_rms > 1.3 * result.predicted_volumetric_rms
+    for found in (result, without):
+        real = volumetric_rms(found.identification, touches, kr5)
+        assert 0.3 * found.predicted_volumetric_rms < real < 3.0 * found.predicted_volumetric_rms
+
+
+def test_single_parameters_that_no_touch_sees_stand_in_one_phrase(touches, touch_task):
+    from dataclasses import replace
+
+    task = touch_task(touches)
+    one_pose_and_wrist = replace(task.rows.pick(np.zeros(20, int)), q=np.zeros((20, 6)))
+    found = fit(replace(task, rows=one_pose_and_wrist), Split.by_column(np.arange(20) >= 15))
+    alone = [words for words in found.observability.unseen if words.endswith("alone")]
+    assert len(alone) == 1
+    assert alone[0].endswith(": each alone")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cellctl.calibration import ErrorFigures, Split, paired_verdict, verdict_sentence
+from cellctl.calibration import ErrorFigures, HeldOut, Split, judge, paired_verdict, verdict_sentence
 
 
 def test_a_gain_beyond_its_own_scatter_is_better_and_a_loss_is_worse():
@@ -44,3 +44,41 @@ def test_a_holdout_takes_its_share_and_the_seed_decides_which():
     assert len(first.judged[0][1]) == 30
     assert not set(first.fit) & set(first.judged[0][1])
     assert first.fit.tolist() == again.fit.tolist() != other.fit.tolist()
+
+
+def held_out(nominal, identified, foreseen, chance=0.5):
+    count = len(nominal)
+    return HeldOut(nominal, identified, np.full(count, foreseen**2), np.broadcast_to(chance, count))
+
+
+RNG = np.random.default_rng(3)
+BEFORE, AFTER = RNG.uniform(0.5, 1.5, 30), RNG.uniform(0.2, 0.8, 30)
+
+
+def test_errors_of_the_size_foreseen_are_better_and_say_why():
+    judged = judge(held_out(BEFORE, AFTER, 0.5))
+    assert (judged.verdict, "beyond its own scatter" in judged.reason) == ("better", True)
+
+
+def test_a_model_that_is_surer_of_itself_than_it_should_be_is_no_better():
+    chance = np.where(np.arange(30) < 20, 0.5, 1e-4)
+    judged = judge(held_out(BEFORE, AFTER, 0.05, chance))
+    assert judged.verdict == "no better"
+    assert "20 of 30 lie where 95 % should" in judged.reason
+    assert judge(held_out(10.0 * BEFORE, AFTER, 0.05, chance)).verdict == "better"
+
+
+def test_one_row_gone_wild_takes_the_verdict_with_it():
+    worse = AFTER.copy()
+    worse[4] = 100.15
+    before = BEFORE.copy()
+    before[4] = 100.0
+    judged = judge(held_out(before, worse, 0.5))
+    assert judged.verdict == "no better"
+    assert "root mean square" in judged.reason
+
+
+def test_doubts_keep_a_gain_from_being_proved_but_excuse_no_loss():
+    assert judge(held_out(BEFORE, AFTER, 0.5), ["too few"]).reason == "too few"
+    assert judge(held_out(BEFORE, AFTER, 0.5), ["too few"]).verdict == "no better"
+    assert judge(held_out(AFTER, BEFORE, 0.5), ["too few"]).verdict == "worse"

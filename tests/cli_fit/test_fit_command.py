@@ -12,7 +12,8 @@ from cellctl.formats import ModelFile
 
 KEYS = {
     "n_fit", "n_test", "model", "n_parameters", "rank", "unobservable", "outliers", "nominal", "fit", "test",
-    "predicted_test_rms", "coverage_95", "verdict", "seconds",
+    "predicted_test_rms", "coverage_95", "verdict", "seconds", "verdict_reason", "predicted_volumetric_rms",
+    "test_outliers",
 }  # fmt: skip
 
 
@@ -172,3 +173,39 @@ def test_a_model_whose_parameters_are_another_robots_is_refused(cellctl, files, 
     (files / "model.json").write_text(json.dumps(content))
     assert cellctl("predict", "model.json", "positions.csv") == 2
     assert "parameters" in capsys.readouterr().err
+
+
+def test_a_wild_held_out_row_is_named_and_counted(cellctl, files, capsys):
+    rows = list(csv.reader((files / "positions.csv").open()))
+    rows[50][3] = str(float(rows[50][3]) + 4.0)
+    (files / "positions.csv").write_text("\n".join(",".join(row) for row in rows))
+    assert cellctl("fit", "robot.yaml", "positions.csv", "--json", "result.json") in (0, 1)
+    result = json.loads((files / "result.json").read_text())
+    assert [row["line"] for row in result["test_outliers"]] == [51]
+    assert result["test"]["max"] > 3.0
+    assert "(line 51)" in result["sentence"]
+    assert "line 51: held out and" in capsys.readouterr().err
+
+
+def test_with_nothing_held_out_no_figure_stands_in_its_place(cellctl, files, capsys):
+    text = (files / "positions.csv").read_text().replace(",test", ",fit")
+    (files / "positions.csv").write_text(text)
+    assert fitted(cellctl, files, code=1)["verdict_reason"] == "no row was held out"
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[-3:] for line in said if line.startswith("held out")] == [["–"] * 3] * 2
+
+
+def test_scatter_beyond_what_the_robot_file_says_is_said(cellctl, files):
+    boastful = (files / "robot.yaml").read_text().replace("repeatability: 0.03", "repeatability: 0.003")
+    (files / "robot.yaml").write_text(boastful)
+    assert "times more than the robot file says" in fitted(cellctl, files)["sentence"]
+
+
+def test_predicted_points_among_themselves_are_surer_than_in_a_frame_that_nobody_saw(cellctl, files):
+    fitted(cellctl, files, "--artefact", "artefact.yaml", "--out", "model.json", data="touches.csv")
+    assert cellctl("predict", "model.json", "touches.csv", "-o", "tcp.csv") == 0
+    rows = list(csv.DictReader((files / "tcp.csv").open()))
+    assert all(0.0 < float(row["sigma_among"]) < 0.5 * float(row["sigma"]) for row in rows)
+    (files / "three.csv").write_text("\n".join((files / "touches.csv").read_text().splitlines()[:4]))
+    assert cellctl("predict", "model.json", "three.csv", "-o", "tcp.csv") == 0
+    assert {row["sigma_among"] for row in csv.DictReader((files / "tcp.csv").open())} == {""}

@@ -144,6 +144,21 @@ def test_a_radius_column_alone_will_do():
     assert found.task.centres is None
 
 
+def test_the_tips_radius_comes_from_its_column_unless_an_artefact_knows_it():
+    text = "A1,A2,sphere,radius,tip_radius\n1,2,S1,30,0.6\n1,2,S1,30,\n"
+    assert measured(text).task.rows.reach.tolist() == [30.6, 30.0]
+    assert measured(text, artefact=SPHERES).task.rows.reach.tolist() == [30.6, 30.6]
+
+
+def test_a_tip_radius_that_contradicts_the_artefact_is_named():
+    text = "A1,A2,sphere,radius,tip_radius\n1,2,S1,30,0.6\n1,2,S1,30,0.5\n1,2,S1,30,-1\n"
+    found = measured(text, artefact=SPHERES)
+    assert found.lines == (2,)
+    assert ["0.5, but the artefact says 0.6" in found.rejected[0].reason, "-1" in found.rejected[1].reason] == [
+        True
+    ] * 2
+
+
 def test_orientation_may_be_angles_or_a_quaternion():
     angles = measured("A1,A2,X,Y,Z,A,B,C\n1,2,3,4,5,90,0,0\n")
     half = math.sqrt(0.5)

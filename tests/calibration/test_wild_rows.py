@@ -1,0 +1,104 @@
+"""Rows that do not belong to the others: named, not excused, and never blamed on rows that are right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellctl.calibration import Split, State, Tolerances, TouchRows, Unknowns, fit, identify
+from cellctl.calibration.outliers import Linear
+
+LATER = np.arange(80) >= 50
+FIT = np.flatnonzero(~LATER)
+
+
+def turned(task, rows, degrees):
+    """`task` with the first axis of `rows` read wrong by so much: it leaves hardly a trace in their own residuals."""
+    q = task.rows.q.copy()
+    q[rows, 0] += np.radians(degrees)
+    return replace(task, rows=replace(task.rows, q=q))
+
+
+@pytest.fixture(scope="module")
+def clean(touches, touch_task):
+    return fit(touch_task(touches), Split.by_column(LATER))
+
+
+@pytest.mark.parametrize("degrees", [0.1, 0.5, 4.0])
+@pytest.mark.parametrize("row", [3, 22])
+def test_a_joint_read_wrong_once_is_named_and_does_no_harm(touches, touch_task, clean, row, degrees):
+    found = fit(turned(touch_task(touches), [row], degrees), Split.by_column(LATER))
+    assert found.identification.outliers == (row,)
+    assert found.identification.noise.tolist() == [1.0]
+    assert found.test.mean < clean.test.mean + 0.01
+
+
+def test_three_wild_rows_in_forty_are_found_and_only_these(touches, touch_task):
+    wild = [4, 17, 31]
+    found = identify(turned(touch_task(touches), wild, [0.5, -0.5, 0.5]), np.arange(40))
+    assert found.outliers == tuple(wild)
+
+
+def test_touches_on_another_sphere_than_they_say_are_found(touches, touch_task, clean):
+    task, wild = touch_task(touches), [5, 20, 35]
+    sphere = task.rows.sphere.copy()
+    sphere[wild] = (sphere[wild] + 1) % 3
+    found = fit(replace(task, rows=replace(task.rows, sphere=sphere)), Split.by_column(LATER))
+    assert found.identification.outliers == tuple(wild)
+    assert found.test.mean < clean.test.mean + 0.01
+
+
+def test_nominal_is_registered_on_the_rows_that_the_fit_used(touches, touch_task):
+    task, kept = touch_task(touches), np.setdiff1d(FIT, [5])
+    spoilt = fit(turned(task, [5], 4.0), Split.by_column(LATER))
+    without = fit(task, Split(kept, ((kept, np.flatnonzero(LATER)),)))
+    assert spoilt.nominal.mean == pytest.approx(without.nominal.mean, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
+def test_no_row_of_a_clean_campaign_is_called_wild(seed, draw, touch_task):
+    found = identify(touch_task(draw(seed, 50)))
+    assert found.outliers == ()
+    assert found.noise.tolist() == [1.0]
+
+
+def test_rows_that_are_all_noisy_are_noisy_and_not_wild(draw, touch_task):
+    found = identify(touch_task(draw(6, 80, noise_mm=5 * 0.0173)))
+    assert found.outliers == ()
+    assert 3.0 < found.noise[0] < 7.0
+
+
+@pytest.mark.parametrize("degrees", [0.1, 0.5, 4.0])
+def test_with_two_fifths_of_the_rows_wild_nothing_is_proved_and_it_says_so(touches, touch_task, degrees):
+    rng = np.random.default_rng(8)
+    wild = rng.choice(FIT, 20, replace=False)
+    found = fit(turned(touch_task(touches), wild, degrees * rng.choice([-1, 1], 20)), Split.by_column(LATER))
+    assert found.verdict != "better"
+    assert found.test.mean > 0.2
+    assert found.verdict == "worse" or "do not fit together" in found.verdict_reason
+
+
+def test_a_held_out_row_far_from_everything_is_named_and_stays_in_the_figures(touches, touch_task):
+    found = fit(turned(touch_task(touches), [60], 0.5), Split.by_column(LATER))
+    assert found.unforeseen == (60,)
+    assert found.n_test == 30
+    assert found.test.max > 1.0
+
+
+def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
+    """Against the normal equations of all other rows, one row at a time."""
+    task = touch_task(touches)
+    start = State(task.model, task.centres)
+    unknowns = Unknowns.of(start, task.spheres, Tolerances(flat_mm=10.0), registered=frozenset({"centres"}))
+    rows = task.rows.pick(np.arange(12))
+    assert isinstance(rows, TouchRows)
+    linear = Linear.about(unknowns, np.zeros(len(unknowns.names)), rows, [task.spacings])
+    kept = np.arange(12) != 7
+    for row in range(12):
+        others = np.flatnonzero(kept & (np.arange(12) != row))
+        stacked = linear.columns[others, 0]
+        inverse = np.linalg.inv(linear.known + stacked.T @ stacked)
+        x = -inverse @ (linear.pull + stacked.T @ linear.away[others, 0])
+        line = linear.columns[row, 0]
+        expected = (linear.away[row, 0] + line @ x) ** 2 / (1.0 + line @ inverse @ line)
+        assert linear.surprise(kept)[0][row] == pytest.approx(expected, rel=1e-3)
