@@ -167,13 +167,14 @@ class Contact:
     """A contact as the probe saw it.
 
     `time_ns`: the cell's time of the first edge, through the tick → cell clock fit, with its 1 σ; `tick`: the raw
-    hardware count; `confirmed`: the level held; `bounces`: further edges within the debounce time.
+    hardware count; `confirmed`: the level held, or None where the probe never said; `bounces`: further edges within the
+    debounce time.
     """
 
     time_ns: int
     sigma_ns: int
     tick: int
-    confirmed: bool
+    confirmed: bool | None
     bounces: int
 
 
@@ -190,7 +191,13 @@ class ContactProbe(Device, Protocol):
         """
 
     async def contact(self) -> Contact:
-        """Wait for the contact after `arm`, confirmed or refuted. Raises DeviceFault, DeviceLost."""
+        """Wait for the contact after `arm`, confirmed, refuted or neither. Raises DeviceFault, DeviceLost."""
+
+    async def touching(self) -> bool:
+        """Whether the loop is closed, as the probe saw it after this call.
+
+        Raises DeviceFault where the probe is at fault, or the search since `arm` has ended with a fault; DeviceLost.
+        """
 
     async def disarm(self) -> None:
         """Disarm. Raises DeviceLost."""

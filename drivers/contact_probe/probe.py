@@ -23,6 +23,8 @@ from drivers.contact_probe.messages import Introduction
 from drivers.contact_probe.search import Search, fault_of
 from drivers.contact_probe.session import Session
 
+_CLOSED_BELOW_MV = 500
+"""Of the loop, as docs/reference/probe-protocol.md has it."""
 _CLOSE_BOUND_S = 2.0
 """Wall time: a simulated cell whose time stands still must not keep the probe open."""
 
@@ -64,11 +66,22 @@ class SerialProbe:
         session.watch(search)
 
     async def contact(self) -> Contact:
-        """Wait for the contact. An edge whose level did not hold, or that is never confirmed, is not `confirmed`."""
+        """Wait for the contact. `confirmed`: whether the level held, None where that was not said within 0.5 s."""
         search = self._session.search if self._session else None
         if search is None:
             raise DeviceRefused(self.name, "is not armed, so no contact can come", "arm it first")
         return await search.outcome()
+
+    async def touching(self) -> bool:
+        """Whether the loop is closed, by the next heartbeat that the probe sends."""
+        session = self._connected()
+        beat = await session.beat_from_now()
+        if session.search and session.search.trouble:
+            raise session.search.trouble
+        if beat.state == "FAULT":
+            what = f"is at fault (loop at {beat.loop_mv} mV)"
+            raise DeviceFault(self.name, what, "look at the torch lead, the earth lead and the tip")
+        return beat.loop_mv < _CLOSED_BELOW_MV
 
     async def disarm(self) -> None:
         """Disarm. A probe whose fault is still there stays in FAULT, which is as safe."""

@@ -56,6 +56,11 @@ class Search:
         """Whether the outcome is known."""
         return self._ended.is_set()
 
+    @property
+    def trouble(self) -> DeviceError | None:
+        """What ended the search instead of a contact, so far."""
+        return self._outcome if isinstance(self._outcome, DeviceError) else None
+
     def armed(self) -> None:
         """The probe said that it is armed: from here on a heartbeat that says otherwise ends the search."""
         self._armed = True
@@ -83,7 +88,7 @@ class Search:
         match message:
             case Edge(edge_tick=tick) if self._is_ours(tick) and not self._confirmation_due:
                 self._confirmation_due = self._clock.call_later(
-                    _CONFIRM_WITHIN_S, lambda: self._contact(tick, confirmed=False, bounces=0)
+                    _CONFIRM_WITHIN_S, lambda: self._contact(tick, confirmed=None, bounces=0)
                 )
             case Confirmation(edge_tick=tick, confirmed=confirmed, bounces=bounces) if self._is_ours(tick):
                 self._contact(tick, confirmed=confirmed == 1, bounces=bounces)
@@ -118,7 +123,7 @@ class Search:
             raise self._outcome
         return self._outcome
 
-    def _contact(self, tick: int, *, confirmed: bool, bounces: int) -> None:
+    def _contact(self, tick: int, *, confirmed: bool | None, bounces: int) -> None:
         self.end(Contact(self._ticks.cell_ns(tick), self._ticks.sigma_ns(), tick, confirmed, bounces))
 
     def _is_ours(self, edge_tick: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import suppress
 from typing import Final, final
 
@@ -36,6 +37,8 @@ class Session:
         self.search: Search | None = None
         self.ticks: TickClock | None = None
         self.last_beat: Heartbeat | None = None
+        self._beat_tick = 0
+        self._beaten = asyncio.Event()
         self.resets = 0
         self._device, self._place, self._clock = device, f"{path} at {baud} baud", clock
         self.link: Final = Link(device, open_port(device, path, baud), baud, clock, self)
@@ -79,6 +82,19 @@ class Session:
         """The code that answers ARM or DISARM. Raises DeviceLost."""
         answered = await self._ask(kind)
         return answered.message.code if isinstance(answered.message, Reply) else ""
+
+    async def beat_from_now(self) -> Heartbeat:
+        """The first heartbeat that the probe begins to send after this call. Raises DeviceLost."""
+        ticks, now_ns = await self.settled(), self._clock.now_ns()
+        try:
+            async with self._clock.timeout(_SILENCE_S):
+                while self.last_beat is None or ticks.cell_ns(self._beat_tick) < now_ns:
+                    self._beaten.clear()
+                    await self._beaten.wait()
+        except TimeoutError:
+            self.check()
+            raise DeviceLost(self._device, "sends no heartbeats", "check the probe's firmware") from None
+        return self.last_beat
 
     def check(self) -> None:
         """Raises DeviceLost where the port is gone or the heartbeats have stopped."""
@@ -141,7 +157,8 @@ class Session:
             if self.ticks:
                 self.ticks.restart()
         if isinstance(line.message, Heartbeat):
-            self.last_beat = line.message
+            self.last_beat, self._beat_tick = line.message, line.tick
+            self._beaten.set()
         if self.ticks:
             self.ticks.add_line(line.tick, arrival.time_ns, arrival.wire_ns)
         if self.search:

@@ -14,6 +14,7 @@ from cellctl.devices import (
     DeviceError,
     JointReadings,
     NoContact,
+    ProbeNotOpen,
     SearchEnd,
     SearchingRobot,
     SearchResult,
@@ -56,6 +57,10 @@ class Line(Protocol):
     @property
     def search_mm(self) -> float:
         """The tip's way on the whole line."""
+
+    @property
+    def earliest_mm(self) -> float:
+        """How far along the line contact with the sphere can be at the earliest, mm."""
 
     @property
     def retreat(self) -> Sequence[Sequence[float]]:
@@ -108,26 +113,30 @@ async def search_and_retreat(
     line: Line,
     to_start: Callable[[], Awaitable[JointReadings]],
     speeds: Speeds,
-) -> FoundContact:
-    """Approach, go to the start of the line by `to_start`, search, retreat; the contact that was found.
+    record: Callable[[FoundContact], Awaitable[None]],
+) -> None:
+    """Approach, go to the start of the line by `to_start`, search, `record` the contact that was found, retreat.
 
-    A robot that was cut off somewhere on this way goes on from there; one that stands elsewhere is not moved.
+    The contact is recorded before anything moves again, so that no trouble on the retreat takes it from the journal;
+    it counts once its step is done, that is, the robot back and the loop open. A robot that was cut off somewhere on
+    this way goes on from there; one that stands elsewhere is not moved.
 
     Raises NoContact once the robot is back where it came from, and what the devices raise.
     """
     for target in await _left_of_approach(robot, line, speeds):
         await robot.move(tuple(target), speeds.transfer_percent)
     start = await to_start()
-    found, contact = await _search(robot, probe, line, start, speeds.search_mm_s)
+    result = await _search(robot, probe, line, start, speeds.search_mm_s)
+    if isinstance(result, FoundContact):
+        await record(result)
     await robot.move(tuple(line.retreat[0]), speeds.near_percent)
     for target in line.retreat[1:]:
         await robot.move(tuple(target), speeds.transfer_percent)
-    if contact is None:
-        what = f"no contact on {line.sphere} within {line.search_mm:.0f} mm"
-        raise NoContact("probe", what, "is the sphere where the cell file says, its earth lead on, the tip clean?")
-    if not contact.confirmed:
-        raise NoContact("probe", f"contact on {line.sphere} did not hold (a bounce)", "clean tip and sphere")
-    return FoundContact(start, _joints_at_contact(line, found, contact), found, contact)
+    if isinstance(result, NoContact):
+        raise result
+    if await probe.touching():
+        what = f"the loop is still closed, clear of {line.sphere}: what it said there was no contact with the sphere"
+        raise ProbeNotOpen("probe", what, "free the tip, clean it, look at its lead; then resume")
 
 
 async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -> Sequence[Sequence[float]]:
@@ -144,22 +153,10 @@ async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -
     return before[passed + 1 :]
 
 
-def _joints_at_contact(line: Line, found: SearchResult, contact: Contact) -> JointReadings:
-    """Raises NoContact where the contact was not on the line: before the search, or before the robot moved in it."""
-    try:
-        joints = found.joints_at(contact.time_ns)
-    except ValueError:
-        joints = None
-    if joints is None or math.dist(joints, found.joints[0]) < _MOVED_DEG:
-        what = f"contact on {line.sphere} was not on the line: before the robot moved on it, or after the search"
-        raise NoContact("probe", what, "does something else close the loop: a cable, dirt, a disturbance?")
-    return joints
-
-
 async def _search(
     robot: SearchingRobot, probe: ContactProbe, line: Line, start: JointReadings, speed_mm_s: float
-) -> tuple[SearchResult, Contact | None]:
-    """Search to the line's end; the contact where there was one. The robot stands where the search ended."""
+) -> FoundContact | NoContact:
+    """Search to the line's end; the contact, or why it is none. The robot stands where the search ended."""
     turn = sum((b - a) ** 2 for a, b in zip(start, line.end, strict=True)) ** 0.5
     speed_deg_s = speed_mm_s * turn / line.search_mm
     alive = robot.guard("probe")
@@ -168,9 +165,44 @@ async def _search(
     try:
         found = await robot.search(tuple(line.end), speed_deg_s, {"probe": _PROBE_PATIENCE_S})
         contact = await probe.contact() if found.end is SearchEnd.STOPPED else None
+        pressed = await probe.touching()  # at the end of the travel too: the probe may know why there was no contact
     except BaseException:
         with suppress(DeviceError):  # what ended the search is what the operator has to hear
             await probe.disarm()
         raise
     await probe.disarm()
-    return found, contact
+    return _judged(line, start, found, contact, pressed=pressed)
+
+
+def _judged(
+    line: Line, start: JointReadings, found: SearchResult, contact: Contact | None, *, pressed: bool
+) -> FoundContact | NoContact:
+    """The contact where it is one with the sphere: it held, the tip still presses, and the place can be right."""
+    if contact is None:
+        what = f"no contact on {line.sphere} within {line.search_mm:.0f} mm"
+        return NoContact("probe", what, "is the sphere where the cell file says, its earth lead on, the tip clean?")
+    joints = _joints_at(found, contact)
+    if joints is None or math.dist(joints, found.joints[0]) < _MOVED_DEG:
+        what = f"contact on {line.sphere} was not on the line: before the robot moved on it, or after the search"
+        return NoContact("probe", what, "does something else close the loop: a cable, dirt, a disturbance?")
+    if contact.confirmed is None:
+        what = f"the probe never said whether contact on {line.sphere} held: its line was lost"
+        return NoContact("probe", what, "look at the serial line: its health counts spoilt and repeated lines")
+    if not contact.confirmed:
+        return NoContact("probe", f"contact on {line.sphere} did not hold (a bounce)", "clean tip and sphere")
+    if not pressed:
+        what = f"the loop was closed for a moment only, and is open with the tip at rest on {line.sphere}"
+        return NoContact("probe", what, "not a contact, but a disturbance? look at lead, earth and tip")
+    way_mm = line.search_mm * math.dist(start, joints) / math.dist(start, line.end)
+    if way_mm < line.earliest_mm:
+        what = f"contact only {way_mm:.1f} mm on the way to {line.sphere}: something else was touched"
+        return NoContact("probe", what, "is something on the sphere, or the sphere nearer than the cell file says?")
+    return FoundContact(start, joints, found, contact)
+
+
+def _joints_at(found: SearchResult, contact: Contact) -> JointReadings | None:
+    """Joints at the contact; None where it was not in the search's time."""
+    try:
+        return found.joints_at(contact.time_ns)
+    except ValueError:
+        return None

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from cellctl.devices import CompensatedRobot, ContactProbe, TableStore
+from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
-from procedures.steps.contact_search import Speeds, search_and_retreat
+from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
 from procedures.steps.touch_plans import Round, StandOffPlan, TouchPlan
 
 
@@ -120,21 +120,18 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
 
     robot: CompensatedRobot = context.device("robot")
     target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
-    if target.row is None:
-        found = await search_and_retreat(
-            robot,
-            context.device("probe"),
-            target,
-            lambda: robot.move(tuple(target.commanded), speeds.near_percent),
-            speeds,
-        )
-    else:
-        row = target.row
-        found = await search_and_retreat(
-            robot, context.device("probe"), target, lambda: robot.move_to_row(row, speeds.near_percent), speeds
-        )
-    measured = await asyncio.to_thread(standoff_row, context, target, found)
-    await context.record("standoff", measured)
+    measured: dict[str, Any] = {}
+
+    async def to_target() -> JointReadings:
+        if target.row is None:
+            return await robot.move(tuple(target.commanded), speeds.near_percent)
+        return await robot.move_to_row(target.row, speeds.near_percent)
+
+    async def record(found: FoundContact) -> None:
+        measured.update(await asyncio.to_thread(standoff_row, context, target, found))
+        await context.record("standoff", measured)
+
+    await search_and_retreat(robot, context.device("probe"), target, to_target, speeds, record)
     return StoodOff(error_mm=measured["error_mm"])
 
 

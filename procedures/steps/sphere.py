@@ -38,7 +38,7 @@ class Plan(StepResult):
 @step("sphere.plan")
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
-    from procedures.steps.sphere_planning import planned_touches
+    from procedures.steps.sphere_planning import assumption, planned_touches
 
     names = [name.strip() for name in inputs.spheres.split(",") if name.strip()]
     touches = await asyncio.to_thread(
@@ -47,6 +47,8 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     context.say(
         f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"
     )
+    if assumed := assumption(context):
+        context.say(assumed)
     return Plan(touches=[TouchPlan(**touch) for touch in touches])
 
 
@@ -70,23 +72,40 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     robot: SearchingRobot = context.device("robot")
     probe: ContactProbe = context.device("probe")
     planned, speeds = inputs.touch, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
-    found = await search_and_retreat(
-        robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds
+    row: dict[str, Any] = {}
+
+    async def record(found: FoundContact) -> None:
+        row.update(await asyncio.to_thread(_complete, context, planned, _row(planned, context, found)))
+        await context.record(_kind(planned), row)
+
+    await search_and_retreat(
+        robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds, record
     )
-    await _record(context, planned, _row(planned, context, found))
-    return Touched(joints=list(found.joints))
+    if planned.repeats is not None:
+        _look_for_jump(context, row)
+    return Touched(joints=row["joints"])
 
 
-async def _record(context: StepContext, planned: TouchPlan, row: dict[str, Any]) -> None:
+def _kind(planned: TouchPlan) -> str:
     """Touches on the proof sphere and returns to the reference are kept apart: no fit takes them for its own."""
-    if planned.repeats is None:
-        await context.record("locate" if planned.set == "locate" else "touch", row)
-        return
-    from procedures.steps.reference_touches import jump, reference_row
+    if planned.repeats is not None:
+        return "reference"
+    return "locate" if planned.set == "locate" else "touch"
 
-    shifted = reference_row(context, row, planned.repeats)
-    await context.record("reference", shifted)
-    context.say(f"reference touch: {shifted['shift_mm']:+.3f} mm (1 σ {shifted['sigma_mm']:.3f}) since the first visit")
+
+def _complete(context: StepContext, planned: TouchPlan, row: dict[str, Any]) -> dict[str, Any]:
+    """The row, with the shift where it is a return to the reference touch."""
+    if planned.repeats is None:
+        return row
+    from procedures.steps.reference_touches import reference_row
+
+    return reference_row(context, row, planned.repeats)
+
+
+def _look_for_jump(context: StepContext, row: dict[str, Any]) -> None:
+    from procedures.steps.reference_touches import jump
+
+    context.say(f"reference touch: {row['shift_mm']:+.3f} mm (1 σ {row['sigma_mm']:.3f}) since the first visit")
     if fault := jump(context.recorded("reference")):
         raise fault
 

@@ -63,13 +63,25 @@ def plan_on(
             [counts.get(target.name, 0) for target in targets],
             seed,
             options,
-            plate=Plate(artefact.plate.z, artefact.plate.stem_radius) if artefact.plate else None,
+            plate=_plate(artefact),
             reference_every=reference_every,
             reference=reference,
         )
     except OutOfReach as error:
         cure = "move the artefact to where the robot reaches all around it, or ask for fewer touches"
         raise InputError(context.cell.problem(("artefact",), str(error), cure)) from error
+
+
+def assumption(context: StepContext) -> str | None:
+    """What was taken for granted because the cell file does not say it; None where it does."""
+    artefact = artefact_of(context.cell, ("artefact",))
+    if artefact.plate:
+        return None
+    plate = _plate(artefact)
+    return (
+        f"the cell file names no plate under the spheres: ways are kept clear of one at z {plate.z:.0f} mm, and of "
+        f"stems with a radius of {plate.stem_radius:.0f} mm straight below the spheres"
+    )
 
 
 def sphere_called(context: StepContext, artefact: Artefact, name: str) -> Sphere:
@@ -101,6 +113,12 @@ def as_plan(number: int, touch: PlannedTouch, of: str, repeats: int = 0) -> dict
         "retreat": [list(q) for q in touch.retreat],
         "repeats": repeats if touch.reference else None,
     }
+
+
+def _plate(artefact: Artefact) -> Plate:
+    if artefact.plate:
+        return Plate(artefact.plate.z, artefact.plate.stem_radius)
+    return Plate.assumed(np.array([[*sphere.centre, sphere.diameter / 2] for sphere in artefact.spheres]))
 
 
 def _target(artefact: Artefact, sphere: Sphere, centres: dict[str, tuple[float, float, float]]) -> SphereTarget:

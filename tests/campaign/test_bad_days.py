@@ -105,7 +105,7 @@ def test_a_wrong_sentype_is_named(tmp_path: Path) -> None:
 
 
 def test_a_probe_that_is_closed_at_arming_starts_no_search(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.closed, before_search: 3"))
+    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 2, after_ms: 5500"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
     assert isinstance(ended.outcome.error, ProbeNotOpen)
     _cleanly_failed(ended, touches=2)
@@ -144,6 +144,40 @@ def test_a_search_without_contact_once_is_made_good_by_the_retry(tmp_path: Path)
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
     assert ended.outcome.state is State.FINISHED
     assert [row["attempt"] for row in ended.touches] == [1, 1, 2, 1, 1, 1]
+
+
+def test_a_closure_in_mid_air_is_no_contact_and_the_retry_makes_it_good(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 1200, for_ms: 30"))
+    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    assert ended.outcome.state is State.FINISHED
+    assert [row["attempt"] for row in ended.touches] == [1, 1, 2, 1, 1, 1]
+    assert len(ended.truth) == 6, "what was recorded are contacts with spheres"
+
+
+def test_a_loop_that_closes_early_and_stays_closed_is_no_contact(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 300"))
+    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    assert isinstance(ended.outcome.error, ProbeNotOpen)
+    _cleanly_failed(ended, touches=2)
+
+
+def test_a_loop_that_closes_anywhere_and_stays_closed_does_not_count(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 1500"))
+    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    assert isinstance(ended.outcome.error, ProbeNotOpen)
+    assert "still closed" in str(ended.outcome.error)
+    _cleanly_failed(ended, touches=2)
+
+
+def test_a_robot_stopped_on_the_retreat_leaves_the_contact_in_the_journal_though_it_does_not_count(
+    tmp_path: Path,
+) -> None:
+    cell = cell_with(tmp_path, faults("fault: robot.stop, search: 3, after_ms: 3000"))
+    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    assert "EMERGENCY STOP" in str(ended.outcome.error)
+    assert len(ended.truth) == 3
+    assert len([row for row in ended.journal.rows if row.kind == "touch"]) == 3
+    assert len(ended.touches) == 2, "a resumed run does the third one again, and counts it once"
 
 
 def test_an_rsi_stall_past_the_late_count_is_the_controllers_stop_and_is_named(tmp_path: Path) -> None:

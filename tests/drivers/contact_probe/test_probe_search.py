@@ -103,14 +103,14 @@ def test_an_edge_that_does_not_hold_is_unconfirmed(bench):
     bench.run(script)
 
 
-def test_an_edge_that_is_never_confirmed_is_unconfirmed_and_waited_for_only_so_long(bench):
+def test_an_edge_that_is_never_confirmed_is_neither_confirmed_nor_refuted_and_waited_for_only_so_long(bench):
     async def script(b):
         await b.arm()
         begun = b.clock.time_ns
         b.fake.after(100, lambda: b.fake.say("EDGE", b.fake.tick()))
         b.fake.after(100, lambda: setattr(b.fake, "state", "TRIPPED"))
         contact = await b.probe.contact()
-        assert not contact.confirmed
+        assert contact.confirmed is None
         assert b.clock.time_ns - begun < 700 * MS
 
     bench.run(script)
@@ -411,5 +411,48 @@ def test_an_unplugged_cable_while_armed_stops_the_robot_and_is_a_loss_without_a_
             await b.probe.health()
         await b.probe.stop()  # clean-up goes on without it
         await b.probe.close()
+
+    bench.run(script)
+
+
+def test_whether_the_tip_touches_is_told_by_a_heartbeat_begun_after_the_question(bench):
+    async def script(b):
+        await b.arm()
+        b.fake.after(300, b.fake.touch)
+        await b.probe.contact()
+        assert await b.probe.touching()
+        asked = b.clock.time_ns
+        b.fake.loop_mv = 1650
+        assert not await b.probe.touching()
+        assert b.clock.time_ns - asked < 120 * MS
+
+    bench.run(script)
+
+
+def test_a_probe_that_knows_why_there_was_no_contact_is_heard_when_it_is_asked_whether_it_touches(bench):
+    async def script(b):
+        await b.arm()
+        b.fake.after(100, lambda: b.fake.fault("WIRE"))
+        await b.clock.sleep(0.3)
+        with pytest.raises(DeviceFault, match="WIRE"):
+            await b.probe.touching()
+
+    bench.run(script)
+
+
+def test_a_probe_at_fault_is_no_probe_that_touches_nothing(bench):
+    async def script(b):
+        b.fake.fault("STUCK")
+        with pytest.raises(DeviceFault, match="at fault"):
+            await b.probe.touching()
+
+    bench.run(script)
+
+
+def test_a_probe_that_falls_silent_cannot_say_whether_it_touches(bench):
+    async def script(b):
+        b.fake.silent = True
+        with pytest.raises(DeviceLost):
+            await b.probe.touching()
 
     bench.run(script)

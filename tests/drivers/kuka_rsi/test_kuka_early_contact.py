@@ -22,6 +22,7 @@ class Way:
     approach: list[tuple[float, ...]] = field(default_factory=list)
     end: tuple[float, ...] = END
     search_mm: float = 20.0
+    earliest_mm: float = 1.0
     retreat: list[tuple[float, ...]] = field(default_factory=lambda: [HOME])
 
 
@@ -32,8 +33,10 @@ class EagerProbe:
     controller: object
     trips: bool = True
     contacts: list[int] = field(default_factory=list)
+    armed: bool = False
 
     async def arm(self, on_edge: Callable[[], None], on_alive: Callable[[int], None]) -> None:
+        self.armed = True
         if self.trips:
             self.contacts.append(self.controller.now_ns)
             on_edge()
@@ -41,15 +44,25 @@ class EagerProbe:
     async def contact(self) -> Contact:
         return Contact(self.contacts[-1], 1000, 7, True, 0)
 
+    async def touching(self) -> bool:
+        return self.armed  # in the search, and no longer once the robot is back
+
     async def disarm(self) -> None:
-        pass
+        self.armed = False
 
 
-def touched(robot, probe, way=None):
+async def touched(robot, probe, way=None):
+    """The contact that was recorded."""
+    recorded = []
+
     async def to_start():
         return await robot.move(HOME, 50.0)
 
-    return search_and_retreat(robot, probe, way or Way(), to_start, Speeds(10.0, 50.0))
+    async def record(found):
+        recorded.append(found)
+
+    await search_and_retreat(robot, probe, way or Way(), to_start, Speeds(10.0, 50.0), record)
+    return recorded[0]
 
 
 def test_an_edge_between_arming_and_the_search_moves_nothing_and_is_no_contact(controller, connected, run):
