@@ -12,7 +12,7 @@ from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.identify import Identification, Task, identify
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.predict import foresee
-from cellctl.calibration.proof import doubts
+from cellctl.calibration.proof import doubts, misgivings
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.verdict import ErrorFigures, HeldOut, Verdict, judge
@@ -84,7 +84,7 @@ def fit(task: Task, split: Split) -> FitResult:
     held_out = HeldOut(*(np.concatenate([np.zeros(0), *parts]) for parts in _columns(judged)))
     own = task.rows.pick(list(final_one.used))
     before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
-    judgement = judge(held_out, doubts(task, split, final_one))
+    judgement = judge(held_out, doubts(task, split, final_one), misgivings(task, final_one))
     return FitResult(
         identification=final_one,
         observability=observability(final_one.identified),

@@ -26,7 +26,20 @@ def doubts(task: Task, split: Split, found: Identification) -> list[str]:
     if not split.judged:
         return ["no row was held out"]
     few = [words for fit, test in split.judged for words in _too_few(task, fit, test)]
-    return [*dict.fromkeys(few), *_apart(task, found)]
+    apart = [f"the rows of the fit do not fit together: {found.apart} of {len(found.used)} contradict the others"]
+    return [*dict.fromkeys(few), *(apart if found.apart else [])]
+
+
+def misgivings(task: Task, found: Identification) -> list[str]:
+    """What stands against `found` unless the held-out rows gain so much that it cannot matter, in words.
+
+    A real robot has errors that no model here has, and its few touches scatter many times more than its repeatability:
+    that alone must not refuse a gain which other touches show plainly.
+    """
+    numbers, noise = len(found.used) * len(task.rows.quantities), float(found.noise.max())
+    if found.apart or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.seen_by_data:
+        return []
+    return [f"the rows of the fit do not fit together: they scatter {noise:.0f} times more than they say"]
 
 
 def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
@@ -47,14 +60,3 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
         for index in judging
         if counts[index] < PER_SPHERE
     ]
-
-
-def _apart(task: Task, found: Identification) -> list[str]:
-    """The rows of the fit do not fit together, or nobody can tell."""
-    count = len(found.used)
-    if found.apart:
-        return [f"the rows of the fit do not fit together: {found.apart} of {count} contradict the others"]
-    numbers, noise = count * len(task.rows.quantities), float(found.noise.max())
-    if noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.seen_by_data:
-        return []
-    return [f"the rows of the fit do not fit together: they scatter {noise:.0f} times more than they say"]

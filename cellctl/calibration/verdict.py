@@ -77,8 +77,9 @@ class Judgement:
     reason: str
 
 
-def judge(rows: HeldOut, doubts: Sequence[str] = ()) -> Judgement:
-    """Whether the identified robot is better than nominal, by `rows`; `doubts`: why no row could show that it is.
+def judge(rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] = ()) -> Judgement:
+    """Whether the identified robot is better than nominal, by `rows`; `doubts`: why no row could show that it is;
+    `misgivings`: why only a gain that dwarfs what is left could.
 
     `better` takes a gain beyond its own scatter (`paired_verdict`), a smaller root mean square, and errors that the
     model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
@@ -94,7 +95,10 @@ def judge(rows: HeldOut, doubts: Sequence[str] = ()) -> Judgement:
     before, after = ErrorFigures.of(rows.nominal).rms, ErrorFigures.of(rows.identified).rms
     if after >= before:
         return Judgement("no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})")
-    if not _foreseen(rows, after) and before < CLEAR * after:
+    clear = before >= CLEAR * after
+    if misgivings and not clear:
+        return Judgement("no better", "; ".join(misgivings))
+    if not _foreseen(rows, after) and not clear:
         seen = f"{int(rows.inside.sum())} of {rows.inside.size} lie where 95 % should"
         what = (
             f"the model does not know how wrong it is ({seen}; {rows.foreseen_rms:.3f} mm foreseen, {after:.3f} found)"

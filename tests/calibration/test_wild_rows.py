@@ -102,3 +102,14 @@ def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
         line = linear.columns[row, 0]
         expected = (linear.away[row, 0] + line @ x) ** 2 / (1.0 + line @ inverse @ line)
         assert linear.surprise(kept)[0][row] == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_real_robots_scatter_does_not_refuse_a_gain_that_other_touches_show_plainly(draw, touch_task):
+    """As in Wang et al. 2024: what the model lacks scatters the touches by many times the robot's repeatability."""
+    tried = []
+    for robot in range(1, 7):
+        found = fit(touch_task(draw(robot, 80, noise_mm=0.2)), Split.by_column(LATER))
+        assert found.identification.noise[0] > 5.0
+        tried.append((found.nominal.rms / found.test.rms, found.verdict))
+    assert [verdict for gain, verdict in tried if gain >= 4.0] != []
+    assert all(verdict == "better" for gain, verdict in tried if gain >= 4.0), tried
