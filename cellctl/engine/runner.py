@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, final
@@ -46,6 +46,9 @@ from cellctl.procedure import (
 
 _STOP_SECONDS = 10.0
 """How long one device may take to come to its safe state, in the cell's time."""
+
+_CLOSE_WALL_SECONDS = 30.0
+"""How long letting go of a device may take. Wall time: ports and processes of this host know no other."""
 
 _CLEANUP_SECONDS = 30.0
 """How long a clean-up step may take that does not say so itself."""
@@ -214,18 +217,11 @@ class Engine:
             if isinstance(step, Step) and self._plan.registry.find(step.do).needs.keys() <= reached:
                 troubles += await self._clean_step(step)
         for device in self._connected:
-            troubles += await self._tried(device.stop, f"{device.name} could not be brought to its safe state")
-            troubles += await self._tried(device.close, f"{device.name} could not be let go of")
+            safe = f"{device.name} could not be brought to its safe state"
+            troubles += await _tried(device.stop, self._clock.timeout(_STOP_SECONDS), safe)
+            free = f"{device.name} could not be let go of"
+            troubles += await _tried(device.close, asyncio.timeout(_CLOSE_WALL_SECONDS), free)
         return list(dict.fromkeys(troubles))
-
-    async def _tried(self, action: Callable[[], Awaitable[None]], otherwise: str) -> list[str]:
-        """Do one action of the clean-up, bounded; what came of it where it failed, begun by `otherwise`."""
-        try:
-            async with self._clock.timeout(_STOP_SECONDS):
-                await action()
-        except Exception as failure:
-            return [f"{otherwise}: {failure or type(failure).__name__}"]
-        return []
 
     async def _clean_step(self, step: Step) -> list[str]:
         path = step_path("cleanup", step.id)
@@ -277,6 +273,18 @@ def _failed(path: str, attempt: int, error: BaseException) -> StepEnded:
     outcomes = {asyncio.CancelledError: StepOutcome.CANCELLED, TimeoutError: StepOutcome.TIMED_OUT}
     failure = StepFailure(type(error).__name__, str(error), getattr(error, "cure", ""))
     return StepEnded(path, attempt, outcomes.get(type(error), StepOutcome.FAILED), None, failure)
+
+
+async def _tried(
+    action: Callable[[], Awaitable[None]], bound: AbstractAsyncContextManager[object], otherwise: str
+) -> list[str]:
+    """Do one action of the clean-up within `bound`; what came of it where it failed, begun by `otherwise`."""
+    try:
+        async with bound:
+            await action()
+    except Exception as failure:
+        return [f"{otherwise}: {str(failure) or type(failure).__name__}"]
+    return []
 
 
 def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:
