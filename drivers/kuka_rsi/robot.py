@@ -183,7 +183,7 @@ class KukaRobot:
     async def stop(self) -> None:
         """Hold the robot whatever it does. Raises DeviceUncertain where the controller does not confirm it."""
         self.stop_now()
-        if (self._moving() or self._adrift) and not await see_through(self._halt()):
+        if not self._stands() and not await see_through(self._halt()):
             raise DeviceUncertain(
                 self.name,
                 "the controller has not confirmed that the robot stands: it may still be moving",
@@ -304,9 +304,12 @@ class KukaRobot:
                 self._adrift = False
         return not self._adrift
 
-    def _moving(self) -> bool:
+    def _stands(self) -> bool:
+        """Whether the controller says that nothing moves; where it was lost, nobody says it."""
+        if self._eki is None:
+            return True
         with suppress(DeviceLost):
-            return self._busy or self._connected_eki().stat.program in ("MOVING", "RSI")
+            return not (self._busy or self._adrift or self._eki.stat.program in ("MOVING", "RSI"))
         return False
 
     def _arrived(self, reply: Reply) -> JointReadings:
