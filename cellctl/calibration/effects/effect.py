@@ -1,0 +1,46 @@
+"""What every effect that is no geometry has in common: it is linear in its amounts, at joints that are nominal."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from cellctl.calibration.postures import Postures
+from cellctl.kinematics import Floats, SerialChain
+
+
+class Effect(Protocol):
+    """A cause of error with K amounts κ. It turns the joints by Φκ, and shifts the tool by Ψκ.
+
+    Both are worked out on the *nominal* chain standing upright in its own base frame (`with_base(identity)`, no
+    deviations): an error of a thousandth in where a load pulls is a thousandth of a thousandth at the tool, and so
+    every derivative stays exact and closed. `parameters` (K,): names; `units`: `rad`, `1/K`, …; `sigma` (K,): prior 1 σ
+    in those units.
+    """
+
+    @property
+    def group(self) -> str:
+        """Name of the kind, by which it is freed or held: `compliance`, `backlash`, …."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names (K,), each unlike any other of a model."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each amount (K,)."""
+        ...
+
+    @property
+    def sigma(self) -> Floats:
+        """How large each amount (K,) is expected to be, 1 σ."""
+        ...
+
+    def turns(self, nominal: SerialChain, at: Postures) -> Floats | None:
+        """Φ (N, n, K): rad of each joint per unit of each amount; None where the effect turns no joint."""
+        ...
+
+    def shifts(self, nominal: SerialChain, at: Postures) -> Floats | None:
+        """Ψ (N, 3, K): mm of the tool centre point, in the robot's base frame, per unit; None where it shifts nothing."""
+        ...
