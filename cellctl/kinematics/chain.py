@@ -133,6 +133,20 @@ class SerialChain:
         """Pose of the flange (..., 4, 4), mm, in the measuring frame, at model angles q (..., n), rad."""
         return self._batched(q, lambda angles: self._end(angles, self._last_link), (4, 4))
 
+    def frames(self, q: ArrayLike) -> Floats:
+        """The frames behind joints 1 … n, then the flange: (..., n + 1, 4, 4), mm, in the measuring frame.
+
+        At model angles q (..., n), rad. The frame behind a joint has its z along the joint's axis, and turns with it.
+        """
+        batch, angles = self._angles(q)
+        result = np.zeros((self.n + 1, 4, 4, angles.shape[1]))
+        result[:, 3, 3] = 1.0
+        for start in range(0, angles.shape[1], BLOCK):
+            frames, _ = self._frames(angles[:, start : start + BLOCK])
+            result[:-1, :3, :, start : start + BLOCK] = frames[1:]
+            result[-1, :3, :, start : start + BLOCK] = np.matmul(self._last_link.T, frames[-1])
+        return np.moveaxis(result, -1, 0).reshape(*batch, self.n + 1, 4, 4)
+
     def tool_jacobian(self, q: ArrayLike) -> Floats:
         """How the tool moves with the joints: (..., 6, n) at q (..., n).
 

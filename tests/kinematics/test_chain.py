@@ -76,6 +76,24 @@ def test_forward_equals_the_product_of_the_conventions_matrices(seed, n, convent
         np.testing.assert_allclose(flange, expected_flange, atol=1e-9)
 
 
+@settings(max_examples=20, deadline=None)
+@chains
+def test_the_frame_behind_each_joint_holds_its_axis_and_the_last_is_the_flange(seed, n, convention):
+    chain, *_, rng = random_chain(seed, n, convention)
+    q = rng.uniform(-3, 3, (2, 3, n))
+    frames = chain.frames(q)
+    assert frames.shape == (2, 3, n + 1, 4, 4)
+    np.testing.assert_allclose(frames[..., -1, :, :], chain.forward_flange(q), atol=1e-9)
+    tip = chain.forward(q)[..., :3, 3]
+    joints = chain.tool_jacobian(q)
+    for index in range(n):
+        axis, point = frames[..., index, :3, 2], frames[..., index, :3, 3]
+        np.testing.assert_allclose(joints[..., 3:, index], axis, atol=1e-9)
+        np.testing.assert_allclose(joints[..., :3, index], np.cross(axis, tip - point), atol=1e-9)
+        turned = chain.frames(q + 0.3 * np.eye(n)[index])[..., index, :, :]
+        np.testing.assert_allclose(turned, frames[..., index, :, :] @ rot("z", 0.3), atol=1e-9)
+
+
 def central_difference(pose_of, step):
     ahead, behind, here = pose_of(step), pose_of(-step), pose_of(0.0)
     rate = (ahead - behind) / (2 * step)
