@@ -1,5 +1,20 @@
-"""What a robot does besides its geometry: each effect turns its joints, or shifts its tool, in proportion to amounts."""
+"""What a robot does besides its geometry: effects that turn its joints, or shift its tool, in proportion to amounts."""
 
+from cellctl.calibration.effects.backlash import Backlash
+from cellctl.calibration.effects.compliance import JointCompliance
+from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects.effect import Effect
+from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
+from cellctl.calibration.effects.growth import Growth
+from cellctl.calibration.effects.harmonics import Harmonics
 
-__all__ = ["Effect"]
+__all__ = [
+    "DEFLECTION",
+    "STANDARD_GRAVITY",
+    "Backlash",
+    "Effect",
+    "Growth",
+    "Harmonics",
+    "JointCompliance",
+    "ToolDeflection",
+]

@@ -42,5 +42,5 @@ class Effect(Protocol):
         ...
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats | None:
-        """Ψ (N, 3, K): mm of the tool centre point, in the robot's base frame, per unit; None where it shifts nothing."""
+        """Ψ (N, 3, K): mm of the tool centre point, in the robot's base frame, per unit; None where nothing shifts."""
         ...

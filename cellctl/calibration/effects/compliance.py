@@ -1,0 +1,116 @@
+"""Joints turn a little under the weight that they carry: gears, bearings and drives are springs.
+
+The weight behind joint j pulls at it by the moment ẑ_j · Σ_{k≥j} (p_k − o_j) × m_k g ĝ. Each lever p_k − o_j is a sum
+of vectors fixed in the frames behind joints j … k, so the moment is ẑ_j · Σ_{k≥j} (R_k s_k) × ĝ with constants s_k:
+masses times lengths, which nobody needs to know. The part of s_k along z belongs to the frame before, as joint k's axis
+does not turn with joint k; along joint j's own axis, in the end, nothing has a moment about it. That leaves two amounts
+for each k ≥ j, and these are independent: the pair of k goes once round with joint k, which no pair before it knows.
+A joint whose axis is vertical at every posture feels no weight and has no amounts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self, final
+
+import numpy as np
+
+from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
+from cellctl.calibration.postures import Postures
+from cellctl.kinematics import Floats, SerialChain
+
+SAG_RAD = 5e-4
+SAG_PER_NM = 1e-5
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class JointCompliance:
+    """Joints as torsion springs under gravity: what each turns by the weight of the links, and by a known payload.
+
+    joints: how many. load_known: whether the rows say their payload. upright: joints (from 1) whose axis is vertical
+    at every posture, which have no amounts; `of` finds them.
+    `compliance{j}_{k}x`, `…y`: rad by which joint j turns under the weight moment that is fixed along x, y of the
+    frame behind joint k, where that lies level and across joint j's axis. `compliance_load{j}`: rad/(N m) of joint j
+    under the payload at the tool centre point. Positive is the way the weight pulls.
+    needs: rows at which the weight pulls differently, and for the payload's amounts rows with different payloads (one
+    that never changes is a part of the links' weight).
+    """
+
+    joints: int
+    load_known: bool = False
+    upright: frozenset[int] = frozenset()
+
+    @classmethod
+    def of(cls, nominal: SerialChain, load_known: bool = False) -> Self:
+        """The compliance of a robot that stands upright, without the joints that never carry weight."""
+        return cls(nominal.n, load_known, _upright(nominal))
+
+    @property
+    def group(self) -> str:
+        """`compliance`."""
+        return "compliance"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Joint by joint, link by link; then the payload's."""
+        own = tuple(f"compliance{j + 1}_{k + 1}{'xy'[e]}" for j, k, e in self._moments())
+        return own + tuple(f"compliance_load{j + 1}" for j in self._loaded())
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Rad; rad/(N m) for the payload's."""
+        return ("rad",) * len(self._moments()) + ("rad/(N m)",) * len(self._loaded())
+
+    @property
+    def sigma(self) -> Floats:
+        """Prior 1 σ about 0 of each amount."""
+        own = [SAG_RAD for _ in self._moments()]
+        return np.array(own + [SAG_PER_NM for _ in self._loaded()])
+
+    def turns(self, nominal: SerialChain, at: Postures) -> Floats:
+        """Φ (N, n, K): moments about each joint of one newton's weight at unit levers; N m per N m of the payload."""
+        frames = np.moveaxis(nominal.frames(at.q), 0, -1)  # each number a long vector, as in the chain itself
+        arms, levers = _weight_arms(frames[:-1]), frames[:-1, :2, :2]
+        result = np.zeros((self.joints, len(self.parameters), len(at)))
+        column = 0
+        for joint in self._carrying():
+            moments = arms[joint, 0] * levers[joint:, 0] + arms[joint, 1] * levers[joint:, 1]
+            result[joint, column : column + 2 * len(moments)] = moments.reshape(-1, len(at))
+            column += 2 * len(moments)
+        if at.payload is not None:
+            load = at.payload * _load_arms(nominal, at, frames, arms)
+            for extra, joint in enumerate(self._loaded()):
+                result[joint, column + extra] = load[joint]
+        return np.moveaxis(result, -1, 0)
+
+    def shifts(self, nominal: SerialChain, at: Postures) -> None:
+        """None: joints turn, and carry the tool with them."""
+
+    def _carrying(self) -> list[int]:
+        return [j for j in range(self.joints) if j + 1 not in self.upright]
+
+    def _moments(self) -> list[tuple[int, int, int]]:
+        """Joint, link and direction of each amount of the links' weight, from 0."""
+        return [(j, k, e) for j in self._carrying() for k in range(j, self.joints) for e in range(2)]
+
+    def _loaded(self) -> list[int]:
+        return self._carrying() if self.load_known else []
+
+
+def _weight_arms(frames: Floats) -> Floats:
+    """x and y (n, 2, N) of ĝ × ẑ, ĝ = −z: ẑ · (lever × ĝ) = lever · (ĝ × ẑ) is the moment of one newton about ẑ."""
+    return np.stack([frames[:, 1, 2], -frames[:, 0, 2]], axis=1)
+
+
+def _load_arms(nominal: SerialChain, at: Postures, frames: Floats, arms: Floats) -> Floats:
+    """Moments (n, N) about the joints, N m, of the weight of one kilogram at the tool centre point."""
+    levers_m = (nominal.forward(at.q)[:, :2, 3].T - frames[:-1, :2, 3]) / 1000.0
+    return np.asarray(STANDARD_GRAVITY * np.sum(arms * levers_m, axis=1))
+
+
+def _upright(nominal: SerialChain) -> frozenset[int]:
+    """Joints (from 1) vertical at every posture: such as come before the first that is not."""
+    axes = nominal.frames(np.zeros(nominal.n))[:-1, :3, 2]
+    leaning = np.linalg.norm(axes[:, :2], axis=-1) > 1e-9
+    return frozenset((np.flatnonzero(~np.logical_or.accumulate(leaning)) + 1).tolist())

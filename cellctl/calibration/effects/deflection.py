@@ -1,0 +1,67 @@
+"""The tool bends under its own weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cellctl.calibration.effects.gravity import DOWN
+from cellctl.calibration.postures import Postures
+from cellctl.kinematics import Floats, SerialChain
+
+DEFLECTION = "tool_deflection"
+"""Name of the tool's bending amount c_t, 1/(N m^2)."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ToolDeflection:
+    """The tool as a cantilever along the flange's z with its weight at the end.
+
+    length_m: from the flange to the tool centre point, along z (of the taught tool: an error in it is taken up by c_t).
+    load_n: weight at the end, N. expected: prior 1 σ of c_t = 1/(E·I) about 0, 1/(N m^2); 0.002 is what Wang et al.
+    simulate (0.00036 is what they identify).
+    Tip shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at
+    the end is part of that shift already, and is not added to it again as their eq. 21 would. No orientation changes:
+    the tilt (arc minutes) is left out. needs: the tool's mass.
+    """
+
+    length_m: float
+    load_n: float
+    expected: float = 0.002
+
+    @property
+    def group(self) -> str:
+        """`deflection`."""
+        return "deflection"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """`tool_deflection` alone."""
+        return (DEFLECTION,)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """1/(N m^2)."""
+        return ("1/(N m^2)",)
+
+    @property
+    def sigma(self) -> Floats:
+        """What is expected of c_t (1,)."""
+        return np.array([self.expected])
+
+    @property
+    def mm_per_unit(self) -> float:
+        """Shift of a horizontal tool's tip for c_t = 1, mm."""
+        return 1000.0 * self.length_m**3 / 3.0 * self.load_n
+
+    def turns(self, nominal: SerialChain, at: Postures) -> None:
+        """None: the tool bends behind the last joint."""
+
+    def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
+        """Ψ (N, 3, 1): the part of ĝ across the flange's z, times `mm_per_unit`."""
+        axis = nominal.forward_flange(at.q)[..., :3, 2]
+        across = DOWN - (axis @ DOWN)[..., None] * axis
+        return np.asarray(self.mm_per_unit * across[..., None])

@@ -1,0 +1,122 @@
+"""An arm of weights on springs, by hand: axes and points at rest, turned one after the other, and statics. No chain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cellctl.kinematics import Link, SerialChain
+
+G = 9.80665
+
+TABLES = {  # theta, d, a, alpha in deg and mm; T = Rz(q + theta) Tz(d) Tx(a) Rx(alpha)
+    "one joint, level": (-90, [(0, 120, 500, 0)]),
+    "one joint, leaning": (-50, [(20, 0, 400, 10)]),
+    "pan and tilt": (0, [(0, 300, 50, -90), (10, 0, 350, 0)]),
+    "six joints": (
+        0,
+        [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)],
+    ),
+    "seven joints": (
+        0,
+        [
+            (0, 360, 0, -90),
+            (0, 0, 0, 90),
+            (0, 420, 0, 90),
+            (0, 0, 0, -90),
+            (0, 400, 0, -90),
+            (0, 0, 0, 90),
+            (0, 126, 0, 0),
+        ],
+    ),
+}
+TOOL = np.array([30.0, -20.0, 150.0])
+
+
+def _turn(axis, degrees):
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+    return matrix
+
+
+def _slide(x=0.0, y=0.0, z=0.0):
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+@dataclass
+class Arm:
+    """Joint axes (point, direction; mm) and what hangs behind each joint, as they are at model zero.
+
+    lean: the first axis is turned about x by this much from the vertical, deg: a fixed part of the first link's pose.
+    """
+
+    lean: float
+    rows: list
+
+    def __post_init__(self):
+        place, self.points, self.axes = _turn("x", self.lean), [], []
+        for theta, d, a, alpha in self.rows:
+            self.points.append(place[:3, 3])
+            self.axes.append(place[:3, 2])
+            place = place @ _turn("z", theta) @ _slide(z=d) @ _slide(x=a) @ _turn("x", alpha)
+        self.flange = place
+        self.tip = (place @ np.append(TOOL, 1.0))[:3]
+
+    @property
+    def n(self):
+        return len(self.rows)
+
+    def chain(self):
+        """The same arm as cellctl has it; the lean is one more fixed row of a Craig table's first link."""
+        craig = [(self.lean, 0.0)] + [(alpha, a) for _, _, a, alpha in self.rows]
+        links = [
+            Link(np.deg2rad(theta), d, a, np.deg2rad(alpha))
+            for (theta, d, _, _), (alpha, a) in zip(self.rows, craig, strict=False)
+        ]
+        end = _slide(x=craig[-1][1]) @ _turn("x", craig[-1][0])
+        return SerialChain.from_links("dh-craig", links, None, end @ _slide(*TOOL))
+
+    def moved(self, q, behind, points):
+        """Points (m, 3) that are fixed behind joint `behind` (from 0; n − 1 the last), at angles q (n,)."""
+        for joint in range(behind, -1, -1):
+            turn = Rotation.from_rotvec(q[joint] * self.axes[joint])
+            points = turn.apply(points - self.points[joint]) + self.points[joint]
+        return points
+
+    def axis(self, q, joint):
+        """Direction and a point of a joint's axis at angles q."""
+        ends = np.array([self.points[joint], self.points[joint] + self.axes[joint]])
+        point, further = self.moved(q, joint - 1, ends)
+        return further - point, point
+
+    def moments(self, q, weights):
+        """Moments (n,) about the joints, N m, of `weights`: (behind which joint, where at model zero in mm, kg)."""
+        result = np.zeros(self.n)
+        for behind, place, kilograms in weights:
+            centre = self.moved(q, behind, place[None])[0]
+            for joint in range(behind + 1):
+                axis, point = self.axis(q, joint)
+                result[joint] += axis @ np.cross((centre - point) / 1000.0, [0.0, 0.0, -kilograms * G])
+        return result
+
+    def links(self, rng):
+        """A weight somewhere on each link, kg and mm."""
+        return [(k, rng.uniform(-400, 400, 3) + self.points[k], rng.uniform(1, 20)) for k in range(self.n)]
+
+
+@pytest.fixture(params=list(TABLES))
+def arm(request):
+    return Arm(*TABLES[request.param])
+
+
+@pytest.fixture
+def six_joints():
+    return Arm(*TABLES["six joints"])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
