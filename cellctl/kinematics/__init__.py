@@ -1,8 +1,8 @@
-"""Kinematics of serial robots: link tables, forward and inverse, closed-form Jacobians, frames. mm and rad."""
+"""Kinematics of serial robots: tables and axes, forward and inverse, closed-form Jacobians, frames. mm and rad."""
 
 from cellctl.kinematics.arrays import Bools, Floats
-from cellctl.kinematics.chain import SerialChain
-from cellctl.kinematics.elementary import CONVENTIONS, Convention, Link
+from cellctl.kinematics.chain import CONVENTIONS, Convention, SerialChain
+from cellctl.kinematics.conversion import to_craig, to_mdh, to_poe
 from cellctl.kinematics.frames import (
     abc_from_rotation,
     inverse_pose,
@@ -13,7 +13,9 @@ from cellctl.kinematics.frames import (
     rotation_vector,
 )
 from cellctl.kinematics.inverse import InverseResult, inverse
+from cellctl.kinematics.joint_axes import JointAxis
 from cellctl.kinematics.joint_map import JointMap
+from cellctl.kinematics.link_table import Link, TableConvention
 
 __all__ = [
     "CONVENTIONS",
@@ -21,9 +23,11 @@ __all__ = [
     "Convention",
     "Floats",
     "InverseResult",
+    "JointAxis",
     "JointMap",
     "Link",
     "SerialChain",
+    "TableConvention",
     "abc_from_rotation",
     "inverse",
     "inverse_pose",
@@ -32,4 +36,7 @@ __all__ = [
     "rotation_from_abc",
     "rotation_from_quaternion",
     "rotation_vector",
+    "to_craig",
+    "to_mdh",
+    "to_poe",
 ]

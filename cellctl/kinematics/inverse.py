@@ -44,7 +44,7 @@ def inverse(
     batch = np.broadcast_shapes(targets.shape[:-2], begin.shape[:-1])
     goal = np.broadcast_to(targets, (*batch, 4, 4)).reshape(-1, 4, 4)
     q = np.array(np.broadcast_to(begin, (*batch, chain.n)).reshape(-1, chain.n))
-    reach = max(_reach(chain), 1.0)
+    reach = max(chain.reach_mm, 1.0)
     damping = np.full(len(q), 1e-6)
     error = _error(chain.forward(q), goal)
     active = ~_within(error, tolerance_mm, tolerance_rad)
@@ -64,11 +64,6 @@ def inverse(
         np.linalg.norm(error[:, :3], axis=-1).reshape(batch),
         np.linalg.norm(error[:, 3:], axis=-1).reshape(batch),
     )
-
-
-def _reach(chain: SerialChain) -> float:
-    """The arm's rough reach, mm: turns a pose error's two halves into one number."""
-    return float(sum(abs(link.a) + abs(link.d) for link in chain.links) + np.linalg.norm(chain.tool_now[:3, 3]))
 
 
 def _error(actual: Floats, goal: Floats) -> Floats:

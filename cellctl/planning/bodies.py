@@ -45,13 +45,13 @@ class Body:
         self.thickness = thickness
         self._chain = chain
         self._joints = joints
-        self._elbow, self._wrist = (_part(chain, left) for left in (3, 2))
+        self._elbow, self._wrist = (max(1, chain.n - left) for left in (3, 2))
 
     def at(self, readings: Array) -> Posture:
         """Where it is at `readings` (k, n), deg, by the nominal model."""
         q = self._joints.model(readings)
-        elbow, wrist = (part.forward_flange(q[:, : part.n])[:, :3, 3] for part in (self._elbow, self._wrist))
-        flange, tip = self._chain.forward_flange(q)[:, :3, 3], self._chain.forward(q)[:, :3, 3]
+        places, tip = self._chain.frames(q)[..., :3, 3], self._chain.forward(q)[:, :3, 3]
+        elbow, wrist, flange = (places[:, index] for index in (self._elbow, self._wrist, -1))
         shaft = tip - flange
         length = np.linalg.norm(shaft, axis=-1, keepdims=True)
         mouth = tip - shaft * np.minimum(1.0, self.thickness.stick_out / np.maximum(length, 1e-9))
@@ -60,8 +60,3 @@ class Body:
     def tip(self, readings: Array) -> Array:
         """The tip alone, (k, 3)."""
         return np.asarray(self._chain.forward(self._joints.model(readings))[:, :3, 3])
-
-
-def _part(chain: SerialChain, left: int) -> SerialChain:
-    """The chain without its last `left` joints: three before the flange is the forearm's begin, two the wrist."""
-    return SerialChain.from_links(chain.convention, chain.links[: max(1, chain.n - left)], chain.base_now)

@@ -29,7 +29,13 @@ def test_abc_is_a_about_z_then_b_about_y_then_c_about_x():
 def test_angles_of_a_matrix_give_that_matrix_again_at_the_singularity_too(a, b, c):
     for angles in ([a, b, c], [a, 90, c], [a, -90, c]):
         turn = rotation_from_abc(angles)
-        np.testing.assert_allclose(rotation_from_abc(abc_from_rotation(turn)), turn, atol=1e-7)
+        np.testing.assert_allclose(rotation_from_abc(abc_from_rotation(turn)), turn, atol=3e-14)
+
+
+@given(degrees, st.floats(-12, -3), degrees, st.sampled_from([1, -1]))
+def test_angles_close_to_the_singularity_give_the_matrix_again_to_rounding(a, exponent, c, side):
+    turn = rotation_from_abc([a, side * (90 - 10**exponent), c])
+    np.testing.assert_allclose(rotation_from_abc(abc_from_rotation(turn)), turn, rtol=0, atol=3e-14)
 
 
 @given(degrees, degrees, degrees)
