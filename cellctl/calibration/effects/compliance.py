@@ -76,7 +76,7 @@ class JointCompliance:
         column = 0
         for joint in self._carrying():
             moments = arms[joint, 0] * levers[joint:, 0] + arms[joint, 1] * levers[joint:, 1]
-            result[joint, column : column + 2 * len(moments)] = moments.reshape(-1, len(at))
+            result[joint, column : column + 2 * len(moments)] = np.concatenate(moments)
             column += 2 * len(moments)
         if at.payload is not None:
             load = at.payload * _load_arms(nominal, at, frames, arms)

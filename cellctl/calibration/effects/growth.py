@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Self, final
 
 import numpy as np
 
@@ -19,14 +19,22 @@ EXPECTED_PER_K = 2e-5
 class Growth:
     """Each link's linear growth with temperature.
 
-    joints: how many. `growth{i}`, 1/K: of link i, from the origin of the frame behind joint i to that behind joint
+    joints: how many. points: links (from 1) of no length, as in a spherical wrist, which have no amount; `of` finds
+    them. `growth{i}`, 1/K: of link i, from the origin of the frame behind joint i to that behind joint
     i + 1 (the last: to the flange; the first: from the base's origin, as the pedestal grows with it). All alike, they
     scale the robot about its base's origin. The tool is not counted: it has a temperature of its own.
     needs: rows whose temperature is known, and differs; where `warmer` is None nothing grows.
     """
 
     joints: int
+    points: frozenset[int] = frozenset()
     expected: float = EXPECTED_PER_K
+
+    @classmethod
+    def of(cls, nominal: SerialChain) -> Self:
+        """The growth of a robot, without the links that are points."""
+        lengths = np.linalg.norm(_link_vectors(nominal, np.zeros((1, nominal.n)))[0], axis=-1)
+        return cls(nominal.n, frozenset((np.flatnonzero(lengths < 1e-6) + 1).tolist()))
 
     @property
     def group(self) -> str:
@@ -35,26 +43,34 @@ class Growth:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """One for each link."""
-        return tuple(f"growth{i + 1}" for i in range(self.joints))
+        """One for each link that has a length."""
+        return tuple(f"growth{i + 1}" for i in self._grown)
 
     @property
     def units(self) -> tuple[str, ...]:
         """1/K."""
-        return ("1/K",) * self.joints
+        return ("1/K",) * len(self._grown)
 
     @property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, 1/K."""
-        return np.full(self.joints, self.expected)
+        return np.full(len(self._grown), self.expected)
 
     def turns(self, nominal: SerialChain, at: Postures) -> None:
         """None: lengths grow, joints stay."""
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
-        """Ψ (N, 3, n): each link's vector, mm, times how much warmer it is, K."""
+        """Ψ (N, 3, K): each link's vector, mm, times how much warmer it is, K."""
         if at.warmer is None:
-            return np.zeros((len(at), 3, self.joints))
-        ends = nominal.frames(at.q)[:, 1:, :3, 3]
-        links = np.diff(ends, axis=1, prepend=0.0)
+            return np.zeros((len(at), 3, len(self._grown)))
+        links = _link_vectors(nominal, at.q)[:, self._grown]
         return np.asarray(np.swapaxes(links * at.warmer[:, None, None], 1, 2))
+
+    @property
+    def _grown(self) -> list[int]:
+        return [i for i in range(self.joints) if i + 1 not in self.points]
+
+
+def _link_vectors(nominal: SerialChain, q: Floats) -> Floats:
+    """From each link's origin to the next one's (N, n, 3), mm; the first from the base's."""
+    return np.diff(nominal.frames(q)[:, 1:, :3, 3], axis=1, prepend=0.0)

@@ -58,7 +58,7 @@ class Harmonics:
         result = np.zeros((len(at), self.joints, self.joints, len(WAVES)))
         own = np.arange(self.joints)
         result[:, own, own] = waves
-        return result.reshape(len(at), self.joints, -1)
+        return result.reshape(len(at), self.joints, len(self.parameters))
 
     def shifts(self, nominal: SerialChain, at: Postures) -> None:
         """None: joints turn, and carry the tool with them."""

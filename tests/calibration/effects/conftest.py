@@ -12,8 +12,8 @@ G = 9.80665
 
 TABLES = {  # theta, d, a, alpha in deg and mm; T = Rz(q + theta) Tz(d) Tx(a) Rx(alpha)
     "one joint, level": (-90, [(0, 120, 500, 0)]),
-    "one joint, leaning": (-50, [(20, 0, 400, 10)]),
-    "pan and tilt": (0, [(0, 300, 50, -90), (10, 0, 350, 0)]),
+    "one joint, leaning": (-50, [(20, 80, 400, 10)]),
+    "pan and tilt": (0, [(0, 300, 50, -90), (10, 25, 350, 0)]),
     "six joints": (
         0,
         [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)],
@@ -61,8 +61,8 @@ class Arm:
         for theta, d, a, alpha in self.rows:
             self.points.append(place[:3, 3])
             self.axes.append(place[:3, 2])
-            place = place @ _turn("z", theta) @ _slide(z=d) @ _slide(x=a) @ _turn("x", alpha)
-        self.flange = place
+            self.flange = place @ _turn("z", theta) @ _slide(z=d)
+            place = self.flange @ _slide(x=a) @ _turn("x", alpha)
         self.tip = (place @ np.append(TOOL, 1.0))[:3]
 
     @property
@@ -79,27 +79,28 @@ class Arm:
         end = _slide(x=craig[-1][1]) @ _turn("x", craig[-1][0])
         return SerialChain.from_links("dh-craig", links, None, end @ _slide(*TOOL))
 
-    def moved(self, q, behind, points):
-        """Points (m, 3) that are fixed behind joint `behind` (from 0; n − 1 the last), at angles q (n,)."""
+    def moved(self, q, behind, point):
+        """A point (3,) that is fixed behind joint `behind` (from 0; −1: the base), at angles q (N, n): (N, 3)."""
+        points = np.tile(point, (len(q), 1))
         for joint in range(behind, -1, -1):
-            turn = Rotation.from_rotvec(q[joint] * self.axes[joint])
+            turn = Rotation.from_rotvec(q[:, joint, None] * self.axes[joint])
             points = turn.apply(points - self.points[joint]) + self.points[joint]
         return points
 
-    def axis(self, q, joint):
-        """Direction and a point of a joint's axis at angles q."""
-        ends = np.array([self.points[joint], self.points[joint] + self.axes[joint]])
-        point, further = self.moved(q, joint - 1, ends)
-        return further - point, point
+    def directed(self, q, behind, direction):
+        """A direction (3,) that is fixed behind joint `behind`, at angles q (N, n): (N, 3)."""
+        return self.moved(q, behind, direction) - self.moved(q, behind, np.zeros(3))
 
     def moments(self, q, weights):
-        """Moments (n,) about the joints, N m, of `weights`: (behind which joint, where at model zero in mm, kg)."""
-        result = np.zeros(self.n)
+        """Moments (N, n) about the joints, N m, of `weights`: (behind which joint, where at model zero in mm, kg)."""
+        result = np.zeros((len(q), self.n))
         for behind, place, kilograms in weights:
-            centre = self.moved(q, behind, place[None])[0]
+            centre = self.moved(q, behind, place)
+            weight = np.array([0.0, 0.0, -G]) * np.reshape(kilograms, (-1, 1))
             for joint in range(behind + 1):
-                axis, point = self.axis(q, joint)
-                result[joint] += axis @ np.cross((centre - point) / 1000.0, [0.0, 0.0, -kilograms * G])
+                lever_m = (centre - self.moved(q, joint - 1, self.points[joint])) / 1000.0
+                axis = self.directed(q, joint - 1, self.axes[joint])
+                result[:, joint] += np.sum(axis * np.cross(lever_m, weight), axis=1)
         return result
 
     def links(self, rng):

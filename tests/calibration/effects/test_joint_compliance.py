@@ -14,19 +14,16 @@ def amounts(effect, **values):
     return np.array([values.get(name, 0.0) for name in effect.parameters])
 
 
-def sag(arm, q, weights, stiffness):
-    return np.array([arm.moments(row, weights) for row in q]) / stiffness
-
-
 def test_the_hand_built_arm_and_the_chain_are_the_same_robot(arm, rng):
     q = rng.uniform(-np.pi, np.pi, (5, arm.n))
-    tips = [arm.moved(row, arm.n - 1, arm.tip[None])[0] for row in q]
-    assert_allclose(arm.chain().forward(q)[:, :3, 3], tips, atol=1e-9)
+    chain = arm.chain()
+    assert_allclose(chain.forward(q)[:, :3, 3], arm.moved(q, arm.n - 1, arm.tip), atol=1e-9)
+    assert_allclose(chain.forward_flange(q)[:, :3, 3], arm.moved(q, arm.n - 1, arm.flange[:3, 3]), atol=1e-9)
 
 
 def test_amounts_say_exactly_how_any_weights_on_any_springs_sag(arm, rng):
     chain, q = arm.chain(), rng.uniform(-np.pi, np.pi, (300, arm.n))
-    turned = sag(arm, q, arm.links(rng), rng.uniform(1e3, 1e5, arm.n))
+    turned = arm.moments(q, arm.links(rng)) / rng.uniform(1e3, 1e5, arm.n)
     phi = JointCompliance.of(chain).turns(chain, Postures(q))
     fit, held_out = np.s_[:200], np.s_[200:]
     found = np.linalg.lstsq(phi[fit].reshape(-1, phi.shape[-1]), turned[fit].ravel(), rcond=None)[0]
@@ -60,10 +57,10 @@ def test_the_tool_of_a_robot_on_springs_is_where_equilibrium_puts_it_but_for_the
     def miss(stiffness):
         rested = q
         for _ in range(30):
-            rested = q + sag(arm, rested, weights, stiffness)
-        tips = [arm.moved(row, 5, arm.tip[None])[0] for row in rested]
-        found = np.linalg.lstsq(phi.reshape(-1, phi.shape[-1]), sag(arm, q, weights, stiffness).ravel(), rcond=None)[0]
-        moved = chain.forward(q + phi @ found)[:, :3, 3] - tips
+            rested = q + arm.moments(rested, weights) / stiffness
+        sag = arm.moments(q, weights) / stiffness
+        found = np.linalg.lstsq(phi.reshape(-1, phi.shape[-1]), sag.ravel(), rcond=None)[0]
+        moved = chain.forward(q + phi @ found)[:, :3, 3] - arm.moved(rested, 5, arm.tip)
         return np.linalg.norm(moved, axis=1).max()
 
     assert miss(2e5) < 0.02
@@ -74,9 +71,7 @@ def test_a_known_payload_turns_each_joint_by_its_moment_over_the_stiffness(arm, 
     chain, q = arm.chain(), rng.uniform(-np.pi, np.pi, (20, arm.n))
     payload, stiffness = rng.uniform(0, 10, 20), rng.uniform(1e3, 1e5, arm.n)
     effect = JointCompliance.of(chain, load_known=True)
-    expected = [
-        arm.moments(row, [(arm.n - 1, arm.tip, mass)]) / stiffness for row, mass in zip(q, payload, strict=True)
-    ]
+    expected = arm.moments(q, [(arm.n - 1, arm.tip, payload)]) / stiffness
     per_nm = {name: 1.0 / stiffness[int(name[-1]) - 1] for name in effect.parameters if "load" in name}
     turned = effect.turns(chain, Postures(q, payload=payload)) @ amounts(effect, **per_nm)
     assert_allclose(turned, expected, atol=1e-15)

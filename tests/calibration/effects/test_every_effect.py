@@ -1,0 +1,67 @@
+"""What the estimator relies on in any effect."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cellctl.calibration.effects import Backlash, Effect, Growth, Harmonics, JointCompliance, ToolDeflection
+from cellctl.calibration.postures import Postures
+
+MAKERS = {
+    "deflection": lambda chain: ToolDeflection(0.41, 15.0),
+    "compliance": lambda chain: JointCompliance.of(chain, load_known=True),
+    "harmonics": lambda chain: Harmonics(chain.n),
+    "backlash": lambda chain: Backlash(chain.n),
+    "growth": lambda chain: Growth.of(chain),
+}
+
+
+@pytest.fixture(params=list(MAKERS))
+def effect(request, arm) -> Effect:
+    made: Effect = MAKERS[request.param](arm.chain())
+    assert made.group == request.param
+    return made
+
+
+@pytest.fixture
+def at(arm, rng):
+    return Postures(
+        rng.uniform(-3, 3, (9, arm.n)), rng.choice([-1.0, 1.0], (9, arm.n)), rng.normal(size=9), rng.uniform(0, 5, 9)
+    )
+
+
+def parts(effect, arm, at):
+    return [part for part in (effect.turns(arm.chain(), at), effect.shifts(arm.chain(), at)) if part is not None]
+
+
+def test_every_amount_has_a_name_a_unit_and_an_expected_size(effect):
+    assert len(effect.parameters) == len(effect.units) == effect.sigma.size > 0
+    assert len(set(effect.parameters)) == len(effect.parameters)
+    assert np.all((effect.sigma > 0) & np.isfinite(effect.sigma))
+
+
+def test_every_amount_moves_the_tool(effect, arm, at):
+    (moved,) = parts(effect, arm, at)
+    assert moved.shape == (9, arm.n if effect.shifts(arm.chain(), at) is None else 3, len(effect.parameters))
+    assert np.all(np.abs(moved).max(axis=(0, 1)) > 0)
+
+
+def test_a_row_moves_the_same_alone_as_among_others(effect, arm, at):
+    for whole, some in zip(parts(effect, arm, at), parts(effect, arm, at.pick([4, 2])), strict=True):
+        assert_allclose(some, whole[[4, 2]], rtol=0, atol=1e-9)
+
+
+def test_no_row_at_all_is_no_error(effect, arm, at):
+    for none in parts(effect, arm, at.pick(slice(0, 0))):
+        assert none.shape[0] == 0
+
+
+def test_two_effects_of_a_robot_never_share_a_name(arm):
+    names = [name for make in MAKERS.values() for name in make(arm.chain()).parameters]
+    assert len(set(names)) == len(names)
+    assert not set(names) & set(arm.chain().parameters)
+
+
+def test_effects_are_values_that_can_be_compared_and_hashed(arm):
+    for make in MAKERS.values():
+        assert len({make(arm.chain()), make(arm.chain())}) == 1

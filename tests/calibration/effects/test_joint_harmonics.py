@@ -1,0 +1,59 @@
+"""Encoder discs off their centre and couplings out of line, by trigonometry, against once and twice per turn."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cellctl.calibration.effects import Harmonics
+from cellctl.calibration.postures import Postures
+
+TURN = np.linspace(-np.pi, np.pi, 73)
+
+
+def wobble(six_joints, angles, joint, **values):
+    """What joint (from 1) turns by at each angle, all other joints at 0.7 rad."""
+    q = np.full((angles.size, 6), 0.7)
+    q[:, joint - 1] = angles
+    effect = Harmonics(6)
+    amounts = np.array([values.get(name.removeprefix(f"harmonic{joint}_"), 0.0) for name in effect.parameters])
+    amounts *= [name.startswith(f"harmonic{joint}_") for name in effect.parameters]
+    turned = effect.turns(six_joints.chain(), Postures(q)) @ amounts
+    assert not np.delete(turned, joint - 1, axis=1).any()
+    return turned[:, joint - 1]
+
+
+def eccentric_disc(angles, offset, radius):
+    """True angle of a joint whose disc, `offset` (x, y) from the axis, shows `angles` at a head `radius` away."""
+    true = angles
+    for _ in range(30):
+        head = radius * np.array([np.cos(-true), np.sin(-true)])  # the head as the disc sees it go round
+        shown = -np.unwrap(np.arctan2(head[1] - offset[1], head[0] - offset[0]))
+        true = true - (shown - angles)
+    return true
+
+
+def test_a_disc_off_its_centre_is_once_per_turn(six_joints):
+    radius, offset = 30.0, np.array([0.003, -0.002])
+    error = eccentric_disc(TURN, offset, radius) - TURN
+    at_zero = np.interp(0.0, TURN, error)
+    model = wobble(six_joints, TURN, 3, s1=-offset[0] / radius, c1=-offset[1] / radius)
+    assert np.abs(error - at_zero).max() > 1e-4
+    assert_allclose(model, error - at_zero, atol=5e-8)
+
+
+def test_a_coupling_out_of_line_is_twice_per_turn(six_joints):
+    bend = 0.03  # rad between the shafts of a universal joint
+    driven = np.unwrap(np.arctan2(np.sin(TURN) * np.cos(bend), np.cos(TURN)))
+    error = driven - TURN
+    assert np.abs(error).max() > 2e-4
+    assert_allclose(wobble(six_joints, TURN, 5, s2=-(bend**2) / 4), error, atol=1e-7)
+
+
+@pytest.mark.parametrize("wave", ["s1", "c1", "s2", "c2"])
+def test_joint_zeros_mean_the_same_with_harmonics_as_without(six_joints, wave):
+    assert wobble(six_joints, np.zeros(1), 2, **{wave: 1.0}) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_four_waves_and_the_joint_zero_can_be_told_apart_over_a_turn(six_joints):
+    waves = [wobble(six_joints, TURN, 1, **{wave: 1.0}) for wave in ("s1", "c1", "s2", "c2")]
+    assert np.linalg.cond(np.stack([np.ones(TURN.size), *waves], axis=1)) < 10.0
