@@ -4,16 +4,30 @@
 """
 
 from cellctl.calibration.drift import Drift, linear_drift
+from cellctl.calibration.effects import (
+    DEFLECTION,
+    EFFECTS,
+    STANDARD_GRAVITY,
+    Backlash,
+    Effect,
+    Growth,
+    Harmonics,
+    JointCompliance,
+    ToolDeflection,
+)
 from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.fit import FitResult, fit
-from cellctl.calibration.identify import Identification, Task, identify
-from cellctl.calibration.model import DEFLECTION, STANDARD_GRAVITY, RobotModel, ToolDeflection
+from cellctl.calibration.identify import Identification, identify
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model import RobotModel
 from cellctl.calibration.observability import Observability, observability
+from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
-from cellctl.calibration.rows import PoseRows, PositionRows, Rows, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, PoseRows, PositionRows, Rows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere
+from cellctl.calibration.task import Session, Task
 from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
 from cellctl.calibration.verdict import (
     ErrorFigures,
@@ -27,22 +41,34 @@ from cellctl.calibration.verdict import (
 
 __all__ = [
     "DEFLECTION",
+    "EFFECTS",
     "STANDARD_GRAVITY",
+    "At",
+    "Backlash",
     "Drift",
+    "Effect",
     "ErrorFigures",
     "Estimate",
     "FitResult",
     "Group",
+    "Growth",
+    "Harmonics",
     "HeldOut",
     "Identification",
+    "JointCompliance",
     "Judgement",
     "LocatedSphere",
+    "Measured",
+    "Mixture",
     "Observability",
     "PoseRows",
     "PositionRows",
+    "Postures",
     "Prediction",
     "RobotModel",
     "Rows",
+    "Session",
+    "SocketRows",
     "SpacingRows",
     "Split",
     "State",

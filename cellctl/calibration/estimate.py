@@ -2,14 +2,15 @@
 
 Every unknown is divided by its prior σ and every row by its own: cost, steps and singular values then have no unit. The
 rows are folded into a triangle block by block (QR), so that memory does not grow with their number and precision is not
-squared away as in normal equations.
+squared away as in normal equations. Where a prior covariance is given, its root stands in the rows of the tolerances;
+what it says of parameters that are held is carried over into the covariance of all that is found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -30,15 +31,17 @@ SETTLED = 1e-9
 class Estimate:
     """The outcome of a fit.
 
-    deviations (P,): from the start, mm, rad, 1/(N·m²), 0 where not free. covariance (P, P): of the posterior, 0 where
-    not free. triangle (F, F): R of the *data alone* at the solution, columns in tolerances, free parameters only.
-    ended: how it ended, in words.
+    deviations (P,): from the start, in the parameters' units, 0 where not free. covariance (P, P): of the posterior, 0
+    where neither free nor doubted beforehand. triangle (F, F): R of the *data alone* at the solution, columns in
+    tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units. ended: how
+    it ended, in words.
     """
 
     unknowns: Unknowns
     deviations: Floats
     covariance: Floats
     triangle: Floats
+    whitening: Floats
     cost: float
     iterations: int
     converged: bool
@@ -46,33 +49,92 @@ class Estimate:
 
     @property
     def state(self) -> State:
-        """The identified robot and centres."""
+        """The identified robot and points."""
         return self.unknowns.state(self.deviations)
 
     @property
     def seen_by_data(self) -> float:
         """How many parameters' worth the data determined; the tolerances determined the rest of the free ones."""
-        squares = np.linalg.svd(self.triangle, compute_uv=False) ** 2
-        return float(np.sum(squares / (1.0 + squares)))
+        data = self.triangle.T @ self.triangle
+        known = self.whitening.T @ self.whitening
+        return float(np.trace(np.linalg.solve(data + known, data))) if len(data) else 0.0
 
 
-def estimate(unknowns: Unknowns, blocks: Sequence[Rows]) -> Estimate:
-    """Fit the free unknowns to `blocks`, from where they are expected. Always ends; says whether it converged."""
-    free = np.flatnonzero(unknowns.free)
-    scale = unknowns.sigma[free]
-    x, damping, ended, converged = np.zeros(free.size), 0.0, "", False
-    cost = _cost(unknowns, blocks, free, x * scale) + float(x @ x)
-    iteration = 0
+@final
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Unknowns and rows with what does not change from one iteration to the next."""
+
+    unknowns: Unknowns
+    blocks: tuple[Rows, ...]
+    free: Any
+    scale: Floats
+    whitening: Floats
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, blocks: Sequence[Rows]) -> Self:
+        free = np.flatnonzero(unknowns.free)
+        scale = unknowns.sigma[free]
+        if unknowns.prior is None:
+            return cls(unknowns, tuple(blocks), free, scale, np.eye(free.size))
+        known = unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale)
+        return cls(unknowns, tuple(blocks), free, scale, _inverse_root(known))
+
+    def deviations(self, x: Floats) -> Floats:
+        """All parameters' deviations (P,) at x (F,)."""
+        deviations = np.zeros(len(self.unknowns.names))
+        deviations[self.free] = x * self.scale
+        return deviations
+
+    def cost(self, x: Floats) -> float:
+        """χ² of rows and tolerances."""
+        state = self.unknowns.state(self.deviations(x))
+        of_rows = sum(np.sum((rows.residual(state) / rows.sigma) ** 2) for rows in _parts(self.blocks))
+        return float(of_rows + np.sum((self.whitening @ x) ** 2))
+
+    def fold(self, x: Floats, columns: Any, scale: Floats) -> Floats:
+        """The linearised rows in tolerance units as a triangle (C, C + 1): columns, then the right side."""
+        state = self.unknowns.state(self.deviations(x))
+        folded = np.zeros((0, columns.size + 1))
+        for rows in _parts(self.blocks):
+            lines = rows.jacobian(state)[..., columns] * scale / rows.sigma[..., None]
+            residual = (rows.residual(state) / rows.sigma)[..., None]
+            both = np.concatenate([lines, residual], axis=-1).reshape(-1, columns.size + 1)
+            folded = np.asarray(np.linalg.qr(np.vstack([folded, both]), mode="r"))
+        square = np.zeros((columns.size, columns.size + 1))
+        kept = folded[: columns.size]
+        square[: len(kept)] = kept
+        return square
+
+    def step(self, triangle: Floats, right: Floats, x: Floats, damping: float) -> tuple[Floats, float]:
+        """Damped step (F,) and the fall in cost that an undamped one promises."""
+        stacked = np.vstack([triangle, self.whitening])
+        residual = np.concatenate([right, self.whitening @ x])
+        u, s, vt = np.linalg.svd(stacked, full_matrices=False)
+        along = u.T @ residual
+        return np.asarray(-vt.T @ (s / (s**2 + damping * s[0] ** 2) * along)), float(along @ along)
+
+
+def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
+    """Fit the free unknowns to `blocks`, from where they are expected, or from deviations `begin` (P,).
+
+    Always ends; says whether it converged.
+    """
+    problem = _Problem.of(unknowns, blocks)
+    x = np.zeros(problem.free.size) if begin is None else begin[problem.free] / problem.scale
+    damping, ended, converged = 0.0, "", False
+    cost, iteration, folded = problem.cost(x), 0, None
     for iteration in range(1, ITERATIONS + 1):
-        triangle, right = _fold(unknowns, blocks, free, scale, x)
-        step, promise = _step(triangle, right, x, damping)
+        folded = problem.fold(x, problem.free, problem.scale) if folded is None else folded
+        step, promise = problem.step(folded[:, :-1], folded[:, -1], x, damping) if x.size else (x, 0.0)
         if promise <= SETTLED * (1.0 + cost):
             converged, ended = True, f"converged in {iteration} iterations"
             break
         tried = x + step
-        new_cost = _cost(unknowns, blocks, free, tried * scale) + float(tried @ tried)
+        new_cost = problem.cost(tried)
         if new_cost < cost:
-            x, cost, damping = tried, new_cost, damping * 0.1 if damping > 1e-9 else 0.0
+            x, cost, folded = tried, new_cost, None
+            damping = damping * 0.1 if damping > 1e-9 else 0.0
         elif damping < 1e6:
             damping = max(damping * 10.0, 1e-9)
         else:
@@ -80,40 +142,25 @@ def estimate(unknowns: Unknowns, blocks: Sequence[Rows]) -> Estimate:
             break
     else:
         ended = f"still improving after {ITERATIONS} iterations: the start is far from the measurements"
-    triangle, _ = _fold(unknowns, blocks, free, scale, x)
-    covariance = np.zeros((len(unknowns.names),) * 2)
-    covariance[np.ix_(free, free)] = _posterior(triangle) * np.outer(scale, scale)
-    deviations = np.zeros(len(unknowns.names))
-    deviations[free] = x * scale
-    return Estimate(unknowns, deviations, covariance, triangle, cost, iteration, converged, ended)
+    triangle = (problem.fold(x, problem.free, problem.scale) if folded is None else folded)[:, :-1]
+    return Estimate(
+        unknowns=unknowns,
+        deviations=problem.deviations(x),
+        covariance=_covariance(problem, x, triangle),
+        triangle=triangle,
+        whitening=problem.whitening,
+        cost=cost,
+        iterations=iteration,
+        converged=converged,
+        ended=ended,
+    )
 
 
-def _spread(unknowns: Unknowns, free: np.ndarray, values: Floats) -> Floats:
-    deviations = np.zeros(len(unknowns.names))
-    deviations[free] = values
-    return deviations
-
-
-def _cost(unknowns: Unknowns, blocks: Sequence[Rows], free: np.ndarray, values: Floats) -> float:
-    state = unknowns.state(_spread(unknowns, free, values))
-    return float(sum(np.sum((rows.residual(state) / rows.sigma) ** 2) for rows in _parts(blocks)))
-
-
-def _fold(
-    unknowns: Unknowns, blocks: Sequence[Rows], free: np.ndarray, scale: Floats, x: Floats
-) -> tuple[Floats, Floats]:
-    """Triangle R (F, F) and right side (F,) of the linearised rows in tolerance units: R·step ≈ −right."""
-    state = unknowns.state(_spread(unknowns, free, x * scale))
-    folded = np.zeros((0, free.size + 1))
-    for rows in _parts(blocks):
-        columns = rows.jacobian(state)[..., free] * scale / rows.sigma[..., None]
-        residual = (rows.residual(state) / rows.sigma)[..., None]
-        both = np.concatenate([columns, residual], axis=-1).reshape(-1, free.size + 1)
-        folded = np.asarray(np.linalg.qr(np.vstack([folded, both]), mode="r"))
-    square = np.zeros((free.size, free.size + 1))
-    kept = folded[: free.size]
-    square[: len(kept)] = kept
-    return square[:, :-1], square[:, -1]
+def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """Posterior covariance (P, P) at the solution `found`, were all that is free in `unknowns` free."""
+    problem = _Problem.of(unknowns, blocks)
+    x = found.deviations[problem.free] / problem.scale
+    return _covariance(problem, x, problem.fold(x, problem.free, problem.scale)[:, :-1])
 
 
 def _parts(blocks: Sequence[Rows]) -> Iterable[Rows]:
@@ -122,16 +169,38 @@ def _parts(blocks: Sequence[Rows]) -> Iterable[Rows]:
             yield rows if len(rows) <= BLOCK else rows.pick(np.s_[start : start + BLOCK])
 
 
-def _step(triangle: Floats, right: Floats, x: Floats, damping: float) -> tuple[Floats, float]:
-    """Damped step (F,) and the fall in cost that an undamped one promises; the prior is one row per unknown."""
-    unit = np.eye(x.size)
-    stacked, residual = np.vstack([triangle, unit]), np.concatenate([right, x])
-    u, s, vt = np.linalg.svd(stacked, full_matrices=False)
-    along = u.T @ residual
-    return np.asarray(-vt.T @ (s / (s**2 + damping * s[0] ** 2) * along)), float(along @ along)
+def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
+    """Posterior covariance (P, P), in the parameters' units: of the free ones, and through the held but doubted ones.
+
+    With M = (RᵀR + WᵀW)⁻¹ the free ones answer an error δ of held ones by −M RᵀR_h δ (Schmidt's *consider* covariance).
+    """
+    unknowns, free, scale = problem.unknowns, problem.free, problem.scale
+    result = np.zeros((len(unknowns.names),) * 2)
+    own = _posterior(triangle, problem.whitening)
+    if unknowns.prior is not None:
+        doubted = np.flatnonzero(~unknowns.free & (np.diag(unknowns.prior) > 0.0))
+        columns = np.concatenate([free, doubted])
+        folded = problem.fold(x, columns, np.concatenate([scale, np.ones(len(doubted))]))[:, :-1]
+        count, known = free.size, unknowns.prior[np.ix_(doubted, doubted)]
+        answer = -own @ folded[:, :count].T @ folded[:, count:]
+        own = own + answer @ known @ answer.T
+        result[np.ix_(free, doubted)] = scale[:, None] * (answer @ known)
+        result[np.ix_(doubted, free)] = result[np.ix_(free, doubted)].T
+        result[np.ix_(doubted, doubted)] = known
+    result[np.ix_(free, free)] = own * np.outer(scale, scale)
+    return result
 
 
-def _posterior(triangle: Floats) -> Floats:
-    """Posterior covariance (F, F) in tolerance units: (RᵀR + 1)⁻¹."""
-    _, s, vt = np.linalg.svd(triangle)
-    return np.asarray((vt.T / (1.0 + s**2)) @ vt)
+def _posterior(triangle: Floats, whitening: Floats) -> Floats:
+    """Posterior covariance (F, F) in tolerance units: (RᵀR + WᵀW)⁻¹."""
+    if not triangle.size:
+        return np.zeros_like(triangle)
+    _, s, vt = np.linalg.svd(np.vstack([triangle, whitening]), full_matrices=False)
+    return np.asarray((vt.T / s**2) @ vt)
+
+
+def _inverse_root(covariance: Floats) -> Floats:
+    """W (F, F) with WᵀW the inverse of `covariance`; what that says to be exact is as good as exact."""
+    values, vectors = np.linalg.eigh(covariance)
+    floor = 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
+    return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, final
 
 import numpy as np
 
+from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.identify import Identification, Task, identify
+from cellctl.calibration.heldout import held_out_rows
+from cellctl.calibration.identify import Identification, identify
 from cellctl.calibration.observability import Observability, observability
-from cellctl.calibration.predict import foresee
 from cellctl.calibration.proof import doubts, misgivings
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
+from cellctl.calibration.task import Task
 from cellctl.calibration.verdict import ErrorFigures, HeldOut, Verdict, judge
 from cellctl.kinematics import Bools, Floats
 
@@ -80,8 +81,10 @@ class FitResult:
 def fit(task: Task, split: Split) -> FitResult:
     """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model."""
     final_one = identify(task, split.fit)
-    judged = [_judge(task, final_one if one is split.fit else identify(task, one), test) for one, test in split.judged]
-    held_out = HeldOut(*(np.concatenate([np.zeros(0), *parts]) for parts in _columns(judged)))
+    held_out = HeldOut.joined(
+        held_out_rows(task, final_one if one is split.fit else identify(task, one), task.rows.pick(test))
+        for one, test in split.judged
+    )
     own = task.rows.pick(list(final_one.used))
     before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
     judgement = judge(held_out, doubts(task, split, final_one), misgivings(task, final_one))
@@ -105,18 +108,6 @@ def fit(task: Task, split: Split) -> FitResult:
     )
 
 
-def _columns(judged: Sequence[tuple[Floats, ...]]) -> list[tuple[Floats, ...]]:
-    return list(zip(*judged, strict=True)) if judged else [(), (), (), ()]
-
-
-def _judge(task: Task, by: Identification, test: Any) -> tuple[Floats, Floats, Floats, Floats]:
-    """Nominal errors, identified errors, their foreseen variances, and their chances, on the held-out rows."""
-    rows = task.rows.pick(test)
-    foreseen = foresee(by.identified, rows.noisier(by.noise))
-    errors = rows.errors(by.nominal.state), rows.errors(by.identified.state)
-    return *errors, foreseen.variance, foreseen.chance
-
-
 def _unforeseen(split: Split, which: Bools) -> tuple[int, ...]:
     places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
     return tuple(sorted(places[which].tolist()))
@@ -131,5 +122,7 @@ def _over_region(found: Estimate, q: Floats) -> float:
 def _model_name(found: Identification) -> str:
     unknowns = found.identified.unknowns
     free = {group for group, is_free in zip(unknowns.groups, unknowns.free, strict=True) if is_free}
-    terms = [term for term in ("geometry", "deflection") if term in free]
+    if free & {"links", "zeros"}:
+        free = {"geometry" if group == "links" else group for group in free} - ({"zeros"} if "links" in free else set())
+    terms = [term for term in ("geometry", "zeros", *EFFECTS) if term in free]
     return "+".join(terms) or "registration"

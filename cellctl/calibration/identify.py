@@ -1,22 +1,22 @@
-"""Identification from one kind of rows: find the rows that belong together, register, fit, judge the noise."""
+"""Identification: find the rows that belong together, register, fit, judge the noise."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias, final
+from dataclasses import dataclass, replace
+from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.model import RobotModel
-from cellctl.calibration.outliers import Linear, belonging
-from cellctl.calibration.registration import register_poses, register_positions, sphere_centre
-from cellctl.calibration.rows import PoseRows, PositionRows, Rows, SpacingRows, TouchRows
-from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
+from cellctl.calibration.effects import DEFLECTION
+from cellctl.calibration.estimate import Estimate, covariance_of, estimate
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.outliers import OUTLYING, Linear, belonging
+from cellctl.calibration.predict import foresee
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.task import Task
+from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
-
-Measured: TypeAlias = PositionRows | PoseRows | TouchRows
 
 OUTLIERS_AT_MOST = 0.2
 """If more of the rows than this do not belong to the others, nothing says which of them are right, and all stay."""
@@ -29,39 +29,8 @@ ROUNDS = 8
 OVERDETERMINED = 2
 """Measured numbers for each unknown of the registration from which on rows can say something of each other."""
 
-
-@final
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What is identified, from what.
-
-    model: nominal robot. rows: everything measured. spheres, centres: names, and rough centres (S, 3), mm (NaN where
-    not known). spacings: certified distances, or None. groups: what may change besides what registers the robot to
-    the measurement (centres for touches; base and tool for an instrument's points and poses).
-    """
-
-    model: RobotModel
-    rows: Measured
-    spheres: tuple[str, ...] = ()
-    centres: Floats | None = None
-    spacings: SpacingRows | None = None
-    groups: frozenset[Group] = frozenset({"geometry", "tool", "deflection"})
-    tolerances: Tolerances = field(default_factory=Tolerances)
-
-    @property
-    def registration(self) -> frozenset[Group]:
-        """What ties the robot to the measurement and is always free, with nothing known beforehand."""
-        return frozenset({"centres"}) if isinstance(self.rows, TouchRows) else frozenset({"base", "tool"})
-
-    @property
-    def rows_at_least(self) -> int:
-        """With fewer rows than this, registration alone explains everything: 9 or 12 numbers, or 3 for each sphere."""
-        return self.registering // len(self.rows.quantities) + 1
-
-    @property
-    def registering(self) -> int:
-        """How many numbers registration has to find: 3 for each sphere; 9 or 12 for base and tool."""
-        return 3 * len(self.spheres) or (12 if isinstance(self.rows, PoseRows) else 9)
+SEARCHED = 3000
+"""Rows among which those that belong together are searched for; more are judged by what a sample of these foresees."""
 
 
 @final
@@ -69,7 +38,7 @@ class Task:
 class Identification:
     """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
 
-    noise (k,): by how much the rows' standard deviations had to grow, for each of a row's numbers. used, outliers:
+    noise: by how much the rows' standard deviations had to grow, for each of `Mixture.quantities`. used, outliers:
     indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
     rows did not belong to the others where that was too many to leave them out; 0 otherwise.
     """
@@ -89,127 +58,134 @@ def identify(task: Task, fit: Any = None) -> Identification:
     rows' σ say (χ² beyond its own 4 σ), σ grows to match, for positions and rotations apart, and the fit is repeated,
     as otherwise the tolerances would weigh too little and every predicted σ be too small. It never shrinks.
     """
-    chosen = np.arange(len(task.rows)) if fit is None else np.arange(len(task.rows))[fit]
-    rows = task.rows.pick(chosen)
-    kept = _belonging(task, rows)
-    apart = int(np.count_nonzero(~kept))
-    if apart > OUTLIERS_AT_MOST * len(rows):
-        kept = np.ones(len(rows), bool)
-    nominal = _registered(task, rows.pick(kept))
-    found, noise = _fit_with_noise(_start_of(task, nominal), rows.pick(kept), _certain(task))
+    chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
+    kept, apart = rows_together(task, task.rows.pick(chosen))
+    nominal, found, noise = identify_kept(task, task.rows.pick(chosen[kept]))
     return Identification(
         nominal=nominal,
         identified=found,
         noise=noise,
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
-        apart=apart if kept.all() else 0,
+        apart=apart,
     )
 
 
-def _registered(task: Task, rows: Measured) -> Estimate:
+def identify_kept(task: Task, rows: Mixture) -> tuple[Estimate, Estimate, Floats]:
+    """Nominal registered on `rows`, identified, and the noise; every row is taken to belong to the others."""
+    nominal = _registered(task, rows)
+    return nominal, *_fit_with_noise(_start_of(task, nominal), rows, _certain(task))
+
+
+def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
+    """Which of `rows` (N,) belong together; and how many do not, where that is too many to leave them out: all are then
+    kept.
+    """
+    if len(rows) > SEARCHED:
+        sample = np.sort(np.random.default_rng(len(rows)).permutation(len(rows))[:SEARCHED])
+        kept = _like_sample(task, rows, sample)
+    else:
+        kept = _belonging(task, rows)
+    apart = int(np.count_nonzero(~kept))
+    return (np.ones(len(rows), bool), apart) if apart > OUTLIERS_AT_MOST * len(rows) else (kept, 0)
+
+
+def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
+    """Which of `rows` (N,) lie where those of `sample` (indices) that belong together foresee them."""
+    of_sample = rows.pick(sample)
+    together = _belonging(task, of_sample)
+    _, found, noise = identify_kept(task, of_sample.pick(together))
+    blocks = rows.noisier(noise).blocks
+    chances = [foresee(found.state, found.covariance, block).chance for block in blocks]
+    kept = np.asarray(np.concatenate(chances) >= OUTLYING)
+    kept[sample] = together
+    return kept
+
+
+def _registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
-    return estimate(_unknowns(task, _start(task, rows)).only(task.registration), [rows])
+    unknowns = task.unknowns(task.start(rows))
+    return estimate(unknowns.masked(task.registration(unknowns)), rows.blocks)
 
 
 def _start_of(task: Task, nominal: Estimate) -> Unknowns:
     """What is to be identified, expected where nominal is registered."""
-    unknowns = _unknowns(task, nominal.unknowns.start)
-    return unknowns.restarted(nominal.state).only(task.registration | task.groups)
+    unknowns = task.unknowns(nominal.state)
+    return unknowns.masked(task.identification(unknowns))
 
 
 def _certain(task: Task) -> list[Rows]:
     return [task.spacings] if task.spacings is not None else []
 
 
-def _belonging(task: Task, rows: Measured) -> Bools:
+def _belonging(task: Task, rows: Mixture) -> Bools:
     """Which rows (N,) belong together, found about the fit of those that do, and again until they stay the same.
 
     All, where these are too few to say anything of each other.
     """
-    if len(rows) * len(rows.quantities) < OVERDETERMINED * task.registering:
+    if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
     start = _start_of(task, _registered_on_closest(task, rows))
-    deviations, before, noise = np.zeros(len(start.names)), None, np.ones(rows.sigma.shape[1])
+    deviations, before, noise = np.zeros(len(start.names)), None, np.ones(len(rows.quantities))
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
         kept = belonging(Linear.about(start, deviations, balanced, _certain(task))).kept
         if before is not None and np.array_equal(kept, before):
             break
-        found, noise = _fit_with_noise(start, rows.pick(kept), _certain(task))
+        found, noise = _fit_with_noise(start, rows.pick(kept), _certain(task), deviations)
         deviations, before = found.deviations, kept
     return kept
 
 
-def _registered_on_closest(task: Task, rows: Measured) -> Estimate:
+def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
     """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
     nominal, share = _registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
+    before: Any = None
     for _ in range(ROUNDS):
-        closest = np.argsort(rows.errors(nominal.state), kind="stable")[:share]
-        nominal = _registered(task, rows.pick(np.sort(closest)))
+        closest = np.sort(np.argsort(rows.errors(nominal.state), kind="stable")[:share])
+        if np.array_equal(closest, before):
+            break
+        nominal, before = estimate(nominal.unknowns, rows.pick(closest).blocks, nominal.deviations), closest
     return nominal
 
 
-def _unknowns(task: Task, start: State) -> Unknowns:
-    registered: frozenset[Group] = task.registration
-    unknowns = Unknowns.of(start, task.spheres, task.tolerances, registered=registered)
-    if isinstance(task.rows, PoseRows):
-        return unknowns
-    return unknowns.without(frozenset({"tool_a", "tool_b", "tool_c"}))  # a point has no orientation
-
-
-def _start(task: Task, rows: Measured) -> State:
-    model = task.model
-    if isinstance(rows, TouchRows):
-        return State(model, _start_centres(task, rows))
-    if isinstance(rows, PoseRows):
-        chain = register_poses(model.chain, rows.q, rows.poses)
-    else:
-        chain = register_positions(model.chain, rows.q, rows.xyz)
-    return State(replace(model, chain=chain), np.zeros((0, 3)))
-
-
-def _start_centres(task: Task, rows: TouchRows) -> Floats:
-    centres = np.full((len(task.spheres), 3), np.nan) if task.centres is None else task.centres.copy()
-    tips = task.model.tip(rows.q)
-    for index in np.flatnonzero(np.isnan(centres).any(axis=1)):
-        mine = rows.sphere == index
-        if mine.any():
-            centres[index] = sphere_centre(tips[mine], rows.reach[mine])
-    return np.where(np.isnan(centres), tips.mean(axis=0), centres)
-
-
-def _fit_with_noise(unknowns: Unknowns, rows: Measured, spacings: Sequence[Rows]) -> tuple[Estimate, Floats]:
+def _fit_with_noise(
+    unknowns: Unknowns, rows: Mixture, spacings: Sequence[Rows], begin: Floats | None = None
+) -> tuple[Estimate, Floats]:
     """The fit, repeated while its residuals ask for more noise; at most four times. A bend cannot be negative."""
-    noise = np.ones(rows.sigma.shape[1])
-    found = _fit(unknowns, [rows, *spacings])
+    noise = np.ones(len(rows.quantities))
+    found = _fit(unknowns, [*rows.blocks, *spacings], begin)
     for _ in range(4):
         growth = _growth(rows.noisier(noise), found)
         if np.all(growth == 1.0):
             break
         noise = noise * growth
-        found = _fit(unknowns, [rows.noisier(noise), *spacings])
+        found = _fit(unknowns, [*rows.noisier(noise).blocks, *spacings], found.deviations)
     return found, noise
 
 
-def _fit(unknowns: Unknowns, blocks: Sequence[Rows]) -> Estimate:
-    found = estimate(unknowns, blocks)
-    deflection = found.state.model.deflection
-    if deflection is not None and deflection.c_t < 0.0:
-        return estimate(unknowns.only(frozenset(set(unknowns.groups) - {"deflection"})), blocks)
-    return found
+def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
+    """The fit; a bend held at 0, as it cannot be negative, leaves everything as uncertain as before it was held."""
+    found = estimate(unknowns, blocks, begin)
+    bend = found.state.model.amount(DEFLECTION)
+    if bend is None or bend >= 0.0:
+        return found
+    held = estimate(unknowns.without(frozenset({DEFLECTION})), blocks)
+    return replace(held, covariance=covariance_of(held, unknowns, blocks))
 
 
-def _growth(rows: Measured, found: Estimate) -> Floats:
-    """Factors (k,) by which σ has to grow: 1 where χ² is within four of its own standard deviations."""
-    weighted = (rows.residual(found.state) / rows.sigma) ** 2
-    share = max(1.0 - found.seen_by_data / weighted.size, 1.0 / weighted.size)
-    factors = np.ones(weighted.shape[1])
-    quantities = np.array(rows.quantities)
-    for quantity in dict.fromkeys(rows.quantities):
-        columns = quantities == quantity
-        count = columns.sum() * len(rows) * share
-        ratio = float(weighted[:, columns].sum()) / count
-        if ratio > 1.0 + 4.0 * np.sqrt(2.0 / count):
-            factors[columns] = np.sqrt(ratio)
+def _growth(rows: Mixture, found: Estimate) -> Floats:
+    """Factors by which σ has to grow: 1 where χ² is within four of its own standard deviations."""
+    state, factors = found.state, np.ones(len(rows.quantities))
+    share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
+    for block, _, own in rows.parts():
+        if not len(block):
+            continue
+        squares = np.sum((block.residual(state) / block.sigma) ** 2, axis=0)
+        for quantity in dict.fromkeys(block.quantities):
+            columns = np.array(block.quantities) == quantity
+            count = columns.sum() * len(block) * share
+            ratio = float(squares[columns].sum()) / count
+            if ratio > 1.0 + 4.0 * np.sqrt(2.0 / count):
+                factors[own][columns] = np.sqrt(ratio)
     return factors

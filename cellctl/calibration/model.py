@@ -1,50 +1,30 @@
-"""What a robot does, as a model: its chain, and the tool's bending under its own weight."""
+"""What a robot does, as a model: its chain, and effects that turn its joints or shift its tool besides."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cellctl.calibration.effects import Effect
+from cellctl.calibration.postures import At, Postures
 from cellctl.kinematics import Bools, Floats, SerialChain
-
-DEFLECTION = "tool_deflection"
-"""Name of the tool's bending parameter c_t, 1/(N·m²)."""
-
-STANDARD_GRAVITY = 9.80665
-
-
-@final
-@dataclass(frozen=True)
-class ToolDeflection:
-    """The tool as a cantilever along the flange's z with its weight at the end.
-
-    length_m: from the flange to the tool centre point, along z (of the taught tool: an error in it is taken up by c_t).
-    load_n: weight at the end, N. c_t: 1/(E·I), 1/(N·m²). The robot stands upright: gravity is −z of its base frame.
-    Tip shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at
-    the end is part of that shift already, and is not added to it again as their eq. 21 would.
-    """
-
-    length_m: float
-    load_n: float
-    c_t: float = 0.0
-
-    @property
-    def mm_per_unit(self) -> float:
-        """Shift of a horizontal tool's tip for c_t = 1, mm."""
-        return 1000.0 * self.length_m**3 / 3.0 * self.load_n
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A chain with a tool that may bend. Immutable; parameters are deviations from the chain as first given."""
+    """A chain with its effects. Immutable; parameters are deviations from the chain as first given, then amounts.
+
+    amounts (K,): of the effects, in their own units; none given: all 0.
+    """
 
     chain: SerialChain
-    deflection: ToolDeflection | None = None
+    effects: tuple[Effect, ...] = ()
+    amounts: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def n(self) -> int:
@@ -53,86 +33,113 @@ class RobotModel:
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """The chain's parameters, then `tool_deflection` where the tool bends."""
-        return self.chain.parameters + ((DEFLECTION,) if self.deflection else ())
+        """The chain's parameters, then the effects'."""
+        return self.chain.parameters + tuple(name for effect in self.effects for name in effect.parameters)
+
+    @cached_property
+    def parameter_units(self) -> tuple[str, ...]:
+        """Unit of each parameter (P,): `mm`, `rad` or an effect's own."""
+        of_chain = tuple("rad" if turns else "mm" for turns in self.chain.parameter_turns)
+        return of_chain + tuple(unit for effect in self.effects for unit in effect.units)
 
     @cached_property
     def parameter_turns(self) -> Bools:
         """Which parameters (P,) are angles (rad)."""
-        return np.append(self.chain.parameter_turns, [False] if self.deflection else [])
+        return np.array([unit == "rad" for unit in self.parameter_units])
 
     @cached_property
     def deviations(self) -> Floats:
-        """The parameters' values (P,): mm, rad, 1/(N·m²)."""
+        """The parameters' values (P,), in their units."""
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
-        return np.append(chain, [self.deflection.c_t] if self.deflection else [])
+        return np.concatenate([chain, self._amounts])
+
+    def amount(self, name: str) -> float | None:
+        """The value of parameter `name` as it is now; None where this model has none of that name."""
+        return float(self.deviations[self.parameters.index(name)]) if name in self.parameters else None
 
     def on(self, base: ArrayLike, tool: ArrayLike) -> Self:
         """This model with base and tool at poses (4, 4), mm, from which their deviations count."""
         return replace(self, chain=self.chain.with_base(base).with_tool(tool))
 
+    def with_effects(self, effects: tuple[Effect, ...]) -> Self:
+        """This model with `effects` in place of its own, all amounts 0."""
+        return replace(self, effects=effects, amounts=np.zeros(0))
+
     def with_deviations(self, values: ArrayLike) -> Self:
         """This model with its parameters set to `values` (P,). Raises ValueError for a wrong count."""
-        given = np.asarray(values, float)
+        given, of_chain = np.asarray(values, float), len(self.chain.parameters)
         if given.shape != (len(self.parameters),):
             raise ValueError(f"{given.size} values for {len(self.parameters)} parameters")
-        if self.deflection is None:
-            return replace(self, chain=self.chain.with_parameters(given))
-        bent = replace(self.deflection, c_t=float(given[-1]))
-        return replace(self, chain=self.chain.with_parameters(given[:-1]), deflection=bent)
+        return replace(self, chain=self.chain.with_parameters(given[:of_chain]), amounts=given[of_chain:])
 
-    def tip(self, q: ArrayLike) -> Floats:
-        """Tool centre point (..., 3), mm, in the measuring frame, at model angles q (..., n), rad."""
-        place = self.chain.forward(q)[..., :3, 3]
-        return place if self.deflection is None else place + self._shift(q)
+    def tip(self, at: At) -> Floats:
+        """Tool centre point (..., 3), mm, in the measuring frame."""
+        return np.asarray(self.pose(at)[..., :3, 3])
 
-    def pose(self, q: ArrayLike) -> Floats:
-        """Pose of the tool centre point (..., 4, 4), mm; bending shifts it, its tilt (arc minutes) is left out."""
-        result = self.chain.forward(q)
-        if self.deflection is None:
-            return result
-        result = result.copy()
-        result[..., :3, 3] += self._shift(q)
-        return result
+    def pose(self, at: At) -> Floats:
+        """Pose of the tool centre point (..., 4, 4), mm, in the measuring frame."""
+        postures = Postures.of(at)
+        if not self.effects:
+            return _shaped(self.chain.forward(postures.q), at)
+        turns, shifts = self._causes(postures)
+        result = self.chain.forward(self._turned(postures, turns)).copy()
+        result[..., :3, 3] += self._shift(shifts)
+        return _shaped(result, at)
 
-    def jacobian(self, q: ArrayLike) -> Floats:
+    def jacobian(self, at: At) -> Floats:
         """How the tool moves with the parameters (..., 6, P): position (mm), then rotation (rad), per unit of each."""
+        postures = Postures.of(at)
+        if not self.effects:
+            return _shaped(self.chain.parameter_jacobian(postures.q), at)
+        turns, shifts = self._causes(postures)
+        q = self._turned(postures, turns)
         columns = self.chain.parameter_jacobian(q)
-        if self.deflection is None:
-            return columns
-        result = np.zeros((*columns.shape[:-1], columns.shape[-1] + 1))
-        result[..., :-1] = columns
-        result[..., :3, :-1] += self._shift_columns(q, columns[..., 3:, :])
-        result[..., :3, -1] = self._shift_per_unit(q)
+        result = np.concatenate([columns, np.matmul(self.chain.tool_jacobian(q), turns)], axis=-1)
+        result[:, :3, columns.shape[-1] :] += np.matmul(self.chain.base_now[:3, :3], shifts)
+        result[:, :3, self._of_base] += np.cross(
+            result[:, 3:, self._of_base], self._shift(shifts)[:, :, None], axisa=1, axisb=1, axisc=1
+        )
+        return _shaped(result, at)
+
+    @cached_property
+    def _amounts(self) -> Floats:
+        count = sum(len(effect.parameters) for effect in self.effects)
+        return self.amounts if self.amounts.size else np.zeros(count)
+
+    @cached_property
+    def _nominal(self) -> SerialChain:
+        """The chain of the table alone, in its own base frame: what the effects are worked out on."""
+        bare = self.chain.with_parameters(np.zeros(len(self.chain.parameters)))
+        return bare.with_base(np.eye(4))
+
+    @cached_property
+    def _of_base(self) -> Any:
+        """Places of the parameters that turn or move the base: they carry the shifts along."""
+        return np.flatnonzero([name.startswith("base_") for name in self.chain.parameters])
+
+    def _causes(self, at: Postures) -> tuple[Floats, Floats]:
+        """All effects' Φ (N, n, K) and Ψ (N, 3, K)."""
+        turns, shifts = np.zeros((len(at), self.n, self._amounts.size)), np.zeros((len(at), 3, self._amounts.size))
+        start = 0
+        for effect in self.effects:
+            mine = np.s_[..., start : start + len(effect.parameters)]
+            start += len(effect.parameters)
+            if (turned := effect.turns(self._nominal, at)) is not None:
+                turns[mine] = turned
+            if (shifted := effect.shifts(self._nominal, at)) is not None:
+                shifts[mine] = shifted
+        return turns, shifts
+
+    def _turned(self, at: Postures, turns: Floats) -> Floats:
+        return np.asarray(at.q + turns @ self._amounts)
+
+    def _shift(self, shifts: Floats) -> Floats:
+        """The tool's shift (N, 3), mm, in the measuring frame."""
+        return np.asarray((shifts @ self._amounts) @ self.chain.base_now[:3, :3].T)
+
+
+def _shaped(result: Floats, at: At) -> Floats:
+    """`result` (N, …) in the shape that the angles came in."""
+    if isinstance(at, Postures):
         return result
-
-    def _gravity(self) -> Floats:
-        """Direction of gravity (3,) in the measuring frame."""
-        return np.asarray(-self.chain.base_now[:3, 2])
-
-    def _shift(self, q: ArrayLike) -> Floats:
-        assert self.deflection is not None
-        return np.asarray(self.deflection.c_t * self._shift_per_unit(q))
-
-    def _shift_per_unit(self, q: ArrayLike) -> Floats:
-        assert self.deflection is not None
-        axis, gravity = self.chain.forward_flange(q)[..., :3, 2], self._gravity()
-        return np.asarray(self.deflection.mm_per_unit * (gravity - (axis @ gravity)[..., None] * axis))
-
-    def _shift_columns(self, q: ArrayLike, turns: Floats) -> Floats:
-        """How the shift moves with the chain's parameters (..., 3, P), from their turns (..., 3, P).
-
-        A parameter of the links turns z alone; one of the base turns gravity too, as it is fixed to the base; one of
-        the tool turns neither, as z is the flange's.
-        """
-        assert self.deflection is not None
-        axis, gravity = self.chain.forward_flange(q)[..., :3, 2], self._gravity()
-        of_base = np.array([name.startswith("base_") for name in self.chain.parameters])
-        of_tool = np.array([name.startswith("tool_") for name in self.chain.parameters])
-        about = np.swapaxes(np.where(of_tool, 0.0, turns), -1, -2)
-        axis, along = axis[..., None, :], (axis @ gravity)[..., None, None]
-        axis_rate = np.cross(about, axis)
-        gravity_rate = np.where(of_base[:, None], np.cross(about, gravity), 0.0)
-        along_rate = np.sum(axis_rate * gravity + axis * gravity_rate, axis=-1, keepdims=True)
-        rate = gravity_rate - along_rate * axis - along * axis_rate
-        return np.asarray(np.swapaxes(self.deflection.c_t * self.deflection.mm_per_unit * rate, -1, -2))
+    return result.reshape(*np.shape(at)[:-1], *result.shape[1:])

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 from scipy.stats import chi2
 
+from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
@@ -49,17 +50,19 @@ class Belonging:
 class Linear:
     """Rows about a state: `away + columns @ x` in standard deviations, x the unknowns in tolerances, expected at 0.
 
-    away (N, k), columns (N, k, F). known (F, F), pull (F,): what holds x besides these rows: the tolerances and rows
-    that are never in doubt, as normal equations.
+    away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): how many it
+    has. known (F, F), pull (F,): what holds x besides these rows: the tolerances and rows that are never in doubt, as
+    normal equations.
     """
 
     away: Floats
     columns: Floats
+    numbers: Any
     known: Floats
     pull: Floats
 
     @classmethod
-    def about(cls, unknowns: Unknowns, deviations: Floats, rows: Rows, certain: Sequence[Rows]) -> Self:
+    def about(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
         """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never wild."""
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
@@ -70,12 +73,15 @@ class Linear:
             columns = block.jacobian(state)[..., free] * scale / block.sigma[..., None]
             return block.residual(state) / block.sigma - columns @ x, columns
 
-        away, columns = of(rows)
-        known, pull = np.eye(free.size), np.zeros(free.size)
+        width = max(len(block.quantities) for block in rows.blocks)
+        away, columns = np.zeros((len(rows), width)), np.zeros((len(rows), width, free.size))
+        for block, mine, _ in rows.parts():
+            away[mine, : len(block.quantities)], columns[mine, : len(block.quantities)] = of(block)
+        known, pull = _known(unknowns, free, scale), np.zeros(free.size)
         for own, lines in map(of, certain):
             known = known + np.einsum("nkp,nkq->pq", lines, lines)
             pull = pull + np.einsum("nkp,nk->p", lines, own)
-        return cls(away, columns, known, pull)
+        return cls(away, columns, rows.numbers, known, pull)
 
     def noisier(self, factor: float) -> Self:
         """The same rows with their standard deviations times `factor`."""
@@ -99,6 +105,11 @@ class Linear:
         foreseen = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
         return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
 
+    @property
+    def size(self) -> int:
+        """How many numbers the rows hold."""
+        return int(self.numbers.sum())
+
     def seen(self) -> float:
         """Natural logarithm of how much smaller all rows together make the volume of what x may be."""
         flat = self.columns.reshape(-1, self.columns.shape[-1])
@@ -120,15 +131,15 @@ def belonging(linear: Linear) -> Belonging:
         weight = _weight(scaled, kept, surprises, noise)
         if weight > best:
             found, best = Belonging(kept, float(noise)), weight
-        if kept.all() and surprises <= linear.away.size:
+        if kept.all() and surprises <= linear.size:
             break
     return found
 
 
 def _unsurprised(linear: Linear) -> tuple[Bools | None, float]:
     """Rows none of which surprises the others, and their χ² with that of the unknowns; None where too few are left."""
-    count, k = linear.away.shape
-    limit, most = float(chi2.isf(OUTLYING, k)), int(WILD_AT_MOST * count)
+    count = len(linear.away)
+    limit, most = chi2.isf(OUTLYING, linear.numbers), int(WILD_AT_MOST * count)
     kept = np.ones(count, bool)
     surprise, x = linear.surprise(kept)
     while (wild := kept & (surprise > limit)).any():
@@ -154,6 +165,12 @@ def _misfit(linear: Linear, kept: Bools, x: Floats) -> float:
 
 def _weight(linear: Linear, kept: Bools, misfit: float, noise: float) -> float:
     """Logarithm of how probable all rows are, with this factor of noise and these left out."""
-    wild, k = np.count_nonzero(~kept), linear.away.shape[1]
-    price = np.log(1.0 / WILD_SHARE) + k * np.log(WIDTH)
-    return float(-linear.away.size * np.log(noise) - linear.seen() - 0.5 * misfit - price * wild)
+    price = np.sum(np.log(1.0 / WILD_SHARE) + linear.numbers[~kept] * np.log(WIDTH))
+    return float(-linear.size * np.log(noise) - linear.seen() - 0.5 * misfit - price)
+
+
+def _known(unknowns: Unknowns, free: Any, scale: Floats) -> Floats:
+    """What is known of the free unknowns beforehand, in tolerances, as normal equations (F, F)."""
+    if unknowns.prior is None:
+        return np.eye(free.size)
+    return np.asarray(np.linalg.pinv(unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale), hermitian=True))

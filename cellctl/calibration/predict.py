@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
 BLOCK = 4096
@@ -56,12 +56,36 @@ class Foreseen:
         return np.asarray(self.chance >= 0.05)
 
 
-def foresee(found: Estimate, rows: Rows) -> Foreseen:
-    """Whether rows that the fit never saw fall where its covariance and their own noise put them."""
-    residual, columns = rows.residual(found.state), rows.jacobian(found.state)
-    spread = np.matmul(np.matmul(columns, found.covariance), np.swapaxes(columns, -1, -2))
-    spread = spread + rows.sigma[:, :, None] * np.eye(rows.sigma.shape[1]) * rows.sigma[:, None, :]
-    squared = np.einsum("nk,nk->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
+def foresee(found: State, covariance: Floats, rows: Rows, hidden: Floats | None = None) -> Foreseen:
+    """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
+
+    hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
+    these very rows (a socket's place, a new session's base), and therefore cannot show in them.
+    """
+    variance, chance = np.empty(len(rows)), np.empty(len(rows))
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
-    variance = np.sum(np.diagonal(spread, axis1=-2, axis2=-1)[:, lengths], axis=-1)
-    return Foreseen(np.asarray(variance), np.asarray(chi2.sf(squared, rows.sigma.shape[1]), float))
+    root = _root(covariance)
+    for start in range(0, len(rows), BLOCK):
+        part = np.s_[start : start + BLOCK]
+        block = rows.pick(part)
+        residual = block.residual(found) / block.sigma
+        columns = np.matmul(block.jacobian(found), root) / block.sigma[..., None]
+        spread = np.eye(residual.shape[1]) + np.zeros((len(block), 1, 1))
+        if hidden is not None:
+            own = hidden[part]
+            spread = spread - np.matmul(own, np.swapaxes(own, -1, -2)) + 1e-9 * np.eye(residual.shape[1])
+        spread = spread + np.matmul(columns, np.swapaxes(columns, -1, -2))
+        squared = np.einsum("nk,nk->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
+        along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
+        variance[part] = np.sum(along[:, lengths], axis=-1)
+        chance[part] = chi2.sf(squared, residual.shape[1])
+    return Foreseen(variance, chance)
+
+
+def _root(covariance: Floats) -> Floats:
+    """A (P, F) with A Aᵀ the covariance (P, P), of no more columns than that has rank."""
+    free = np.flatnonzero(np.diag(covariance) > 0.0)
+    values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])
+    result = np.zeros((len(covariance), free.size))
+    result[free] = vectors * np.sqrt(np.maximum(values, 0.0))
+    return result

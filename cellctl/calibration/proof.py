@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.identify import OVERDETERMINED, Identification, Task
-from cellctl.calibration.rows import TouchRows
+from cellctl.calibration.identify import OVERDETERMINED, Identification
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.rows import SocketRows, TouchRows
 from cellctl.calibration.split import Split
+from cellctl.calibration.task import Task
 
 PER_SPHERE = 4
-"""Touches that find a centre and show that they agree."""
+PER_SOCKET = 2
+"""Touches that find a sphere's centre, and visits that find a socket, and show that they agree."""
 
 TOO_NOISY = 10.0
 PER_SEEN = 5
@@ -36,7 +39,7 @@ def misgivings(task: Task, found: Identification) -> list[str]:
     A real robot has errors that no model here has, and its few touches scatter many times more than its repeatability:
     that alone must not refuse a gain which other touches show plainly.
     """
-    numbers, noise = len(found.used) * len(task.rows.quantities), float(found.noise.max())
+    numbers, noise = task.rows.pick(list(found.used)).size, float(found.noise.max())
     if found.apart or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.seen_by_data:
         return []
     return [f"the rows of the fit do not fit together: they scatter {noise:.0f} times more than they say"]
@@ -47,16 +50,27 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
     anything is better than that.
     """
     rows, held_out = task.rows.pick(fit), task.rows.pick(test)
-    numbers, needed = len(rows) * len(rows.quantities), OVERDETERMINED * task.registering
-    if numbers < needed:
-        each = -(-needed // len(rows.quantities))
+    needed = OVERDETERMINED * task.registering
+    if rows.size < needed:
+        each = -(-needed // int(rows.numbers.max(initial=1)))
         return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]
-    if not (isinstance(rows, TouchRows) and isinstance(held_out, TouchRows)):
-        return []
-    counts = np.bincount(rows.sphere, minlength=len(task.spheres))
-    judging = sorted(set(np.asarray(held_out.sphere).tolist()))
+    return [*_rarely_visited(task, rows, held_out, TouchRows), *_rarely_visited(task, rows, held_out, SocketRows)]
+
+
+def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: type[TouchRows | SocketRows]) -> list[str]:
+    """Points that judge without their place being known well enough: by the fit, or, unknown to it, by what judges."""
+    noun, least = ("sphere", PER_SPHERE) if kind is TouchRows else ("socket", PER_SOCKET)
+    visits = "touches" if kind is TouchRows else "visits"
+    of_fit, judging = _visits(task, rows, kind), _visits(task, held_out, kind)
+    known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
     return [
-        f"sphere {task.spheres[index]} has {counts[index]} touches in the fit, {PER_SPHERE} at least"
-        for index in judging
-        if counts[index] < PER_SPHERE
+        f"{noun} {task.points[index]} has {known[index]} {visits} {where[index]}, {least} at least"
+        for index in np.flatnonzero((judging > 0) & (known < least))
     ]
+
+
+def _visits(task: Task, rows: Mixture, kind: type[TouchRows | SocketRows]) -> Any:
+    """How many rows of `kind` each point (S,) has."""
+    points = [block.point for block in rows.blocks if isinstance(block, kind)]
+    visited = np.concatenate([np.zeros(0, int), *points]).astype(int)
+    return np.bincount(visited, minlength=len(task.points))

@@ -9,6 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Floats, SerialChain, pose
 
+SETTLED_MM = 1e-3
+"""Base and tool that move less than this are a start."""
+
 
 def rigid_fit(points: Floats, measured: Floats) -> Floats:
     """The pose (4, 4) that carries `points` (N, 3) nearest to `measured` (N, 3) (Kabsch); right-handed always."""
@@ -18,30 +21,34 @@ def rigid_fit(points: Floats, measured: Floats) -> Floats:
     return pose(turn, there - turn @ centre)
 
 
-def register_positions(chain: SerialChain, q: Floats, measured: Floats, rounds: int = 30) -> SerialChain:
+def register_positions(
+    chain: SerialChain, q: Floats, measured: Floats, *, base: bool = True, tool: bool = True, rounds: int = 30
+) -> SerialChain:
     """`chain` with base and tool centre point near those that explain `measured` (N, 3), mm, at q (N, n), rad.
 
     Base by rigid fit and tool by least squares in turn: a start for the estimator, not a result. The tool's
-    orientation is left.
+    orientation is left, and so is whichever of `base` and `tool` is known.
     """
-    bare = chain.with_base(np.eye(4))
-    flange, offset = bare.forward_flange(q), chain.tool_now[:3, 3].copy()
-    base = np.eye(4)
-    for _ in range(rounds):
-        base = rigid_fit(flange[:, :3, :3] @ offset + flange[:, :3, 3], measured)
-        wanted = (measured - base[:3, 3]) @ base[:3, :3] - flange[:, :3, 3]
-        local = np.einsum("nji,nj->ni", flange[:, :3, :3], wanted)
-        offset = local.mean(axis=0)
-    return chain.with_base(base).with_tool(pose(chain.tool_now[:3, :3], offset))
+    place, offset, known = chain.base_now, chain.tool_now[:3, 3].copy(), chain.tool_now[:3, :3]
+    flange = chain.with_base(np.eye(4)).forward_flange(q)
+    for _ in range(rounds if base and tool else 1):
+        before = offset
+        if base:
+            place = rigid_fit(flange[:, :3, :3] @ offset + flange[:, :3, 3], measured)
+        if tool:
+            wanted = (measured - place[:3, 3]) @ place[:3, :3] - flange[:, :3, 3]
+            offset = np.einsum("nji,nj->ni", flange[:, :3, :3], wanted).mean(axis=0)
+        if np.linalg.norm(offset - before) < SETTLED_MM:
+            break
+    result = chain.with_base(place) if base else chain
+    return result.with_tool(pose(known, offset)) if tool else result
 
 
-def register_poses(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
-    """`chain` with base and tool near those that explain `measured` poses (N, 4, 4), mm, at q (N, n), rad."""
-    placed = register_positions(chain, q, measured[:, :3, 3])
-    flange = placed.forward_flange(q)[:, :3, :3]
-    turns = np.matmul(np.swapaxes(flange, -1, -2), measured[:, :3, :3])
-    turn = Rotation.from_matrix(turns).mean().as_matrix()
-    return placed.with_tool(pose(turn, placed.tool_now[:3, 3]))
+def turned_tool(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
+    """`chain` with its tool turned as `measured` rotations (N, 3, 3) say at q (N, n), rad."""
+    flange = chain.forward_flange(q)[:, :3, :3]
+    turn = Rotation.from_matrix(np.matmul(np.swapaxes(flange, -1, -2), measured)).mean().as_matrix()
+    return chain.with_tool(pose(turn, chain.tool_now[:3, 3]))
 
 
 def sphere_centre(tips: Floats, reach: Any) -> Floats:

@@ -1,12 +1,17 @@
-"""Kinds of measurement, each a block of rows: how far the model is from them, and how that changes."""
+"""Kinds of measurement, each a block of rows: how far the model is from them, and how that changes.
+
+A block is of one kind and of one session; several of them make a `Mixture`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self, final
+from typing import Any, Protocol, Self, TypeAlias, final
 
 import numpy as np
 
+from cellctl.calibration.model import RobotModel
+from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Floats, rotation_vector
 
@@ -29,7 +34,7 @@ class Rows(Protocol):
         ...
 
     def jacobian(self, state: State) -> Floats:
-        """Derivative of `residual` (N, k, P) by the model's parameters, then the centres' x, y, z."""
+        """Derivative of `residual` (N, k, P) by all parameters, in the order of `Unknowns`."""
         ...
 
     def errors(self, state: State) -> Floats:
@@ -50,24 +55,43 @@ class Rows(Protocol):
 class _RowsAtJoints:
     """What the kinds measured at joint angles have in common."""
 
-    q: Floats
+    at: At
     sigma: Floats
+    session: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", Postures.of(self.at))
+
+    @property
+    def postures(self) -> Postures:
+        """Where the robot stood, N rows."""
+        return Postures.of(self.at)
+
+    @property
+    def q(self) -> Floats:
+        """Model angles (N, n), rad."""
+        return self.postures.q
 
     def __len__(self) -> int:
         return len(self.sigma)
 
     def noisier(self, factors: Floats) -> Self:
+        """The same rows with each of the k standard deviations times `factors` (k,)."""
         return replace(self, sigma=self.sigma * factors)  # type: ignore[type-var]  # every kind is a dataclass
+
+    def _model(self, state: State) -> RobotModel:
+        return state.models[self.session]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PositionRows(_RowsAtJoints):
-    """Tool centre points in the measuring frame. q (N, n), rad; xyz (N, 3) and sigma (N, 3), mm."""
+    """Tool centre points in the measuring frame. at (N): postures; xyz (N, 3) and sigma (N, 3), mm."""
 
-    q: Floats
+    at: At
     xyz: Floats
     sigma: Floats
+    session: int = 0
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -76,11 +100,11 @@ class PositionRows(_RowsAtJoints):
 
     def residual(self, state: State) -> Floats:
         """Model point minus measured point (N, 3), mm."""
-        return np.asarray(state.model.tip(self.q) - self.xyz)
+        return np.asarray(self._model(state).tip(self.postures) - self.xyz)
 
     def jacobian(self, state: State) -> Floats:
         """(N, 3, P)."""
-        return _with_centres(state.model.jacobian(self.q)[:, :3], state)
+        return state.spread(self._model(state).jacobian(self.postures)[:, :3], self.session)
 
     def errors(self, state: State) -> Floats:
         """3-D distance (N,), mm."""
@@ -88,34 +112,40 @@ class PositionRows(_RowsAtJoints):
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array or mask."""
-        return replace(self, q=self.q[which], xyz=self.xyz[which], sigma=self.sigma[which])
+        return replace(self, at=self.postures.pick(which), xyz=self.xyz[which], sigma=self.sigma[which])
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PoseRows(_RowsAtJoints):
-    """Tool poses in the measuring frame. q (N, n), rad; poses (N, 4, 4), mm; sigma (N, 6): three mm, three rad."""
+    """Tool poses in the measuring frame. at (N): postures; poses (N, 4, 4), mm; sigma (N, 6): three mm, three rad."""
 
-    q: Floats
+    at: At
     poses: Floats
     sigma: Floats
+    session: int = 0
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """Three coordinates, three small turns."""
         return ("position",) * 3 + ("rotation",) * 3
 
+    @property
+    def xyz(self) -> Floats:
+        """The measured positions (N, 3), mm."""
+        return np.asarray(self.poses[:, :3, 3])
+
     def residual(self, state: State) -> Floats:
         """Model minus measured position, and the turn from measured to model, in the measuring frame (N, 6)."""
-        pose = state.model.pose(self.q)
+        pose = self._model(state).pose(self.postures)
         turn = np.matmul(pose[:, :3, :3], np.swapaxes(self.poses[:, :3, :3], -1, -2))
         return np.concatenate([pose[:, :3, 3] - self.poses[:, :3, 3], rotation_vector(turn)], axis=-1)
 
     def jacobian(self, state: State) -> Floats:
         """(N, 6, P). The turn's derivative is J_l⁻¹(φ) ω: exact for a residual turn φ of any size below π."""
-        columns = state.model.jacobian(self.q)
+        columns = self._model(state).jacobian(self.postures)
         turned = np.matmul(_left_jacobian_inverse(self.residual(state)[:, 3:]), columns[:, 3:])
-        return _with_centres(np.concatenate([columns[:, :3], turned], axis=1), state)
+        return state.spread(np.concatenate([columns[:, :3], turned], axis=1), self.session)
 
     def errors(self, state: State) -> Floats:
         """3-D distance of the positions (N,), mm."""
@@ -123,55 +153,99 @@ class PoseRows(_RowsAtJoints):
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array or mask."""
-        return replace(self, q=self.q[which], poses=self.poses[which], sigma=self.sigma[which])
+        return replace(self, at=self.postures.pick(which), poses=self.poses[which], sigma=self.sigma[which])
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class TouchRows(_RowsAtJoints):
-    """Touches on spheres. q (N, n), rad; sphere (N,): index of its centre; reach (N,): sphere radius + tip radius, mm;
-    sigma (N, 1), mm, along the sphere's normal.
+    """Distances from an unknown point: touches on a sphere, a ball-bar about its socket, a draw-wire from its outlet.
+
+    at (N): postures; point (N,): index of the point (a sphere's centre); reach (N,): measured distance, mm (for a touch
+    sphere radius + tip radius); sigma (N, 1), mm, along the line between.
     """
 
-    q: Floats
-    sphere: Any
+    at: At
+    point: Any
     reach: Floats
     sigma: Floats
+    session: int = 0
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """One distance."""
-        return ("position",)
+        return ("distance",)
 
     def residual(self, state: State) -> Floats:
-        """Distance of the tip's centre from the sphere's surface, tip radius allowed for (N, 1), mm."""
-        away = state.model.tip(self.q) - state.centres[self.sphere]
+        """The tool's distance from the point less the measured one (N, 1), mm."""
+        away = self._model(state).tip(self.postures) - state.points[self.point]
         return np.asarray(np.linalg.norm(away, axis=-1) - self.reach)[:, None]
 
     def jacobian(self, state: State) -> Floats:
-        """(N, 1, P): the tip's motion along the normal, less the centre's."""
-        away = state.model.tip(self.q) - state.centres[self.sphere]
+        """(N, 1, P): the tip's motion along the line between, less the point's."""
+        model = self._model(state)
+        away = model.tip(self.postures) - state.points[self.point]
         normal = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-        along = np.einsum("nr,nrp->np", normal, state.model.jacobian(self.q)[:, :3])
-        centres = np.zeros((len(self), len(state.centres), 3))
-        centres[np.arange(len(self)), self.sphere] = -normal
-        return np.concatenate([along, centres.reshape(len(self), -1)], axis=-1)[:, None]
+        along = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
+        return _with_points(along, -normal[:, None], self.point, state, self.session)
 
     def errors(self, state: State) -> Floats:
-        """Distance to the sphere's surface (N,), mm."""
+        """Difference from the measured distance (N,), mm: of a touch, the distance to the sphere's surface."""
         return np.abs(self.residual(state)[:, 0])
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array or mask."""
-        return replace(
-            self, q=self.q[which], sphere=self.sphere[which], reach=self.reach[which], sigma=self.sigma[which]
-        )
+        parts = {"point": self.point[which], "reach": self.reach[which], "sigma": self.sigma[which]}
+        return replace(self, at=self.postures.pick(which), **parts)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SocketRows(_RowsAtJoints):
+    """The tool at an unknown point, again and again: a ball held in a socket, a tip in a cone.
+
+    at (N): postures; point (N,): index of the socket; sigma (N, 3), mm.
+    """
+
+    at: At
+    point: Any
+    sigma: Floats
+    session: int = 0
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Three coordinates."""
+        return ("socket",) * 3
+
+    def residual(self, state: State) -> Floats:
+        """The tool's place less the socket's (N, 3), mm."""
+        return np.asarray(self._model(state).tip(self.postures) - state.points[self.point])
+
+    def jacobian(self, state: State) -> Floats:
+        """(N, 3, P)."""
+        columns = self._model(state).jacobian(self.postures)[:, :3]
+        turned = np.broadcast_to(-np.eye(3), (len(self), 3, 3))
+        return _with_points(columns, turned, self.point, state, self.session)
+
+    def errors(self, state: State) -> Floats:
+        """3-D distance (N,) from the socket, mm."""
+        return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
+
+    def pick(self, which: Any) -> Self:
+        """The rows at an index array or mask."""
+        return replace(self, at=self.postures.pick(which), point=self.point[which], sigma=self.sigma[which])
+
+
+Measured: TypeAlias = PositionRows | PoseRows | TouchRows | SocketRows
+"""What is measured at a robot's joints."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class SpacingRows:
-    """Certified distances between sphere centres. pairs (N, 2): indices of centres; mm (N,); sigma (N, 1), mm."""
+    """Certified distances between points: spheres of a plate, sockets. pairs (N, 2): indices of points; mm (N,);
+    sigma (N, 1), mm.
+    """
 
     pairs: Any
     mm: Floats
@@ -186,17 +260,18 @@ class SpacingRows:
         return ("certified",)
 
     def residual(self, state: State) -> Floats:
-        """Distance of the centres minus the certified one (N, 1), mm."""
+        """Distance of the points minus the certified one (N, 1), mm."""
         return np.asarray(np.linalg.norm(self._between(state), axis=-1) - self.mm)[:, None]
 
     def jacobian(self, state: State) -> Floats:
-        """(N, 1, P): the unit vector between the centres, in their columns."""
+        """(N, 1, P): the unit vector between the points, in their columns."""
         between = self._between(state)
         unit = between / np.maximum(np.linalg.norm(between, axis=-1, keepdims=True), 1e-9)
-        robot, each = len(state.model.parameters), np.arange(len(self))
-        centres = np.zeros((len(self), len(state.centres), 3))
-        centres[each, self.pairs[:, 0]], centres[each, self.pairs[:, 1]] = unit, -unit
-        return np.concatenate([np.zeros((len(self), robot)), centres.reshape(len(self), -1)], axis=-1)[:, None]
+        result, each = np.zeros((len(self), 1, state.width)), np.arange(len(self))
+        points = result[:, 0, state.points_at :].reshape(len(self), -1, 3)
+        points[each, self.pairs[:, 0]], points[each, self.pairs[:, 1]] = unit, -unit
+        result[:, 0, state.points_at :] = points.reshape(len(self), -1)
+        return result
 
     def errors(self, state: State) -> Floats:
         """Deviation from the certificate (N,), mm."""
@@ -211,14 +286,17 @@ class SpacingRows:
         return replace(self, sigma=self.sigma * factors)
 
     def _between(self, state: State) -> Floats:
-        return np.asarray(state.centres[self.pairs[:, 0]] - state.centres[self.pairs[:, 1]])
+        return np.asarray(state.points[self.pairs[:, 0]] - state.points[self.pairs[:, 1]])
 
 
-def _with_centres(columns: Floats, state: State) -> Floats:
-    """`columns` (N, k, P) with zero columns for the centres, on which they do not depend."""
-    if not state.centres.size:
-        return columns
-    return np.concatenate([columns, np.zeros((*columns.shape[:-1], state.centres.size))], axis=-1)
+def _with_points(columns: Floats, of_point: Floats, point: Any, state: State, session: int) -> Floats:
+    """The robot's `columns` (N, k, P of its model) and each row's own point's (N, k, 3) as columns of the whole."""
+    result = np.zeros((*columns.shape[:-1], state.width))
+    result[..., state.columns[session]] = columns
+    points = np.zeros((len(columns), columns.shape[1], len(state.points), 3))
+    points[np.arange(len(columns)), :, point] = of_point
+    result[..., state.points_at :] = points.reshape(len(columns), columns.shape[1], -1)
+    return result
 
 
 def _left_jacobian_inverse(turns: Floats) -> Floats:

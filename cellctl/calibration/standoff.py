@@ -67,14 +67,14 @@ def locate_sphere(model: RobotModel, q: Floats, reach: Floats, sigma_mm: float) 
     if len(q) < 4:
         raise ValueError(f"{len(q)} touches do not locate a sphere and show that they agree: four at least")
     rows = TouchRows(q, np.zeros(len(q), int), reach, np.full((len(q), 1), sigma_mm))
-    start = State(model, sphere_centre(model.tip(q), reach)[None])
-    unknowns = Unknowns.of(start, ("sphere",), Tolerances(), registered=frozenset({"centres"}))
-    found = estimate(unknowns.only(frozenset({"centres"})), [rows]).state
+    start = State.alone(model, sphere_centre(model.tip(q), reach)[None])
+    unknowns = Unknowns.of(start, ("sphere",), Tolerances())
+    found = estimate(unknowns.only(frozenset({"points"})), [rows]).state
     columns = rows.jacobian(found)[:, 0]
     normals = -columns[:, -3:]
     return LocatedSphere(
         model=model,
-        centre=found.centres[0],
+        centre=found.points[0],
         follows=np.asarray(np.linalg.pinv(normals)),
         columns=columns[:, :-3],
         residuals=rows.residual(found)[:, 0],

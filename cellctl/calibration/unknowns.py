@@ -1,18 +1,29 @@
-"""What a fit may change, and how far it is expected to: groups, tolerances, priors."""
+"""What a fit may change, and how far it is expected to: states, groups, tolerances, priors."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypeAlias, final
+from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.model import DEFLECTION, RobotModel
-from cellctl.kinematics import Bools, Floats
+from cellctl.calibration.model import RobotModel
+from cellctl.kinematics import Bools, Floats, SerialChain
 
-Group: TypeAlias = Literal["base", "geometry", "tool", "deflection", "centres"]
-"""Parameters that are freed or held together."""
+Group: TypeAlias = str
+"""Parameters that are freed or held together: base, tool, zeros, links, points, or an effect's own group."""
+
+GEOMETRY = "geometry"
+"""The name for all that a table of links holds: joint zeros and links."""
+
+
+def members(groups: frozenset[Group], chain: SerialChain) -> frozenset[Group]:
+    """`groups` with `geometry` replaced by what it stands for; screws need no joint zeros of their own beside it."""
+    if GEOMETRY not in groups:
+        return groups
+    return groups - {GEOMETRY} | ({"links"} if str(chain.convention) == "poe" else {"links", "zeros"})
 
 
 @final
@@ -20,9 +31,10 @@ Group: TypeAlias = Literal["base", "geometry", "tool", "deflection", "centres"]
 class Tolerances:
     """What is known before the measurement: 1 σ of each kind of parameter about the nominal value.
 
-    `tool_mm` and `tool_deg` hold for a taught tool. `flat_mm` and `flat_rad` stand for *nothing is known* (base and
-    tool in an instrument's frame, sphere centres): so wide that they move no result, finite so that every problem is
-    well posed.
+    `tool_mm` and `tool_deg` hold for a taught tool; `lost_zero_deg` for a joint that has lost its mastering, by a crash
+    or a new motor. `flat_mm` and `flat_rad` stand for *nothing is known* (base and tool in an instrument's frame,
+    sphere centres): so wide that they move no result, finite so that every problem is well posed. What an effect
+    expects, it says itself.
     """
 
     link_mm: float = 0.5
@@ -30,7 +42,7 @@ class Tolerances:
     joint_zero_deg: float = 0.05
     tool_mm: float = 2.0
     tool_deg: float = 0.5
-    deflection: float = 0.002
+    lost_zero_deg: float = 5.0
     flat_mm: float = 1000.0
     flat_rad: float = 1.0
 
@@ -38,18 +50,66 @@ class Tolerances:
 @final
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a fit stands: the robot, and the sphere centres (S, 3), mm, in the measuring frame."""
+    """Where a fit stands: the robot in each session, and the unknown points (S, 3), mm, in the measuring frame.
 
-    model: RobotModel
-    centres: Floats
+    models: one for each session, alike but for base and tool. columns: for each, which of the `width` columns of a
+    Jacobian each of its parameters has; the points' x, y, z are the last.
+    """
+
+    models: tuple[RobotModel, ...]
+    points: Floats
+    columns: tuple[Any, ...]
+
+    @classmethod
+    def alone(cls, model: RobotModel, points: Floats | None = None) -> Self:
+        """One session."""
+        places = np.zeros((0, 3)) if points is None else points
+        return cls((model,), places, (np.arange(len(model.parameters)),))
+
+    @classmethod
+    def of_sessions(cls, models: Sequence[RobotModel], own: Sequence[frozenset[Group]], points: Floats) -> Self:
+        """Several sessions; `own` names for each after the first which of base and tool it has to itself."""
+        names = models[0].parameters
+        columns, width = [np.arange(len(names))], len(names)
+        for groups in own:
+            mine = np.arange(len(names))
+            apart = [index for index, name in enumerate(names) if name.partition("_")[0] in groups & {"base", "tool"}]
+            mine[apart] = np.arange(width, width + len(apart))
+            columns, width = [*columns, mine], width + len(apart)
+        return cls(tuple(models), points, tuple(columns))
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot in the first session."""
+        return self.models[0]
+
+    @property
+    def points_at(self) -> int:
+        """The first column of the points."""
+        return 1 + max(int(columns.max()) for columns in self.columns)
+
+    @property
+    def width(self) -> int:
+        """How many columns a Jacobian has."""
+        return self.points_at + self.points.size
+
+    def spread(self, columns: Floats, session: int) -> Floats:
+        """A session's columns (N, k, P of its model) as columns of the whole (N, k, `width`), the others 0."""
+        if columns.shape[-1] == self.width:
+            return columns
+        result = np.zeros((*columns.shape[:-1], self.width))
+        result[..., self.columns[session]] = columns
+        return result
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """All parameters of a fit in one row: the model's, then the centres' x, y, z.
+    """All parameters of a fit in one row: the model's, each further session's own, then the points' x, y, z.
 
-    names, groups (P); sigma (P,): prior 1 σ, mm, rad or 1/(N·m²); free (P,): may change; start: where each is expected.
+    names, groups (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: where each is
+    expected. prior (P, P): covariance in place of `sigma`, where more is known than that; those not free are then not
+    certain either: what they are not known to carries over into everything that is found.
     """
 
     start: State
@@ -57,25 +117,46 @@ class Unknowns:
     groups: tuple[Group, ...]
     sigma: Floats
     free: Bools
+    prior: Floats | None = None
 
     @classmethod
     def of(
-        cls, start: State, spheres: tuple[str, ...], tolerances: Tolerances, *, registered: frozenset[Group]
+        cls,
+        start: State,
+        points: Sequence[str],
+        tolerances: Tolerances,
+        *,
+        flat: frozenset[Group] = frozenset(),
+        sessions: Sequence[str] = (),
     ) -> Self:
-        """Every parameter of `start`, all free. In groups named `registered`, nothing is known beforehand."""
+        """Every parameter of `start`, all free. In groups named `flat`, nothing is known beforehand.
+
+        sessions: names of those after the first: their own parameters are called `base_x@NAME`.
+        """
         model = start.model
-        centres = tuple(f"{sphere}_{axis}" for sphere in spheres for axis in "xyz")
-        groups: list[Group] = [_group(name) for name in model.parameters] + ["centres" for _ in centres]
-        sigma = [
-            _sigma(name, bool(turns), group in registered, tolerances)
-            for name, turns, group in zip(model.parameters, model.parameter_turns, groups, strict=False)
-        ] + [tolerances.flat_mm for _ in centres]
-        names = model.parameters + centres
-        return cls(start, names, tuple(groups), np.array(sigma), np.ones(len(names), bool))
+        names = list(model.parameters) + [""] * (start.points_at - len(model.parameters))
+        for columns, session in zip(start.columns[1:], sessions, strict=True):
+            for column, name in zip(columns, model.parameters, strict=True):
+                names[column] = names[column] or f"{name}@{session}"
+        sigma = [_sigma(model, name.partition("@")[0], flat, tolerances) for name in names]
+        groups = [group_of(model, name.partition("@")[0]) for name in names]
+        names += [f"{point}_{axis}" for point in points for axis in "xyz"]
+        sigma += [tolerances.flat_mm] * start.points.size
+        groups += ["points"] * start.points.size
+        return cls(start, tuple(names), tuple(groups), np.array(sigma), np.ones(len(names), bool))
 
     def only(self, groups: frozenset[Group]) -> Self:
         """These unknowns with none but `groups` free."""
-        return replace(self, free=self.free & np.array([group in groups for group in self.groups]))
+        return replace(self, free=self.free & self.among(groups))
+
+    def among(self, groups: frozenset[Group]) -> Bools:
+        """Which parameters (P,) belong to `groups`."""
+        wanted = members(groups, self.start.model.chain)
+        return np.array([group in wanted for group in self.groups])
+
+    def masked(self, free: Bools) -> Self:
+        """These unknowns with none but those at `free` (P,) free."""
+        return replace(self, free=self.free & free)
 
     def without(self, names: frozenset[str]) -> Self:
         """These unknowns with `names` held where they start."""
@@ -87,30 +168,38 @@ class Unknowns:
 
     @property
     def robot(self) -> int:
-        """How many of the parameters are the robot's; the rest are centres."""
+        """How many parameters are those of the robot in its first session; the rest are placements and points."""
         return len(self.start.model.parameters)
 
     def state(self, deviations: Floats) -> State:
         """The state at `deviations` (P,) from the start."""
-        model = self.start.model.with_deviations(self.start.model.deviations + deviations[: self.robot])
-        return State(model, self.start.centres + deviations[self.robot :].reshape(-1, 3))
+        start = self.start
+        models = tuple(
+            model.with_deviations(model.deviations + deviations[columns])
+            for model, columns in zip(start.models, start.columns, strict=True)
+        )
+        return replace(start, models=models, points=start.points + deviations[start.points_at :].reshape(-1, 3))
 
 
-def _group(name: str) -> Group:
-    if name == DEFLECTION:
-        return "deflection"
-    if name.startswith("base_"):
-        return "base"
-    return "tool" if name.startswith("tool_") else "geometry"
+def group_of(model: RobotModel, name: str) -> Group:
+    """The group that parameter `name` of a model belongs to."""
+    for effect in model.effects:
+        if name in effect.parameters:
+            return effect.group
+    if name.startswith(("base_", "tool_")):
+        return name.partition("_")[0]
+    return "zeros" if re.fullmatch(r"theta\d+", name) else "links"
 
 
-def _sigma(name: str, turns: bool, registered: bool, tolerances: Tolerances) -> float:
-    if registered:
+def _sigma(model: RobotModel, name: str, flat: frozenset[Group], tolerances: Tolerances) -> float:
+    for effect in model.effects:
+        if name in effect.parameters:
+            return float(effect.sigma[effect.parameters.index(name)])
+    turns = bool(model.parameter_turns[model.parameters.index(name)])
+    if (group := group_of(model, name)) in flat:
         return tolerances.flat_rad if turns else tolerances.flat_mm
-    if name == DEFLECTION:
-        return tolerances.deflection
-    if name.startswith("tool_"):
+    if group == "tool":
         return float(np.deg2rad(tolerances.tool_deg)) if turns else tolerances.tool_mm
-    if re.fullmatch(r"theta\d+", name):
+    if group == "zeros":
         return float(np.deg2rad(tolerances.joint_zero_deg))
     return float(np.deg2rad(tolerances.angle_deg)) if turns else tolerances.link_mm

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, final
+from typing import Literal, Self, TypeAlias, final
 
 import numpy as np
 
@@ -51,6 +51,14 @@ class HeldOut:
     identified: Floats
     variance: Floats
     chance: Floats
+
+    @classmethod
+    def joined(cls, parts: Iterable[Self]) -> Self:
+        """The rows of all parts, one after another."""
+        each = list(parts)
+        names = ("nominal", "identified", "variance", "chance")
+        columns = (np.concatenate([np.zeros(0), *(getattr(part, name) for part in each)]) for name in names)
+        return cls(*columns)
 
     @property
     def foreseen_rms(self) -> float:

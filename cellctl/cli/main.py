@@ -13,6 +13,7 @@ from cellctl.cli import ends
 from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
 from cellctl.cli.fit import fit
+from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
 from cellctl.cli.predict import predict
 from cellctl.cli.report import report
@@ -50,6 +51,7 @@ def _options(
 _VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, runs, show, report)
 for _verb in _VERBS:
     app.command(_verb.__name__)(_verb)
+app.command("import")(import_data)
 app.add_typer(table, name="table")
 
 

@@ -103,7 +103,7 @@ def nominal_model(robot: RobotFile, *, deflection: bool) -> RobotModel:
 
     length_m, load_n = robot.tool.xyz[2] / 1000.0, robot.tool.mass * STANDARD_GRAVITY
     bends = deflection and length_m > 0.0 and load_n > 0.0
-    return RobotModel(robot.chain(), ToolDeflection(length_m, load_n) if bends else None)
+    return RobotModel(robot.chain(), (ToolDeflection(length_m, load_n),) if bends else ())
 
 
 def _task(model: RobotModel, parts: dict[str, Any]) -> Task:
@@ -185,8 +185,8 @@ def _touches(
         index = np.array([spheres.index(names[row]) for row in kept])
         return {
             "rows": TouchRows(q[kept], index, reach[kept], sigma[kept]),
-            "spheres": spheres,
-            "centres": _rough_centres(artefact, spheres),
+            "points": spheres,
+            "rough": _rough_centres(artefact, spheres),
             "spacings": _spacings(artefact, spheres) if use_distances else None,
         }
 

@@ -104,7 +104,7 @@ class ModelFile(BaseModel):
                 )
             ],
             covariance=found.covariance[:count, :count].tolist(),
-            centres=_centres(measured.task.spheres, found.state.centres, sigma[count:].reshape(-1, 3)),
+            centres=_centres(measured.task.points, found.state.points, sigma[found.state.points_at :].reshape(-1, 3)),
             joint_region=JointRegion(min=used.min(axis=0).tolist(), max=used.max(axis=0).tolist()),
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},

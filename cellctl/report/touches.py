@@ -55,23 +55,23 @@ def touch_errors(model: ModelFile, data: DataSet, artefact: Artefact | None) -> 
     bends = model.parameters[-1].name == "tool_deflection"
     choice = "auto" if bends else "geometry"
     measured = measurements(model.robot, data, measure="sphere", model=choice, artefact=artefact)  # type: ignore[arg-type]  # narrowed to str
-    rows = measured.task.rows
+    rows = measured.task.rows.only
     assert isinstance(rows, TouchRows)
     centres = {centre.id: centre.xyz for centre in model.centres}
-    unknown = set(measured.task.spheres) - centres.keys()
+    unknown = set(measured.task.points) - centres.keys()
     if unknown:
         what = f"has touches on {', '.join(sorted(unknown))}, which the model does not know"
         raise InputError(Problem(data.file, 0, 0, what, "is it the data set of this model?"))
-    identified = State(model.robot_model(), np.array([centres[name] for name in measured.task.spheres]))
+    identified = State.alone(model.robot_model(), np.array([centres[name] for name in measured.task.points]))
     held_out = np.array([of == "test" for of in measured.sets])
     only_centres = identify(replace(measured.task, groups=frozenset(), spacings=None), np.flatnonzero(~held_out))
-    away = identified.model.tip(rows.q) - identified.centres[rows.sphere]
+    away = identified.model.tip(rows.q) - identified.points[rows.point]
     number_at = dict(zip(data.lines, data.texts("touch"), strict=True))
     return TouchErrors(
         lines=measured.lines,
         numbers=tuple(number_at[line] for line in measured.lines),
         readings=measured.readings,
-        spheres=tuple(measured.task.spheres[index] for index in rows.sphere),
+        spheres=tuple(measured.task.points[index] for index in rows.point),
         held_out=held_out,
         normals=away / np.linalg.norm(away, axis=1, keepdims=True),
         before=rows.residual(only_centres.nominal.state)[:, 0],

@@ -55,7 +55,7 @@ def test_positions_identify_the_robot_whatever_stands_between_it_and_the_instrum
 def test_nominal_has_base_and_tool_registered_as_well_as_they_can_be(position_task):
     """An optimiser of its own, over base and reflector alone, finds no better registration."""
     found = identify(position_task).nominal
-    chain, rows = position_task.model.chain, position_task.rows
+    chain, rows = position_task.model.chain, position_task.rows.only
     flange = chain.with_base(np.eye(4)).forward_flange(rows.q)
 
     def residual(x):
@@ -71,7 +71,7 @@ def test_the_optimum_is_scipys_optimum_of_the_same_posterior(position_task):
     found = identify(position_task).identified
     unknowns, noise = found.unknowns, identify(position_task).noise
     free = np.flatnonzero(unknowns.free)
-    rows = position_task.rows.noisier(noise)
+    rows = position_task.rows.noisier(noise).only
 
     def residual(scaled):
         deviations = np.zeros(len(unknowns.names))
@@ -92,7 +92,7 @@ def test_poses_identify_orientation_as_well(kr5, poses):
     sigma = np.hstack([np.full((120, 3), 0.0173), np.full((120, 3), 1e-4)])
     task = Task(nominal_model(kr5, deflection=False), PoseRows(kr5.joint_map().model(readings), measured, sigma))
     found = fit(task, Split.by_column(np.arange(120) >= 70))
-    turn = task.rows.pick(np.arange(70, 120)).residual(found.identification.identified.state)[:, 3:]
+    turn = task.rows.only.pick(np.arange(70, 120)).residual(found.identification.identified.state)[:, 3:]
     assert found.test.mean < 0.06
     assert np.degrees(np.linalg.norm(turn, axis=1).mean()) < 0.03
 
@@ -118,14 +118,14 @@ def test_predicted_sigma_covers_the_error_at_new_joints(position_task, screw_rob
 
 
 def test_rows_that_contradict_every_robot_do_not_look_good(position_task):
-    rows = position_task.rows
+    rows = position_task.rows.only
     shuffled = replace(rows, xyz=np.random.default_rng(0).permutation(rows.xyz))
     found = fit(replace(position_task, rows=shuffled), Split.by_column(np.arange(120) >= 70))
     assert found.test.mean > 100.0
 
 
 def test_rows_all_alike_see_next_to_nothing_and_stay_finite(position_task):
-    rows = position_task.rows.pick(np.zeros(20, int))
+    rows = position_task.rows.only.pick(np.zeros(20, int))
     found = fit(replace(position_task, rows=rows), Split.by_column(np.arange(20) >= 10))
     assert found.observability.rank <= 3
     assert np.isfinite(found.identification.identified.covariance).all()

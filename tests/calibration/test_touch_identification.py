@@ -76,15 +76,15 @@ def _with_tool_held(task):
 
 
 def test_the_tools_bend_is_found(result):
-    bend = result.identification.identified.state.model.deflection
-    assert bend.c_t * bend.mm_per_unit == pytest.approx(0.125, abs=0.1)
+    model = result.identification.identified.state.model
+    (bend,) = model.effects
+    assert model.amount("tool_deflection") * bend.mm_per_unit == pytest.approx(0.125, abs=0.1)
 
 
 def test_a_bend_is_never_negative(draw, touch_task):
     touches = draw(11, 50)
     rigid = draw(11, 50, robot=_rigid(touches.robot))
-    bend = identify(touch_task(rigid)).identified.state.model.deflection
-    assert bend.c_t >= 0.0
+    assert identify(touch_task(rigid)).identified.state.model.amount("tool_deflection") >= 0.0
 
 
 def _rigid(robot):
@@ -109,7 +109,7 @@ def test_the_same_rows_give_the_same_bytes(touches, touch_task, result):
 
 def test_a_wild_touch_is_left_out_and_named(touches, touch_task, result):
     task = touch_task(touches)
-    task.rows.reach[7] += 3.0
+    task.rows.only.reach[7] += 3.0
     found = fit(task, Split.by_column(LATER))
     assert found.identification.outliers == (7,)
     assert found.test.mean <= 0.05
@@ -118,10 +118,8 @@ def test_a_wild_touch_is_left_out_and_named(touches, touch_task, result):
 def test_without_rough_places_the_spheres_are_found(touches, touch_task, result):
     from dataclasses import replace
 
-    found = identify(replace(touch_task(touches), centres=None), ~LATER)
-    np.testing.assert_allclose(
-        found.identified.state.centres, result.identification.identified.state.centres, atol=1e-3
-    )
+    found = identify(replace(touch_task(touches), rough=None), ~LATER)
+    np.testing.assert_allclose(found.identified.state.points, result.identification.identified.state.points, atol=1e-3)
 
 
 def test_folds_judge_every_row_by_a_model_that_never_saw_it(touches, touch_task):
@@ -162,7 +160,7 @@ def test_single_parameters_that_no_touch_sees_stand_in_one_phrase(touches, touch
     from dataclasses import replace
 
     task = touch_task(touches)
-    one_pose_and_wrist = replace(task.rows.pick(np.zeros(20, int)), q=np.zeros((20, 6)))
+    one_pose_and_wrist = replace(task.rows.only.pick(np.zeros(20, int)), at=np.zeros((20, 6)))
     found = fit(replace(task, rows=one_pose_and_wrist), Split.by_column(np.arange(20) >= 15))
     alone = [words for words in found.observability.unseen if words.endswith("alone")]
     assert len(alone) == 1

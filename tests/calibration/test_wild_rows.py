@@ -5,18 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellctl.calibration import Split, State, Tolerances, TouchRows, Unknowns, fit, identify
+from cellctl.calibration import Split, State, Tolerances, Unknowns, fit, identify
 from cellctl.calibration.outliers import Linear
 
 LATER = np.arange(80) >= 50
 FIT = np.flatnonzero(~LATER)
 
 
-def turned(task, rows, degrees):
-    """`task` with the first axis of `rows` read wrong by so much: it leaves hardly a trace in their own residuals."""
-    q = task.rows.q.copy()
-    q[rows, 0] += np.radians(degrees)
-    return replace(task, rows=replace(task.rows, q=q))
+def turned(task, wrong, degrees):
+    """`task` with the first axis of rows `wrong` off by so much: it leaves hardly a trace in their own residuals."""
+    rows = task.rows.only
+    q = rows.q.copy()
+    q[wrong, 0] += np.radians(degrees)
+    return replace(task, rows=replace(rows, at=q))
 
 
 @pytest.fixture(scope="module")
@@ -41,9 +42,10 @@ def test_three_wild_rows_in_forty_are_found_and_only_these(touches, touch_task):
 
 def test_touches_on_another_sphere_than_they_say_are_found(touches, touch_task, clean):
     task, wild = touch_task(touches), [5, 20, 35]
-    sphere = task.rows.sphere.copy()
+    rows = task.rows.only
+    sphere = rows.point.copy()
     sphere[wild] = (sphere[wild] + 1) % 3
-    found = fit(replace(task, rows=replace(task.rows, sphere=sphere)), Split.by_column(LATER))
+    found = fit(replace(task, rows=replace(rows, point=sphere)), Split.by_column(LATER))
     assert found.identification.outliers == tuple(wild)
     assert found.test.mean < clean.test.mean + 0.01
 
@@ -88,10 +90,9 @@ def test_a_held_out_row_far_from_everything_is_named_and_stays_in_the_figures(to
 def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
     """Against the normal equations of all other rows, one row at a time."""
     task = touch_task(touches)
-    start = State(task.model, task.centres)
-    unknowns = Unknowns.of(start, task.spheres, Tolerances(flat_mm=10.0), registered=frozenset({"centres"}))
+    start = State.alone(task.model, task.rough)
+    unknowns = Unknowns.of(start, task.points, Tolerances(flat_mm=10.0))
     rows = task.rows.pick(np.arange(12))
-    assert isinstance(rows, TouchRows)
     linear = Linear.about(unknowns, np.zeros(len(unknowns.names)), rows, [task.spacings])
     kept = np.arange(12) != 7
     for row in range(12):

@@ -14,7 +14,7 @@ ERRORS = {
     "alpha4": 0.0009, "d5": 0.9, "tool_x": 0.8, "tool_y": -1.1, "tool_z": 0.6,
 }  # fmt: skip
 HOME = np.deg2rad([0.0, -60.0, 80.0, 10.0, 60.0, 20.0])
-DEFLECTION = ToolDeflection(0.41, 15.0, 0.00036)
+DEFLECTION, C_T = ToolDeflection(0.41, 15.0), 0.00036
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def nominal():
 
 @pytest.fixture(scope="module")
 def identified(nominal):
-    return RobotModel(nominal.with_parameters(ERRORS), DEFLECTION)
+    return RobotModel(nominal.with_parameters(ERRORS), (DEFLECTION,), np.array([C_T]))
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def real_tool(q):
     for place, letter in enumerate("xyz"):
         tool = tool @ slide(place, ERRORS.get(f"tool_{letter}", 0.0))
     matrix = matrix @ tool
-    sag = 1000.0 * DEFLECTION.c_t * DEFLECTION.length_m**3 / 3.0 * DEFLECTION.load_n
+    sag = 1000.0 * C_T * DEFLECTION.length_m**3 / 3.0 * DEFLECTION.load_n
     matrix[:3, 3] += sag * (np.array([0.0, 0.0, -1.0]) + axis[2] * axis)
     return matrix
 
@@ -85,7 +85,8 @@ def test_the_foretold_distances_are_those_of_the_real_robot(nominal, identified,
     targets = nominal.forward(postures_near_home)
     found = compensate(nominal, identified, targets, postures_near_home)
     before = [np.linalg.norm(real_tool(q)[:3, 3] - t[:3, 3]) for q, t in zip(found.nominal_q, targets, strict=True)]
-    np.testing.assert_allclose(found.predicted_before_mm, before, atol=1e-9)
+    # the model bends its tool as it would hang from the nominal robot: arc minutes of that are 0.2 µm
+    np.testing.assert_allclose(found.predicted_before_mm, before, atol=3e-4)
     assert found.predicted_after_mm.max() < 1e-4
 
 

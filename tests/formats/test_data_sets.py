@@ -34,20 +34,20 @@ def measured(text, **options):
 
 
 def test_degrees_and_radians_give_the_same_angles():
-    degrees = measured("A1,A2,X,Y,Z\n30,-60,1,2,3\n").task.rows
-    radians = measured(f"q1,q2,X,Y,Z\n{math.pi / 6!r},{-math.pi / 3!r},1,2,3\n").task.rows
+    degrees = measured("A1,A2,X,Y,Z\n30,-60,1,2,3\n").task.rows.only
+    radians = measured(f"q1,q2,X,Y,Z\n{math.pi / 6!r},{-math.pi / 3!r},1,2,3\n").task.rows.only
     np.testing.assert_allclose(degrees.q, [[math.pi / 6, -math.pi / 3]])
     np.testing.assert_allclose(radians.q, degrees.q, atol=1e-15)
 
 
 def test_sigma_is_the_rows_own_or_the_repeatability_on_one_axis():
-    rows = measured("A1,A2,X,Y,Z,sX,sY,sZ\n1,2,3,4,5,0.1,0.2,0.3\n1,2,3,4,5,,,\n").task.rows
+    rows = measured("A1,A2,X,Y,Z,sX,sY,sZ\n1,2,3,4,5,0.1,0.2,0.3\n1,2,3,4,5,,,\n").task.rows.only
     np.testing.assert_allclose(rows.sigma, [[0.1, 0.2, 0.3], [0.03 / math.sqrt(3)] * 3])
 
 
 def test_columns_may_stand_in_any_order_and_unknown_ones_are_kept(tmp_path):
     data = DataSet.parse('note,Z,A2,Y,A1,X\n"a, b",3,20,2,10,1\n', "data.csv")
-    np.testing.assert_allclose(measurements(ROBOT, data).task.rows.xyz, [[1, 2, 3]])
+    np.testing.assert_allclose(measurements(ROBOT, data).task.rows.only.xyz, [[1, 2, 3]])
     data.write(tmp_path / "again.csv")
     assert DataSet.load(tmp_path / "again.csv").texts("note") == ["a, b"]
 
@@ -127,9 +127,9 @@ def test_touches_take_size_and_place_from_the_artefact():
     rows = "".join(f"{angle},2,S1\n" for angle in range(5))
     found = measured(f"A1,A2,sphere\n{rows}", artefact=SPHERES)
     assert found.measure == "sphere"
-    np.testing.assert_allclose(found.task.rows.reach, 30.6)
-    np.testing.assert_allclose(found.task.centres, [[1, 2, 3]])
-    assert found.task.model.deflection is not None
+    np.testing.assert_allclose(found.task.rows.only.reach, 30.6)
+    np.testing.assert_allclose(found.task.rough, [[1, 2, 3]])
+    assert found.task.model.effects
 
 
 def test_touches_of_unknown_or_contradicting_spheres_are_named():
@@ -140,14 +140,14 @@ def test_touches_of_unknown_or_contradicting_spheres_are_named():
 
 def test_a_radius_column_alone_will_do():
     found = measured("A1,A2,sphere,radius\n1,2,B,25\n")
-    assert found.task.rows.reach.tolist() == [25.0]
-    assert found.task.centres is None
+    assert found.task.rows.only.reach.tolist() == [25.0]
+    assert found.task.rough is None
 
 
 def test_the_tips_radius_comes_from_its_column_unless_an_artefact_knows_it():
     text = "A1,A2,sphere,radius,tip_radius\n1,2,S1,30,0.6\n1,2,S1,30,\n"
-    assert measured(text).task.rows.reach.tolist() == [30.6, 30.0]
-    assert measured(text, artefact=SPHERES).task.rows.reach.tolist() == [30.6, 30.6]
+    assert measured(text).task.rows.only.reach.tolist() == [30.6, 30.0]
+    assert measured(text, artefact=SPHERES).task.rows.only.reach.tolist() == [30.6, 30.6]
 
 
 def test_a_tip_radius_that_contradicts_the_artefact_is_named():
@@ -164,7 +164,7 @@ def test_orientation_may_be_angles_or_a_quaternion():
     half = math.sqrt(0.5)
     quaternion = measured(f"A1,A2,X,Y,Z,QW,QX,QY,QZ\n1,2,3,4,5,{half},0,0,{half}\n1,2,3,4,5,1,1,0,0\n")
     assert angles.measure == quaternion.measure == "pose"
-    np.testing.assert_allclose(angles.task.rows.poses, quaternion.task.rows.poses, atol=1e-12)
+    np.testing.assert_allclose(angles.task.rows.only.poses, quaternion.task.rows.only.poses, atol=1e-12)
     assert "unit quaternion" in quaternion.rejected[0].reason
 
 

@@ -8,8 +8,12 @@ from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
 from cellctl.calibration.effects.growth import Growth
 from cellctl.calibration.effects.harmonics import Harmonics
 
+EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth")
+"""Groups of all effects, in the order in which a model's name lists them."""
+
 __all__ = [
     "DEFLECTION",
+    "EFFECTS",
     "STANDARD_GRAVITY",
     "Backlash",
     "Effect",

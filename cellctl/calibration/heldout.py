@@ -1,0 +1,96 @@
+"""Rows that a model never saw, as it sees them: what only they can tell is found from them first, and nothing else.
+
+A socket that the fit never saw, or a session in which the robot had been set up anew, has a place that nobody knows but
+the held-out rows themselves. It is fitted to them, for nominal and identified alike; what is left is what the robot's
+model is wrong about among these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cellctl.calibration.estimate import Estimate, estimate
+from cellctl.calibration.identify import Identification
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.predict import foresee
+from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.task import Task
+from cellctl.calibration.unknowns import State, Unknowns
+from cellctl.calibration.verdict import HeldOut
+from cellctl.kinematics import Bools, Floats
+
+
+def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
+    """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
+    unseen = unseen_by(task, by, rows)
+    nominal = _settled(task, by.nominal, rows, unseen)
+    identified = _settled(task, by.identified, rows, unseen)
+    covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
+    noisy = rows.noisier(by.noise)
+    hidden = _hidden(identified, noisy, unseen)
+    foreseen = [
+        foresee(identified, covariance, block, own)
+        for block, own in zip(noisy.blocks, hidden, strict=True)
+        if len(block)
+    ]
+    return HeldOut(
+        nominal=rows.errors(nominal),
+        identified=rows.errors(identified),
+        variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
+        chance=np.concatenate([np.zeros(0), *(each.chance for each in foreseen)]),
+    )
+
+
+def unseen_by(task: Task, by: Identification, rows: Mixture) -> Bools:
+    """Which parameters (P,) tie `rows` to the robot without any row of the fit having told them."""
+    unknowns = by.identified.unknowns
+    needed = _touched(unknowns, rows) & task.registration(unknowns)
+    return np.asarray(needed & ~_touched(unknowns, task.rows.pick(list(by.used))))
+
+
+def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
+    """Which registration parameters (P,) act on `rows`."""
+    result, start = np.zeros(len(unknowns.names), bool), unknowns.start
+    for block in rows.blocks:
+        if not len(block):
+            continue
+        if isinstance(block, PositionRows | PoseRows):
+            result[start.columns[block.session]] = True
+        if isinstance(block, TouchRows | SocketRows):
+            for axis in range(3):
+                result[start.points_at + 3 * np.unique(block.point) + axis] = True
+    return result
+
+
+def _settled(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
+    """The state of `found` with what is `unseen` fitted to `rows`."""
+    if not unseen.any():
+        return found.state
+    begin = _begun(task, found, rows, unseen)
+    unknowns = replace(found.unknowns, start=begin, free=unseen, prior=None)
+    return estimate(unknowns, rows.blocks).state
+
+
+def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
+    """Where to look for what is unseen: as `task` would begin with nothing but `rows`."""
+    state, afresh = found.state, task.start(rows)
+    models = [
+        model.on(new.chain.base_now, new.chain.tool_now) if unseen[columns].any() else model
+        for model, new, columns in zip(state.models, afresh.models, state.columns, strict=True)
+    ]
+    points = np.where(unseen[state.points_at :].reshape(-1, 3), afresh.points, state.points)
+    return replace(state, models=tuple(models), points=points)
+
+
+def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | None]:
+    """For each block an orthonormal basis (N, k, H) of what was fitted to the rows, in their standard deviations."""
+    if not unseen.any():
+        return [None] * len(rows.blocks)
+    columns = [block.jacobian(state)[..., unseen] / block.sigma[..., None] for block in rows.blocks]
+    flat, _ = np.linalg.qr(np.concatenate([part.reshape(-1, part.shape[-1]) for part in columns]))
+    cuts = np.cumsum([part.shape[0] * part.shape[1] for part in columns])[:-1]
+    pieces = np.split(flat, cuts)
+    return [piece.reshape(*part.shape[:2], -1) for piece, part in zip(pieces, columns, strict=True)]

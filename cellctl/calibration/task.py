@@ -1,0 +1,209 @@
+"""What is to be identified, from what: rows, what may change, what is known beforehand, and where to start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model import RobotModel
+from cellctl.calibration.registration import register_positions, sphere_centre, turned_tool
+from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.unknowns import GEOMETRY, Group, State, Tolerances, Unknowns
+from cellctl.kinematics import Bools, Floats
+
+_TURNS = ("tool_a", "tool_b", "tool_c")
+_PLACED = frozenset({"base", "tool"})
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Session:
+    """Measurements between which nothing was set up anew. own: which of base and tool this session has to itself."""
+
+    name: str = ""
+    own: frozenset[Group] = frozenset()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is identified, from what.
+
+    model: nominal robot, or an older model. rows: everything measured, one block or several. points, rough: names of
+    spheres and sockets, and where they roughly are (S, 3), mm (NaN where not known). spacings: certified distances, or
+    None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
+    effects that the model has. sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
+
+    prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
+    everything is free within what that model was sure of; with `groups` they alone are free, with nothing known of them
+    (a crash, a new motor, a new tool), and the rest is held, as uncertain as it was.
+    """
+
+    model: RobotModel
+    rows: Mixture
+    points: tuple[str, ...] = ()
+    rough: Floats | None = None
+    spacings: SpacingRows | None = None
+    groups: frozenset[Group] | None = None
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    sessions: tuple[Session, ...] = (Session(),)
+    prior: Floats | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", Mixture.of(self.rows))
+
+    @property
+    def freed(self) -> frozenset[Group]:
+        """What may change besides the registration."""
+        if self.groups is not None:
+            return self.groups
+        return frozenset({GEOMETRY, "tool", *(effect.group for effect in self.model.effects)})
+
+    @property
+    def partial(self) -> bool:
+        """Whether an older model is kept but for a few groups."""
+        return self.prior is not None and self.groups is not None
+
+    @property
+    def registered(self) -> frozenset[Group]:
+        """Which of base and tool *nominal* is tied to an instrument by, with nothing known beforehand.
+
+        In partial work nominal is the older model as it is; but where the robot has been set up anew, and something is
+        to be found besides, there is nothing to compare without its base.
+        """
+        if not self.partial:
+            return _PLACED
+        return frozenset({"base"}) if "base" in self.freed and len(self.freed) > 1 else frozenset()
+
+    @property
+    def rows_at_least(self) -> int:
+        """With fewer rows than this, registration alone explains everything."""
+        return self.registering // int(self.rows.numbers.max(initial=1)) + 1
+
+    @property
+    def registering(self) -> int:
+        """How many numbers registration has to find: 3 for each point; 9 or 12 for base and tool in an instrument."""
+        return max(int(np.count_nonzero(self.registration(self.unknowns(self._somewhere())))), 1)
+
+    def with_effects(self, effects: tuple[Any, ...]) -> Self:
+        """The same task for a model with these effects."""
+        return replace(self, model=self.model.with_effects(effects))
+
+    def unknowns(self, start: State) -> Unknowns:
+        """All parameters about `start`, all free, with what is known of them."""
+        names = [session.name for session in self.sessions[1:]]
+        taught = Unknowns.of(start, self.points, self.tolerances, sessions=names)
+        flat = Unknowns.of(start, self.points, self.tolerances, flat=_PLACED, sessions=names)
+        unknown = self._seen_by(taught, (PositionRows, PoseRows)) | taught.among(frozenset({"base"}))
+        if self.prior is None:
+            return replace(taught, sigma=np.where(unknown, flat.sigma, taught.sigma))
+        return self._with_prior(taught, flat.sigma, unknown)
+
+    def registration(self, unknowns: Unknowns) -> Bools:
+        """Which parameters (P,) tie nominal to the measurement: points always, base and tool to an instrument."""
+        instrument = self._seen_by(unknowns, (PositionRows, PoseRows))
+        placed = unknowns.among(self.registered) & instrument & ~self._unturned(unknowns)
+        return np.asarray(placed | unknowns.among(frozenset({"points"})))
+
+    def identification(self, unknowns: Unknowns) -> Bools:
+        """Which parameters (P,) are identified, registration among them."""
+        free = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
+        if self.prior is None or self.partial:
+            return np.asarray(free)
+        known = unknowns.prior
+        assert known is not None
+        return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
+
+    def start(self, rows: Mixture) -> State:
+        """Where to begin, from the model and `rows` alone."""
+        models = self._placed(rows)
+        return State.of_sessions(models, [session.own for session in self.sessions[1:]], self._points(models, rows))
+
+    def _somewhere(self) -> State:
+        """A state of the right shape."""
+        models = [self.model] * len(self.sessions)
+        own = [session.own for session in self.sessions[1:]]
+        return State.of_sessions(models, own, np.zeros((len(self.points), 3)))
+
+    def _seen_by(self, unknowns: Unknowns, kinds: tuple[type, ...]) -> Bools:
+        """Which base and tool parameters (P,) act on rows of these kinds."""
+        result = np.zeros(len(unknowns.names), bool)
+        for session in {block.session for block in self.rows.blocks if isinstance(block, kinds) and len(block)}:
+            result[unknowns.start.columns[session]] = True
+        return result & unknowns.among(_PLACED)
+
+    def _unturned(self, unknowns: Unknowns) -> Bools:
+        """The tool's turns (P,) where nothing measured them: a point has no orientation."""
+        turns = np.array([name.partition("@")[0] in _TURNS for name in unknowns.names])
+        return np.asarray(turns & ~self._seen_by(unknowns, (PoseRows,)))
+
+    def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:
+        """These unknowns as an older model knew them, but for what is to be found anew."""
+        assert self.prior is not None
+        covariance = np.zeros((len(unknowns.names),) * 2)
+        covariance[: unknowns.robot, : unknowns.robot] = self.prior
+        anew = np.arange(len(unknowns.names)) >= unknowns.robot
+        if self.partial:
+            sigma = self._found_anew(unknowns, flat)
+            anew |= unknowns.among(self.freed)
+        else:
+            sigma, anew = np.where(unknown, flat, unknowns.sigma), anew | unknown
+        covariance[anew], covariance[:, anew] = 0.0, 0.0
+        covariance[anew, anew] = sigma[anew] ** 2
+        return replace(unknowns, sigma=sigma, prior=covariance)
+
+    def _found_anew(self, unknowns: Unknowns, flat: Floats) -> Floats:
+        """Prior 1 σ (P,) of what has been lost, or is new."""
+        lost = np.deg2rad(self.tolerances.lost_zero_deg)
+        sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
+        return np.asarray(np.where(unknowns.among(_PLACED), flat, sigma))
+
+    def _placed(self, rows: Mixture) -> list[RobotModel]:
+        """The robot in each session, with base and tool near what its instrument says."""
+        result: list[RobotModel] = []
+        for number, session in enumerate(self.sessions):
+            groups = session.own if result else _PLACED
+            begin = self.model if not result else result[0]
+            if self.partial:
+                groups = groups & self.freed
+            result.append(_registered(begin, [b for b in rows.blocks if b.session == number], groups))
+        return result
+
+    def _points(self, models: list[RobotModel], rows: Mixture) -> Floats:
+        points = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough.copy()
+        for index in np.flatnonzero(np.isnan(points).any(axis=1)):
+            points[index] = next(_places(models, rows, int(index)), np.full(3, np.nan))
+        if np.isnan(points).any():
+            points = np.where(np.isnan(points), models[0].tip(rows.q).mean(axis=0), points)
+        return points
+
+
+def _registered(model: RobotModel, blocks: list[Measured], groups: frozenset[Group]) -> RobotModel:
+    """`model` with those of base and tool that are in `groups` near what instrument rows among `blocks` say."""
+    measured = [block for block in blocks if isinstance(block, PositionRows | PoseRows) and len(block)]
+    if not measured or not groups & _PLACED:
+        return model
+    q, xyz = np.concatenate([block.q for block in measured]), np.concatenate([block.xyz for block in measured])
+    base, tool = "base" in groups, "tool" in groups
+    chain = register_positions(model.chain, q, xyz, base=base, tool=tool)
+    turns = [block for block in measured if isinstance(block, PoseRows)]
+    if tool and turns:
+        rotations = np.concatenate([block.poses[:, :3, :3] for block in turns])
+        chain = turned_tool(chain, np.concatenate([block.q for block in turns]), rotations)
+    return replace(model, chain=chain)
+
+
+def _places(models: list[RobotModel], rows: Mixture, index: int) -> Iterator[Floats]:
+    """Where each block sees point `index`."""
+    for block in rows.blocks:
+        if not isinstance(block, TouchRows | SocketRows):
+            continue
+        mine = block.point == index
+        if not np.any(mine):
+            continue
+        tips = models[block.session].tip(block.postures.pick(mine))
+        yield tips.mean(axis=0) if isinstance(block, SocketRows) else sphere_centre(tips, block.reach[mine])

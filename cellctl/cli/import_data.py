@@ -1,0 +1,84 @@
+"""`cellctl import`: a pendant's joint list and a table of positions typed by hand become a data set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cellctl.formats.pendant import Imported
+
+
+def import_data(
+    joints: Annotated[Path, typer.Argument(help="Joint list: KRL (.dat), $AXIS_ACT listing, UR script, or table.")],
+    positions: Annotated[
+        Path | None, typer.Argument(help="Table of measured X, Y, Z. Left out: the joint table holds them too.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the data set here instead of stdout.")] = None,
+    robot: Annotated[Path | None, typer.Option(help="Robot file: checks number and limits of the joints.")] = None,
+    decimal: Annotated[
+        str | None, typer.Option(help="Decimal sign, where the numbers leave it open: comma|point.")
+    ] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of X, Y, Z where no heading says: mm|m|cm|um|inch.")] = None,
+    angles: Annotated[str | None, typer.Option(help="Unit of the joints where it is open: deg|rad.")] = None,
+    pair: Annotated[str | None, typer.Option(help="Which rows belong together: by name|order.")] = None,
+    orientation: Annotated[
+        str | None, typer.Option(help="Take A, B, C (abc: KUKA's Rz Ry Rx, deg) or QW…QZ (quaternion) too.")
+    ] = None,
+    columns: Annotated[
+        list[str] | None, typer.Option(help="Name columns: --columns A1=shoulder,X=north (again for more).")
+    ] = None,
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="Several measurements of a point are several rows.")
+    ] = False,
+    json_: Annotated[
+        str | None, typer.Option("--json", help="Write what was decided and left out as JSON; - for stdout.")
+    ] = None,
+) -> None:
+    """Make a data set of a joint list and a table of positions, for an instrument that is wired to nothing.
+
+    Nothing is guessed: what was decided, and every row that is in no pair, is said on stderr; what the files leave
+    open (1,234; mm or m; which rows belong together) is refused, with the option that answers it.
+
+    Example: cellctl import messung.dat positions.csv --robot procedures/robots/kr5_r1400.yaml -o data.csv
+    """
+    from cellctl.cli.results import write_json
+    from cellctl.files import write_atomically
+    from cellctl.formats import RobotFile
+    from cellctl.formats.dataset import text_of
+    from cellctl.formats.pendant import choices, imported
+
+    _refuse([joints, *([positions] if positions else [])], out, json_)
+    given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation}
+    answers = choices(given, columns or (), repeats=repeats)
+    result = imported(joints, positions, answers, RobotFile.load(robot) if robot else None)
+    text = text_of(result.records)
+    if out:
+        write_atomically(out, text)
+    elif json_ != "-":
+        typer.echo(text, nl=False)
+    typer.echo(_words(result, out), err=True)
+    left = [{"file": row.file, "line": row.line, "name": row.name, "reason": row.reason} for row in result.left_out]
+    write_json({"rows": len(result.records), "decided": list(result.decided), "left_out": left}, json_)
+
+
+def _refuse(inputs: list[Path], out: Path | None, json_: str | None) -> None:
+    from cellctl.files import InputError, Problem
+
+    problems = []
+    if out and out.exists() and any(path.exists() and path.samefile(out) for path in inputs):
+        problems.append(Problem("--out", 0, 0, f"{out} is what is read", "write to another file"))
+    if json_ == "-" and out is None:
+        problems.append(Problem("--json", 0, 0, "the data set itself goes to stdout", "give -o DATA.csv too"))
+    if problems:
+        raise InputError(problems)
+
+
+def _words(result: Imported, out: Path | None) -> str:
+    count = len(result.records)
+    lines = [f"{out or 'data set'}: {count} row{'s' * (count != 1)}", *(f"  {each}" for each in result.decided)]
+    if result.left_out:
+        lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out)]
+    return "\n".join(lines)

@@ -1,0 +1,69 @@
+"""What both lists come to: points in the order of the file, each usable or with the reason why not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias, final
+
+Source: TypeAlias = Literal["krl", "listing", "lists", "table"]
+"""What kind of text a list came in. KRL and lists of numbers have decimal points and a unit by definition."""
+
+Value: TypeAlias = float | str
+"""A cell: a number, or text in a column that needs none."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One point of a list. name: as it is written, empty where there is none. values: by column of a data set.
+
+    fault: why it cannot be used, empty where it can. A point with a fault keeps its place: pairing by order counts it.
+    """
+
+    line: int
+    name: str
+    values: Mapping[str, Value]
+    fault: str = ""
+    remark: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class PointList:
+    """A file's points, and what was decided in reading it, in words for the user."""
+
+    file: str
+    source: Source
+    points: tuple[Point, ...]
+    decided: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> bool:
+        """Whether the points have names: most of them, since a person forgets one."""
+        return sum(bool(point.name) for point in self.points) * 2 > len(self.points)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """A point before its numbers are read: the text of each value, by column."""
+
+    line: int
+    name: str
+    texts: Mapping[str, str]
+    fault: str = ""
+    remark: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RawList:
+    """Points as text. units: the unit that the file itself says for a column (`mm`, `deg`, …), where it does."""
+
+    file: str
+    source: Source
+    points: tuple[Raw, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
+    decided: tuple[str, ...] = ()
+    heading_line: int = 0

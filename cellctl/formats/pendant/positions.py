@@ -1,0 +1,101 @@
+"""A table of positions as a person typed it: X, Y, Z in mm, orientation only where it is certain what it means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from cellctl.files import InputError, Problem
+from cellctl.formats.pendant.cells import cells_of
+from cellctl.formats.pendant.choices import Choices
+from cellctl.formats.pendant.points import Point, PointList, RawList
+from cellctl.formats.pendant.typed_table import headed, raw_points, unheaded
+from cellctl.formats.pendant.values import in_mm, read_values
+
+XYZ = ("X", "Y", "Z")
+_ORIENTATIONS = {"abc": ("A", "B", "C"), "quaternion": ("QW", "QX", "QY", "QZ")}
+_SURELY_MM = 250.0
+"""A spread that is millimetres: in inches it would be 6.4 m, in metres 250 m."""
+_UNIT_CURE = "--unit mm, m, cm, um or inch"
+_FEWEST_FOR_SPREAD = 4
+
+
+def measured_columns(choices: Choices) -> tuple[str, ...]:
+    """The columns that a measurement has."""
+    return (*XYZ, *(_ORIENTATIONS[choices.orientation] if choices.orientation else ()))
+
+
+def position_texts(text: str, file: str, choices: Choices) -> RawList:
+    """The rows of a table of positions, as text. Raises InputError where its columns are not certain."""
+    table = cells_of(text, file)
+    head = headed(table, choices.columns, XYZ)
+    wanted = measured_columns(choices)
+    if head is None:
+        head = unheaded(table, [wanted], "give headings: name;X;Y;Z, or name the columns: --columns X=…,Y=…,Z=…")
+    missing = [name for name in wanted if name not in head.places]
+    if missing:
+        cure = f"name the columns: --columns {missing[0]}=…"
+        raise InputError(Problem(file, head.line, 0, f"has no column {', '.join(missing)}", cure))
+    turned = [name for names in _ORIENTATIONS.values() for name in names if name in head.places and name not in wanted]
+    decided = (f"{', '.join(turned)} not taken (--orientation says what they mean)",) if turned else ()
+    extra = [name for name in choices.columns if name in head.places and name != "name"]
+    raw = raw_points(table, head, list(dict.fromkeys([*wanted, *extra])))
+    return replace(raw, decided=(*raw.decided, *decided))
+
+
+def position_points(raw: RawList, choices: Choices) -> PointList:
+    """Points with X, Y, Z in mm. Raises InputError where the decimal sign or the unit is not certain."""
+    return measured(raw, read_values(raw, measured_columns(choices), choices.decimal), choices)
+
+
+def measured(raw: RawList, read: PointList, choices: Choices) -> PointList:
+    """The list with its X, Y, Z in mm, and with faults where an orientation cannot be one."""
+    units, how = _units(raw, read, choices)
+    points = tuple(_turned(_scaled(point, units), choices) for point in read.points)
+    return replace(read, points=points, decided=(*read.decided, how))
+
+
+def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str, str], str]:
+    said = {axis: raw.units[axis] for axis in XYZ if raw.units.get(axis)}
+    line = raw.heading_line
+    if choices.unit:
+        other = sorted(set(said.values()) - {choices.unit})
+        if other:
+            what = f"its headings say {', '.join(other)}, --unit says {choices.unit}"
+            raise InputError(Problem(raw.file, line, 0, what, "correct one of them"))
+        return dict.fromkeys(XYZ, choices.unit), f"positions in {choices.unit}, as --unit says"
+    if len(said) == len(XYZ):
+        return said, f"positions in {', '.join(dict.fromkeys(said.values()))}, as the headings say"
+    if said:
+        without = ", ".join(axis for axis in XYZ if axis not in said)
+        raise InputError(
+            Problem(raw.file, line, 0, f"the headings say no unit for {without}", f"add it, or {_UNIT_CURE}")
+        )
+    spread = _spread([point for point in read.points if not point.fault])
+    if spread > _SURELY_MM:
+        return dict.fromkeys(XYZ, "mm"), f"positions in mm: no unit is named, and they spread over {spread:.4g}"
+    what = f"mm, metres or inches? No unit is named, and the positions spread over {spread:.4g} only"
+    raise InputError(Problem(raw.file, line, 0, what, _UNIT_CURE))
+
+
+def _spread(points: Sequence[Point]) -> float:
+    """The largest extent along an axis, a tenth of the points (at least one) left out at each end (slips)."""
+    if len(points) < _FEWEST_FOR_SPREAD:
+        return 0.0
+    cut = max(1, len(points) // 10)
+    axes = [sorted(float(point.values[axis]) for point in points) for axis in XYZ]
+    return max(values[-1 - cut] - values[cut] for values in axes)
+
+
+def _scaled(point: Point, units: Mapping[str, str]) -> Point:
+    if point.fault:
+        return point
+    return replace(point, values={name: in_mm(value, units.get(name, "mm")) for name, value in point.values.items()})
+
+
+def _turned(point: Point, choices: Choices) -> Point:
+    if point.fault or choices.orientation != "quaternion":
+        return point
+    length = math.sqrt(sum(float(point.values[name]) ** 2 for name in _ORIENTATIONS["quaternion"]))
+    return replace(point, fault="QW, QX, QY, QZ is no unit quaternion") if abs(length - 1.0) > 0.01 else point
