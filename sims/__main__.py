@@ -9,7 +9,8 @@ from pathlib import Path
 
 from sims.cell import CellError, read_cell
 from sims.running import Settings, run_cell
-from sims.truth import TruthError, write_truth
+from sims.truth import write_truth
+from sims.truth_rows import TruthError
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -51,9 +52,10 @@ def _add_check(check: argparse.ArgumentParser) -> None:
 
 def _add_truth(truth: argparse.ArgumentParser) -> None:
     truth.add_argument("cell", type=Path, help="cell file")
-    truth.add_argument("joints", type=Path, help="CSV with columns A1…An, degrees")
+    truth.add_argument("joints", type=Path, help="CSV: A1…An, degrees; optional D1…Dn, temperature, payload")
     truth.add_argument("--seed", type=_seed, help="wins over the cell file's")
     truth.add_argument("-o", "--out", type=Path, required=True, help="CSV to write: X,Y,Z, mm, robot's base frame")
+    truth.add_argument("--pose", action="store_true", help="the tool's A,B,C too, degrees")
     truth.set_defaults(do=_truth)
 
 
@@ -73,7 +75,7 @@ def _check(asked: argparse.Namespace) -> int:
 
 
 def _truth(asked: argparse.Namespace) -> None:
-    write_truth(asked.cell, asked.joints, asked.seed, asked.out)
+    write_truth(asked.cell, asked.joints, asked.seed, asked.out, pose=asked.pose)
 
 
 def _seed(text: str) -> int:

@@ -23,6 +23,10 @@ ERRORS = {
     "servo": 1.0,
     "wear": 0.0,
     "warm_up": 0.0,
+    "compliance": 0.0,
+    "gear": 0.0,
+    "backlash": 0.0,
+    "expansion": 0.0,
 }
 """The kinds of error of the simulated cell → the scale of each, unless the cell file says otherwise."""
 

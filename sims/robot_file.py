@@ -9,11 +9,16 @@ from sims.section import Section
 
 Triple = tuple[float, float, float]
 
+HAYATI = "mdh-hayati"
+"""T = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
+CRAIG = "dh-craig"
+"""T = Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One row of the geometry, mm and deg: T = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
+    """One row of the geometry, mm and deg; which way round it is read, the convention says."""
 
     theta: float
     d: float
@@ -56,7 +61,7 @@ class Tool:
 @final
 @dataclass(frozen=True, slots=True)
 class RobotFile:
-    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm."""
+    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm. `convention`: `HAYATI` or `CRAIG`."""
 
     name: str
     links: tuple[Link, ...]
@@ -64,11 +69,12 @@ class RobotFile:
     base: Frame
     tool: Tool
     repeatability: float
+    convention: str = HAYATI
 
 
 def read_robot(section: Section) -> RobotFile:
     """The robot of a robot file; mistakes are noted in the section's problems."""
-    section.word("convention", among=["mdh-hayati"])
+    convention = section.word("convention", among=[HAYATI, CRAIG])
     links = tuple(_link(link) for link in section.each("links", required=True))
     joints = tuple(_joint(joint) for joint in section.each("joints", required=True))
     if len(links) != len(joints):
@@ -82,6 +88,7 @@ def read_robot(section: Section) -> RobotFile:
         base=Frame(base.triple("xyz", zero), base.triple("abc", zero)),
         tool=Tool(tool.triple("xyz", zero), tool.triple("abc", zero), tool.number("mass", 0.0, 0.0)),
         repeatability=section.number("repeatability", 0.0, 0.0),
+        convention=convention,
     )
 
 

@@ -8,7 +8,8 @@ from typing import final
 from sims.kernel import Kernel
 from sims.krc.motions import Joints
 from sims.krc.robot import Robot
-from sims.world.world import GRAVITY_M_S2, World
+from sims.world.statics import GRAVITY_M_S2
+from sims.world.world import World
 
 NM_PER_A = 60.0
 """Joint torque per ampere through the reducer: no published figure of this robot, the order of its class."""

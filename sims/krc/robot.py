@@ -54,6 +54,7 @@ class Robot:
         self._accelerations = tuple(speed / FULL_SPEED_AFTER_S for speed in max_speeds)
         self._attempts: Counter[str] = Counter(stance.attempts)
         self._motion: Motion = Standing(stance.joints, kernel.now)
+        self._slack = stance.slack
         self._then: Then | None = None
         self._events: list[Event] = []
         self._clear_mm = 0.0
@@ -85,7 +86,8 @@ class Robot:
         """Where it would stand if it stood still now: to be remembered."""
         commanded = self.readings() if self.moving else self.commanded
         scatter = self._scatter_now(self._kernel.now)
-        return Stance(self.joints(), commanded, scatter, self.attempt, self._attempts)
+        slack = self._slack_at(self._kernel.now)
+        return Stance(self.joints(), commanded, scatter, self.attempt, self._attempts, slack)
 
     def tip_changed(self) -> None:
         """The tip has become another: what it touches, and will touch, is looked at anew."""
@@ -106,8 +108,8 @@ class Robot:
         before = self._scatter_now(self._kernel.now)
         self.commanded = target
         self._scatter_before, self._scatter = before, self._draw(target)
-        gap, _ = self._world.gap(motion.at(motion.start_ns), before)
         self._follow(motion, then)
+        gap, _ = self._world.gap(self._links(motion.start_ns), before)
         self._deepest_mm = min(gap - COLLISION_MARGIN_MM, -COLLISION_MM)
         self._look_ahead()
 
@@ -146,7 +148,8 @@ class Robot:
             event.cancel()
         self._events.clear()
         if self._log.waiting:
-            self._log.passed(self._world.tcp(self.joints(), self._scatter_now(self._kernel.now)))
+            self._log.passed(self._tip())
+        self._slack = self._slack_at(motion.start_ns)
         self._motion, self._then, self._deepest_mm = motion, then, None
 
     def _look_ahead(self) -> None:
@@ -172,7 +175,7 @@ class Robot:
     def _go_on(self) -> None:
         self._events.clear()
         if self._log.waiting:
-            self._log.passed(self._world.tcp(self.joints(), self._scatter_now(self._kernel.now)))
+            self._log.passed(self._tip())
         if self._kernel.now < self._motion.end_ns:
             self._look_ahead()
             return
@@ -222,14 +225,32 @@ class Robot:
     def _touch(self, closed: bool) -> None:
         if closed and not self._loop.closed:
             now = self._kernel.now
-            joints, scatter = self.joints(), self._scatter_now(now)
-            _, which = self._world.gap(joints, scatter)
-            tcp, worn_mm = self._world.tcp(joints, scatter), self._world.ageing.worn_mm
-            self._log.touched(now, joints, tcp, self._world.spheres[which], worn_mm)
+            _, which = self._world.gap(self._links(now), self._scatter_now(now))
+            self._log.touched(now, self.joints(), self._tip(), self._world.spheres[which], self._world.ageing.worn_mm)
         self._loop.set_closed(closed)
 
     def _gap(self, time_ns: int) -> float:
-        return self._world.gap(self._motion.at(time_ns), self._scatter_now(time_ns))[0]
+        return self._world.gap(self._links(time_ns), self._scatter_now(time_ns))[0]
+
+    def _tip(self) -> Vector:
+        """The tool centre point now."""
+        now = self._kernel.now
+        return self._world.tcp(self._links(now), self._scatter_now(now))
+
+    def _links(self, time_ns: int) -> Joints:
+        """Where the links are, degrees: the joints, less what their play holds back."""
+        joints = self._motion.at(time_ns)
+        if not self._world.backlash:
+            return joints
+        return tuple(joint + ahead for joint, ahead in zip(joints, self._slack_at(time_ns), strict=True))
+
+    def _slack_at(self, time_ns: int) -> Joints:
+        """How far each link is ahead of its joint within the play, the way to there being straight."""
+        play, motion = self._world.backlash, self._motion
+        if not play:
+            return self._slack
+        start = motion.at(motion.start_ns)
+        return play.after(self._slack or (0.0,) * len(start), start, motion.at(time_ns))
 
     def _scatter_now(self, time_ns: int) -> Vector:
         if self._scatter_before is self._scatter:

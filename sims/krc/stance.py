@@ -17,6 +17,7 @@ class Stance:
     """Joints as they really are, degrees; the programmed ones; the scatter that goes with them, mm (None: to be drawn).
 
     `attempts`: how often each pose has been commanded, by its joints in 1e-4°; `attempt`: which one this is, from 0.
+    `slack`: how far each link is ahead of its joint within the play, degrees; none where nothing is known of it.
     """
 
     joints: Joints
@@ -24,6 +25,7 @@ class Stance:
     scatter: Vector | None = None
     attempt: int = 0
     attempts: Mapping[str, int] = field(default_factory=dict)
+    slack: Joints = ()
 
     def told(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -33,6 +35,7 @@ class Stance:
             "scatter": self.scatter,
             "attempt": self.attempt,
             "attempts": dict(self.attempts),
+            "slack": self.slack,
         }
 
 
@@ -45,6 +48,7 @@ def stance_of(told: Mapping[str, Any], axes: int) -> Stance:
         scatter=(x, y, z),
         attempt=int(told["attempt"]),
         attempts={str(pose): int(count) for pose, count in told["attempts"].items()},
+        slack=_numbers(told["slack"], axes) if told.get("slack") else (),
     )
 
 

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from sims.robot_file import Link, RobotFile
+from sims.robot_file import CRAIG, Link, RobotFile
 from sims.world.screws import Axis, Vector
 
 Matrix = NDArray[np.float64]
@@ -25,23 +25,30 @@ class Geometry:
 
 
 def nominal_geometry(robot: RobotFile) -> Geometry:
-    """Axis i is z of frame i − 1 of the link table at model zero; the flange is the last frame."""
+    """Axis i is where the table's row i turns about z, at model zero; the flange is the last frame."""
     frame = pose(robot.base.xyz, robot.base.abc)
     axes = []
     for link in robot.links:
+        about_z, about_x = link_transforms(link)
+        if robot.convention == CRAIG:
+            frame = frame @ about_x
         axes.append(Axis(point=vector(frame[:3, 3]), direction=vector(frame[:3, 2])))
-        frame = frame @ link_transform(link)
+        frame = frame @ about_z
+        if robot.convention != CRAIG:
+            frame = frame @ about_x
     return Geometry(tuple(axes), frame)
 
 
-def link_transform(link: Link) -> Matrix:
-    """One row of the table, Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β), 4×4, mm; the row's angles in degrees."""
-    along_z, along_x = np.eye(4), np.eye(4)
-    along_z[:3, :3] = turn([0.0, 0.0, link.theta])
-    along_z[2, 3] = link.d
-    along_x[:3, :3] = turn([link.alpha, 0.0, 0.0]) @ turn([0.0, link.beta, 0.0])
-    along_x[0, 3] = link.a
-    return np.asarray(along_z @ along_x, dtype=float)
+def link_transforms(link: Link) -> tuple[Matrix, Matrix]:
+    """One row of the table: Rz(θ) Tz(d), and what stands behind it (before it, after Craig): Tx(a) Rx(α) Ry(β), whose
+    first two change places freely. 4×4, mm; the row's angles in degrees.
+    """
+    about_z, about_x = np.eye(4), np.eye(4)
+    about_z[:3, :3] = turn([0.0, 0.0, link.theta])
+    about_z[2, 3] = link.d
+    about_x[:3, :3] = turn([link.alpha, 0.0, 0.0]) @ turn([0.0, link.beta, 0.0])
+    about_x[0, 3] = link.a
+    return about_z, about_x
 
 
 def pose(xyz: Sequence[float], abc: Sequence[float]) -> Matrix:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import asin, atan2, degrees, radians, sqrt
 from typing import final
@@ -12,18 +12,28 @@ from typing import final
 import numpy as np
 
 from sims.cell import Artefact, SimCell
+from sims.conditions import REFERENCE_C, USUAL, Conditions
+from sims.robot_file import RobotFile
 from sims.world.ageing import Ageing
+from sims.world.chain import Chain, chain_of
+from sims.world.compliance import Compliance
+from sims.world.drives import Backlash, Gear
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
-from sims.world.nominal import nominal_geometry, pose, vector
+from sims.world.expansion import expansions, grown
+from sims.world.masses import drawn_body
+from sims.world.nominal import Geometry, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
+from sims.world.statics import GRAVITY_M_S2
 
-GRAVITY_M_S2 = 9.80665
 TOOL_COMPLIANCE = 0.00036
 """c_t = 1/(E·I) of the torch, 1/(N·m²); Wang et al. 2024, identified."""
 ENCODER_DEG = 0.0005
 NO_SCATTER: Vector = (0.0, 0.0, 0.0)
+
+Pose = tuple[float, float, float, float, float, float]
+"""X Y Z (mm) and A B C (degrees, KUKA)."""
 
 
 @final
@@ -31,8 +41,8 @@ class World:
     """One robot, its tool and the spheres around it, all errors drawn from `seed`.
 
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
-    file's `base`), mm. The true chain is a product of perturbed screws, not a link table. `ageing` starts fresh
-    and cold.
+    file's `base`), mm; its z is up. The true chain is a product of perturbed screws, not a link table. `ageing` starts
+    fresh and cold. `backlash`: the joints' play, None where it is switched off; who moves the robot knows which way.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -48,11 +58,12 @@ class World:
         self._signs = [float(joint.sign) for joint in robot.joints]
         self._offsets = [float(joint.offset) for joint in robot.joints]
         self._true_offsets = [a + zero for a, zero in zip(self._offsets, zeros, strict=True)]
-        self._true = Arm(true.axes)
-        self._offset = vector(true.flange[:3, :3] @ offset)
-        self._flange = vector(true.flange[:3, 3])
-        self._tcp = vector(true.flange[:3, :3] @ offset + true.flange[:3, 3])
-        self._flange_z = vector(true.flange[:3, 2])
+        self._geometry = true
+        self._tool_pose = pose(vector(offset), robot.tool.abc)
+        self._chain = chain_of(true, self._tool_pose)
+        self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
+        self._compliance = _compliance(robot, nominal, self._chain, seed, errors["compliance"])
+        self._expansions = expansions(len(robot.links), seed, errors["expansion"])
         self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
         self._nominal = Arm(nominal.axes)
@@ -66,31 +77,56 @@ class World:
         links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
-    def true_tcp(self, readings: Sequence[float]) -> Vector:
-        """The mean tool centre point, deflection included, without the robot's scatter."""
-        return self.tcp(readings, NO_SCATTER)
+    def true_tcp(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Vector:
+        """The mean tool centre point, bent as it is, without the robot's scatter. Raises Falls."""
+        chain, angles = self._at(readings, conditions)
+        return self._tip(chain, angles, NO_SCATTER)
+
+    def true_pose(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Pose:
+        """`true_tcp`, and the tool's angles, turned as all joints are but not as the tool bends. Raises Falls."""
+        chain, angles = self._at(readings, conditions)
+        _, along_x, along_z = chain.arm.carry(angles, chain.tcp, chain.tool_x, chain.tool_z)
+        return *self._tip(chain, angles, NO_SCATTER), *_angles_abc(along_x, along_z)
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
-        """The tool centre point now, `scatter` being what `scatter()` drew for this approach."""
-        angles = self._angles(readings)
-        (x, y, z), (ux, uy, uz) = self._carried(angles)
+        """The tool centre point now, `scatter` being what `scatter()` drew for this approach.
+
+        `readings`: less what the joints' play holds back, where there is any. Raises Falls.
+        """
+        return self._tip(self._chain, self._angles(readings), scatter)
+
+    def _at(self, readings: Sequence[float], conditions: Conditions) -> tuple[Chain, list[float]]:
+        """The chain and its model angles, rad."""
+        chain = self._chain
+        if conditions.temperature_c != REFERENCE_C:
+            chain = chain_of(grown(self._geometry, self._expansions, conditions.temperature_c), self._tool_pose)
+        if self.backlash:
+            slack = self.backlash.behind(conditions.directions)
+            readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
+        return chain, self._angles(readings, conditions.payload_kg)
+
+    def _angles(self, readings: Sequence[float], payload_kg: float = 0.0) -> list[float]:
+        """Model angles, rad, of the true chain: where the links are, not the drives."""
+        if self._gear:
+            readings = self._gear.turned(readings)
+        angles = [
+            radians(sign * reading + offset)
+            for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
+        ]
+        return self._compliance.sagged(angles, payload_kg) if self._compliance else angles
+
+    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector) -> Vector:
+        (x, y, z), (ux, uy, uz) = self._carried(chain, angles)
         # ĝ = (0, 0, −1): the load bends the tool by what of it is across the flange's z
         along = self._sag_mm * uz - self.ageing.worn_mm
         return x + along * ux + scatter[0], y + along * uy + scatter[1], z + along * uz - self._sag_mm + scatter[2]
 
-    def _angles(self, readings: Sequence[float]) -> list[float]:
-        """Model angles, rad, of the true chain."""
-        return [
-            radians(sign * reading + offset)
-            for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
-        ]
-
-    def _carried(self, angles: Sequence[float]) -> tuple[Vector, ...]:
-        """The unloaded tool centre point and the flange's z; warm links are longer, the tool is not."""
+    def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
+        """The unbent tool centre point and the flange's z; warm links are longer, the tool is not."""
         growth = self.ageing.growth
         if not growth:
-            return self._true.carry(angles, self._tcp, self._flange_z)
-        (x, y, z), (a, b, c), across = self._true.carry(angles, self._flange, self._offset, self._flange_z)
+            return chain.arm.carry(angles, chain.tcp, chain.flange_z)
+        (x, y, z), (a, b, c), across = chain.arm.carry(angles, chain.flange, chain.offset, chain.flange_z)
         return (x + growth * x + a, y + growth * y + b, z + growth * z + c), across
 
     def gap(self, readings: Sequence[float], scatter: Vector) -> tuple[float, int]:
@@ -110,7 +146,8 @@ class World:
         The wire's contact with a sphere is `gap`'s; the tool is taken unbent and unworn, without scatter.
         """
         angles = self._angles(readings)
-        flange, back, offset = self._true.carry(angles, self._flange, self._wrist, self._offset)
+        chain = self._chain
+        flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
         (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
         return self._obstacles.gap(elbow, _sum(flange, back), flange, _sum(flange, offset))
 
@@ -130,19 +167,35 @@ class World:
         step = self._resolution
         return [round(joint / step) * step for joint in joints] if step else list(joints)
 
-    def shown_pose(self, readings: Sequence[float]) -> tuple[float, float, float, float, float, float]:
+    def shown_pose(self, readings: Sequence[float]) -> Pose:
         """What the controller, which knows the nominal model and the taught tool only, shows as X Y Z A B C."""
         angles = [
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._offsets, strict=True)
         ]
-        place, (xx, xy, xz), (zx, zy, zz) = self._nominal.carry(angles, *self._tool)
-        return (
-            *place,
-            degrees(atan2(xy, xx)),
-            degrees(asin(max(-1.0, min(1.0, -xz)))),
-            degrees(atan2(zx * xy - zy * xx, zz)),  # z of y = z × x
-        )
+        place, along_x, along_z = self._nominal.carry(angles, *self._tool)
+        return *place, *_angles_abc(along_x, along_z)
+
+
+def _drives(joints: int, seed: int, errors: Mapping[str, float]) -> tuple[Gear | None, Backlash | None]:
+    """None for what is switched off, so that it costs nothing."""
+    gear, backlash = errors["gear"], errors["backlash"]
+    return Gear(joints, seed, gear) if gear else None, Backlash(joints, seed, backlash) if backlash else None
+
+
+def _compliance(robot: RobotFile, nominal: Geometry, true: Chain, seed: int, scale: float) -> Compliance | None:
+    return Compliance(drawn_body(robot, nominal, seed), true.arm.axes, true.tcp, scale) if scale else None
+
+
+def _angles_abc(x: Vector, z: Vector) -> Vector:
+    """A, B, C in degrees of a frame with these directions."""
+    xx, xy, xz = x
+    zx, zy, zz = z
+    return (
+        degrees(atan2(xy, xx)),
+        degrees(asin(max(-1.0, min(1.0, -xz)))),
+        degrees(atan2(zx * xy - zy * xx, zz)),  # z of y = z × x
+    )
 
 
 def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:

@@ -44,8 +44,9 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     assert [link.a for link in cell.robot.links] == [180, 600, 40, 0, 0, 0]
     assert [joint.sign for joint in cell.robot.joints] == [-1, 1, 1, -1, 1, -1]
     assert cell.robot.tool.mass == 1.535
-    assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == {"wear", "warm_up"}
-    assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - {"wear", "warm_up"}
+    unasked = {"wear", "warm_up", "compliance", "gear", "backlash", "expansion"}
+    assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == unasked
+    assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - unasked
     assert (cell.simulate.rsi.cycle_ms, cell.simulate.rsi.precision, cell.simulate.rsi.counter) == (4, 4, "total")
     assert (cell.simulate.probe.usb_delay_ms, cell.simulate.probe.bounce) == (1.0, 2)
 

@@ -3,9 +3,11 @@
 import csv
 
 import pytest
+import yaml
 
 from sims.__main__ import main
 from sims.cell import read_cell
+from sims.conditions import Conditions
 from sims.world import World
 
 
@@ -18,10 +20,10 @@ def cell(request):
 def truth(cell, tmp_path, capsys):
     """Runs the command on a joints file of this text; returns (exit code, rows or None, stderr)."""
 
-    def run(text, *more):
+    def run(text, *more, at=cell):
         joints, out = tmp_path / "joints.csv", tmp_path / "out.csv"
         joints.write_text(text)
-        code = main(["truth", str(cell), str(joints), "-o", str(out), *more])
+        code = main(["truth", str(at), str(joints), "-o", str(out), *more])
         rows = list(csv.reader(out.open())) if out.exists() else None
         return code, rows, capsys.readouterr().err
 
@@ -66,5 +68,63 @@ def test_another_seed_is_another_robot(truth):
 )
 def test_joints_that_cannot_be_read_are_exit_code_2_and_nothing_is_written(truth, text, complaint):
     code, rows, errors = truth(text)
+    assert (code, rows) == (2, None)
+    assert complaint in errors
+
+
+ROW = "10,-80,100,20,30,-40"
+READINGS = (10, -80, 100, 20, 30, -40)
+
+
+@pytest.fixture
+def flexible(cell, tmp_path):
+    """The cell's robot with compliance, play and growing links; its file and its world."""
+    content = yaml.safe_load(cell.read_text())
+    content["model"] = str(cell.parent / content["model"])
+    content["simulate"]["errors"] = {"compliance": 1, "backlash": 1, "expansion": 1}
+    path = tmp_path / "flexible.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path, World(read_cell(path), 1)
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells", "conditions"),
+    [
+        ("", "", Conditions()),
+        (",D6,D5,D4,D3,D2,D1", ",1,0,-1,1,-1,1", Conditions((1, -1, 1, -1, 0, 1))),
+        (",temperature", ",31.5", Conditions(temperature_c=31.5)),
+        (",payload", ",4.5", Conditions(payload_kg=4.5)),
+        (",payload,temperature,D1,D2,D3,D4,D5,D6", ",,,,-1,,,,", Conditions((0, -1, 0, 0, 0, 0))),
+    ],
+)
+def test_rows_say_under_which_conditions_the_robot_stands(flexible, truth, columns, cells, conditions):
+    path, world = flexible
+    code, rows, _ = truth(HEADER.strip() + f"{columns}\n{ROW}{cells}\n", at=path)
+    assert code == 0
+    assert [float(value) for value in rows[1]] == pytest.approx(world.true_tcp(READINGS, conditions), abs=1e-6)
+    if conditions != Conditions():
+        assert world.true_tcp(READINGS, conditions) != world.true_tcp(READINGS)
+
+
+def test_asked_for_the_pose_it_gives_the_tools_angles_too(flexible, truth):
+    path, world = flexible
+    code, rows, _ = truth(HEADER + ROW + "\n", "--pose", at=path)
+    assert (code, rows[0]) == (0, list("XYZABC"))
+    assert [float(value) for value in rows[1]] == pytest.approx(world.true_pose(READINGS), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells", "complaint"),
+    [
+        ("D1,D2", "1,1", ":1: columns D1…D6 are expected, each once"),
+        ("D1,D2,D3,D4,D5,D6", "1,1,1,1,1,2", ":2: D6 is 1, -1 or 0, not '2'"),
+        ("temperature", "warm", ":2: temperature is a number of °C, not 'warm'"),
+        ("payload", "-1", ":2: payload is at least 0 kg, not '-1'"),
+        ("payload,payload", "1,1", ":1: column payload is there more than once"),
+        ("payload", "1e7", ":2: the joints are too soft for what they carry"),
+    ],
+)
+def test_conditions_that_cannot_be_are_refused_with_their_place(flexible, truth, columns, cells, complaint):
+    code, rows, errors = truth(f"{HEADER.strip()},{columns}\n{ROW},{cells}\n", at=flexible[0])
     assert (code, rows) == (2, None)
     assert complaint in errors

@@ -97,7 +97,7 @@ def test_geometry_errors_have_the_size_of_the_published_table():
     offsets, tilts = [], []
     nominal = world()._nominal.axes
     for seed in range(150):
-        for true, axis in zip(world(seed, geometry=1)._true.axes, nominal, strict=True):
+        for true, axis in zip(world(seed, geometry=1)._chain.arm.axes, nominal, strict=True):
             across = np.subtract(true.point, axis.point)
             assert abs(across @ axis.direction) < 1e-9
             offsets.append(across @ across / 2)

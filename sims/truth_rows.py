@@ -1,0 +1,107 @@
+"""The rows that the truth is asked for: joints, and where the columns are there, the conditions they stand under."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO, final
+
+from sims.conditions import REFERENCE_C, Conditions
+
+TEMPERATURE = "temperature"
+PAYLOAD = "payload"
+
+
+class TruthError(Exception):
+    """The joints cannot be read, or the robot cannot stand there; the text says where and why."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Readings A1…An, degrees, and where they are written: `joints.csv:7`."""
+
+    place: str
+    readings: list[float]
+    conditions: Conditions
+
+
+def read_rows(stream: TextIO, name: Path, axes: int) -> Iterator[Row]:
+    """Rows with A1…An, and as there are: D1…Dn, temperature, payload; other columns are passed over. Raises TruthError.
+
+    An empty cell of those further columns is what it would be without the column.
+    """
+    rows = csv.reader(stream)
+    header = [cell.strip() for cell in next(rows, [])]
+    joints = _numbered(header, "A", axes, name)
+    directions = _numbered(header, "D", axes, name) if any(re.fullmatch(r"D[1-9][0-9]*", one) for one in header) else []
+    for name_of in (TEMPERATURE, PAYLOAD):
+        if header.count(name_of) > 1:
+            raise TruthError(f"{name}:1: column {name_of} is there more than once")
+    for cells in rows:
+        if cells:
+            found = _Cells(f"{name}:{rows.line_num}", dict(zip(header, cells, strict=False)))
+            yield Row(found.place, [found.degrees(joint) for joint in joints], found.conditions(directions))
+
+
+def _numbered(header: Sequence[str], letter: str, axes: int, name: Path) -> list[str]:
+    """Columns A1…An in their order, each there once. Raises TruthError."""
+    wanted = [f"{letter}{axis}" for axis in range(1, axes + 1)]
+    found = [column for column in header if re.fullmatch(rf"{letter}[1-9][0-9]*", column)]
+    if sorted(found, key=lambda column: int(column[1:])) != wanted:
+        raise TruthError(
+            f"{name}:1: columns {wanted[0]}…{wanted[-1]} are expected, each once; "
+            f"there are {', '.join(header) or 'none'}"
+        )
+    return wanted
+
+
+@final
+class _Cells:
+    """One row's cells by column."""
+
+    def __init__(self, place: str, texts: dict[str, str]) -> None:
+        self.place = place
+        self._texts = texts
+
+    def degrees(self, joint: str) -> float:
+        number = self._number(joint)
+        if number is None:
+            raise self._wrong(joint, "a number of degrees")
+        return number
+
+    def conditions(self, directions: Sequence[str]) -> Conditions:
+        temperature = self._given(TEMPERATURE, REFERENCE_C, "a number of °C")
+        payload = self._given(PAYLOAD, 0.0, "a number of kg")
+        if payload < 0.0:
+            raise self._wrong(PAYLOAD, "at least 0 kg")
+        return Conditions(tuple(self._direction(column) for column in directions), temperature, payload)
+
+    def _direction(self, column: str) -> int:
+        direction = self._given(column, 0.0, "1, -1 or 0")
+        if direction not in {1.0, -1.0, 0.0}:
+            raise self._wrong(column, "1, -1 or 0")
+        return int(direction)
+
+    def _given(self, column: str, default: float, what: str) -> float:
+        """The number there, or the default where nothing is."""
+        if not self._texts.get(column, "").strip():
+            return default
+        number = self._number(column)
+        if number is None:
+            raise self._wrong(column, what)
+        return number
+
+    def _number(self, column: str) -> float | None:
+        try:
+            number = float(self._texts.get(column, ""))
+        except ValueError:
+            return None
+        return number if math.isfinite(number) else None
+
+    def _wrong(self, column: str, what: str) -> TruthError:
+        return TruthError(f"{self.place}: {column} is {what}, not '{self._texts.get(column, '')}'")
