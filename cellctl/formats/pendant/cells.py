@@ -15,6 +15,8 @@ _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
 _SEP_LINE = re.compile(r'\ufeff?"?sep=(.)"?\s*', re.IGNORECASE)
 _COMMENT = re.compile(r"^\s*//.*$|\s(?:#|//)\s.*$")
 _NUMBERS_IN_A_ROW = 3
+_ENOUGH = 500
+"""Lines that are tried with each separator."""
 
 
 @final
@@ -47,14 +49,14 @@ def cells_of(text: str, file: str) -> Cells:
     lines = [(number, line) for number, line in enumerate(lines_of(text), 1) if line.strip()]
     said = _SEP_LINE.fullmatch(lines[0][1]) if lines else None
     tried = [said[1]] if said else list(_SEPARATORS)
-    tables = {mark: _rows(lines[bool(said) :], mark) for mark in tried}
-    good = {mark: sum(row.numbers >= _NUMBERS_IN_A_ROW for row in rows) for mark, rows in tables.items()}
+    lines = lines[bool(said) :]
+    good = {mark: sum(row.numbers >= _NUMBERS_IN_A_ROW for row in _rows(lines[:_ENOUGH], mark)) for mark in tried}
     mark = max(tried, key=lambda each: good[each])
     if not good[mark]:
         what = "holds no row with three numbers, whatever separates the columns: tabs, semicolons, commas or spaces"
         cure = "separate the columns by semicolons or tabs; commas cannot be decimal sign and separator at once"
         raise InputError(Problem(file, 0, 0, what, cure))
-    return Cells(file, tuple(tables[mark]), _SEPARATORS.get(mark, f"'{mark}'"))
+    return Cells(file, tuple(_rows(lines, mark)), _SEPARATORS.get(mark, f"'{mark}'"))
 
 
 def _rows(lines: list[tuple[int, str]], mark: str) -> list[Row]:
