@@ -22,7 +22,7 @@ def again(bench, tmp_path):
     """Starts a controller with the memory of the one before, which is gone."""
 
     def begin(**how):
-        return bench(memory=Memory(tmp_path / "state.json"), errors={"backlash": 3}, **how)
+        return bench(memory=Memory(tmp_path / "state.json"), errors={"backlash": 3, "compliance": 1, "gear": 1}, **how)
 
     return begin
 
