@@ -104,3 +104,10 @@ def test_a_joint_that_is_upright_only_at_some_postures_keeps_its_amounts():
     names = JointCompliance.of(wrist_over_shoulder).parameters
     assert "compliance3_3x" in names
     assert "compliance1_1x" not in names
+
+
+def test_links_further_out_are_expected_to_weigh_less(six_joints):
+    effect = JointCompliance.of(six_joints.chain())
+    expected = dict(zip(effect.parameters, effect.sigma, strict=True))
+    assert expected["compliance2_2x"] == expected["compliance5_5y"] > expected["compliance2_3x"]
+    assert expected["compliance2_6y"] > 0.0
