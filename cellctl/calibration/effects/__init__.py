@@ -7,6 +7,7 @@ from cellctl.calibration.effects.effect import Effect
 from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
 from cellctl.calibration.effects.growth import Growth
 from cellctl.calibration.effects.harmonics import Harmonics
+from cellctl.calibration.effects.ripple import order_shares
 
 EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth")
 """Groups of all effects, in the order in which a model's name lists them."""
@@ -21,4 +22,5 @@ __all__ = [
     "Harmonics",
     "JointCompliance",
     "ToolDeflection",
+    "order_shares",
 ]
