@@ -6,8 +6,8 @@ from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects.effect import Effect
 from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
 from cellctl.calibration.effects.growth import Growth
-from cellctl.calibration.effects.harmonics import Harmonics
-from cellctl.calibration.effects.ripple import order_shares
+from cellctl.calibration.effects.harmonics import Harmonics, Wave
+from cellctl.calibration.effects.ripple import find_ripple
 
 EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth")
 """Groups of all effects, in the order in which a model's name lists them."""
@@ -22,5 +22,6 @@ __all__ = [
     "Harmonics",
     "JointCompliance",
     "ToolDeflection",
-    "order_shares",
+    "Wave",
+    "find_ripple",
 ]

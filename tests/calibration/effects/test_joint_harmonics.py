@@ -59,11 +59,14 @@ def test_four_waves_and_the_joint_zero_can_be_told_apart_over_a_turn(six_joints)
     assert np.linalg.cond(np.stack([np.ones(TURN.size), *waves], axis=1)) < 10.0
 
 
-def test_a_ripple_of_any_order_is_a_wave_of_its_own(six_joints):
-    effect = Harmonics(6, orders=(1, 17))
-    assert effect.parameters[:4] == ("harmonic1_s1", "harmonic1_c1", "harmonic1_s17", "harmonic1_c17")
+def test_a_ripple_is_a_wave_of_one_joint_alone(six_joints):
+    effect = Harmonics(6, ripple=((4, 17), (1, 2)))
+    assert effect.parameters[:4] == ("harmonic1_s1", "harmonic1_c1", "harmonic1_s2", "harmonic1_c2")
+    assert effect.parameters[-2:] == ("harmonic4_s17", "harmonic4_c17")
+    assert len(effect.parameters) == 26
     q = np.zeros((TURN.size, 6))
     q[:, 3] = TURN
     amounts = np.array([2e-4 * (name == "harmonic4_s17") for name in effect.parameters])
     turned = effect.turns(six_joints.chain(), Postures(q)) @ amounts
     assert_allclose(turned[:, 3], 2e-4 * np.sin(17 * TURN), atol=1e-15)
+    assert not np.delete(turned, 3, axis=1).any()
