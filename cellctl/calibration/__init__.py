@@ -18,6 +18,7 @@ from cellctl.calibration.effects import (
 from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.fit import FitResult, fit
 from cellctl.calibration.identify import Identification, identify
+from cellctl.calibration.ladder import Step
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.observability import Observability, observability
@@ -72,6 +73,7 @@ __all__ = [
     "SpacingRows",
     "Split",
     "State",
+    "Step",
     "Task",
     "Tolerances",
     "ToolDeflection",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.heldout import held_out_rows
 from cellctl.calibration.identify import Identification, identify
+from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.proof import doubts, misgivings
 from cellctl.calibration.shape import sigma_over_region
@@ -29,7 +30,7 @@ class FitResult:
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over the joint region of the fit, apart from what moves all of it
     as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
-    foresees; they are in the figures.
+    foresees; they are in the figures. ladder: the models tried, where it was left open which.
     """
 
     identification: Identification
@@ -48,6 +49,7 @@ class FitResult:
     unforeseen: tuple[int, ...]
     nominal_errors: Floats
     test_errors: Floats
+    ladder: tuple[Step, ...] = ()
 
     @property
     def n_parameters(self) -> int:
@@ -74,16 +76,39 @@ class FitResult:
             "verdict_reason": self.verdict_reason,
             "converged": found.converged,
             "ended": found.ended,
+            "ladder": [asdict(step) for step in self.ladder],
             "noise_growth": [float(value) for value in self.identification.noise],
         }
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class _Climbed:
+    """What some rows identified, with as much model as they paid for."""
+
+    task: Task
+    identification: Identification
+    ladder: tuple[Step, ...]
+
+    @classmethod
+    def of(cls, task: Task, fit: Any) -> Self:
+        chosen, ladder = climb(task, fit)
+        return cls(chosen, identify(chosen, fit), ladder)
+
+    def held_out(self, test: Any) -> HeldOut:
+        return held_out_rows(self.task, self.identification, self.task.rows.pick(test))
+
+
 def fit(task: Task, split: Split) -> FitResult:
-    """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model."""
-    final_one = identify(task, split.fit)
+    """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model.
+
+    Where the task leaves it open how much model there is, each part of the split decides it from its own rows.
+    """
+    given = task
+    whole = _Climbed.of(task, split.fit)
+    task, final_one = whole.task, whole.identification
     held_out = HeldOut.joined(
-        held_out_rows(task, final_one if one is split.fit else identify(task, one), task.rows.pick(test))
-        for one, test in split.judged
+        (whole if one is split.fit else _Climbed.of(given, one)).held_out(test) for one, test in split.judged
     )
     own = task.rows.pick(list(final_one.used))
     before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
@@ -105,6 +130,7 @@ def fit(task: Task, split: Split) -> FitResult:
         unforeseen=_unforeseen(split, held_out.unforeseen),
         nominal_errors=before,
         test_errors=held_out.identified,
+        ladder=whole.ladder,
     )
 
 

@@ -25,7 +25,7 @@ from cellctl.kinematics import Bools, Floats
 
 def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
-    unseen = unseen_by(task, by, rows)
+    unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
     nominal = _settled(task, by.nominal, rows, unseen)
     identified = _settled(task, by.identified, rows, unseen)
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
@@ -44,11 +44,15 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     )
 
 
-def unseen_by(task: Task, by: Identification, rows: Mixture) -> Bools:
-    """Which parameters (P,) tie `rows` to the robot without any row of the fit having told them."""
-    unknowns = by.identified.unknowns
+def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -> Floats:
+    """Distances (N,), mm, of held-out `rows` from what was `found` from the rows `used`."""
+    return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
+
+
+def unseen_by(task: Task, unknowns: Unknowns, used: Mixture, rows: Mixture) -> Bools:
+    """Which parameters (P,) tie `rows` to the robot without any of the rows `used` in the fit having told them."""
     needed = _touched(unknowns, rows) & task.registration(unknowns)
-    return np.asarray(needed & ~_touched(unknowns, task.rows.pick(list(by.used))))
+    return np.asarray(needed & ~_touched(unknowns, used))
 
 
 def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:

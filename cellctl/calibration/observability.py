@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import final
 
@@ -10,15 +9,13 @@ import numpy as np
 import scipy.linalg
 
 from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.words import in_words, of_the_arm
 from cellctl.kinematics import Floats
 
 SEEN = 0.1
 """A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
 
-_LINK = re.compile(r"(theta|d|a|alpha|beta)(\d+)")
 _ALONE = " alone"
-_GREEK = {"theta": "θ", "alpha": "α", "beta": "β"}
-_TURNS = {"a": "Z", "b": "Y", "c": "X"}
 
 
 @final
@@ -54,7 +51,7 @@ def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> li
     if not len(unseen):
         return []
     shares = unseen * np.maximum(effect, 1e-12 * max(float(effect.max()), 1e-300))
-    preference = np.where([_LINK.fullmatch(name) is not None for name in names], 100.0, 1.0)
+    preference = np.where([of_the_arm(name) for name in names], 100.0, 1.0)
     _, _, pivots = scipy.linalg.qr(shares * preference, pivoting=True, mode="economic")
     chosen = np.sort(pivots[: len(unseen)])
     basis = np.linalg.lstsq(shares[:, chosen].T, np.eye(len(chosen)), rcond=None)[0].T @ shares
@@ -64,7 +61,7 @@ def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> li
 def _words(names: list[str], weights: Floats) -> str:
     """The parameters with a tenth or more of the greatest weight, as a sentence fragment."""
     strong = np.flatnonzero(np.abs(weights) >= 0.1 * np.max(np.abs(weights)))
-    parts = _grouped([names[index] for index in strong])
+    parts = in_words([names[index] for index in strong])
     return parts[0] + (f" with {', '.join(parts[1:])}" if len(parts) > 1 else _ALONE)
 
 
@@ -75,32 +72,3 @@ def _merged(words: list[str]) -> tuple[str, ...]:
         return tuple(words)
     others = [fragment for fragment in words if not fragment.endswith(_ALONE)]
     return (*others, f"{'; '.join(dict.fromkeys(alone))}: each{_ALONE}")
-
-
-def _grouped(names: list[str]) -> list[str]:
-    """Links first, then tool and base by frame, sphere centres as one."""
-    links = [_link_words(name) for name in names if _LINK.fullmatch(name)]
-    frames = [words for frame in ("tool", "base") for words in _frame_words(frame, names)]
-    other = ["tool deflection"] if "tool_deflection" in names else []
-    spheres = list(dict.fromkeys(name.rsplit("_", 1)[0] for name in names if _is_centre(name)))
-    noun = "centre of" if len(spheres) == 1 else "centres of"
-    return links + frames + other + ([f"{noun} {', '.join(spheres)}"] if spheres else [])
-
-
-def _is_centre(name: str) -> bool:
-    return bool(re.search(r"_[xyz]$", name)) and not name.startswith(("tool_", "base_"))
-
-
-def _link_words(name: str) -> str:
-    kind, number = _LINK.fullmatch(name).groups()  # type: ignore[union-attr]  # the caller matched it
-    return _GREEK.get(kind, kind) + number
-
-
-def _frame_words(frame: str, names: list[str]) -> list[str]:
-    letters = [name[-1] for name in names if re.fullmatch(rf"{frame}_[xyzabc]", name)]
-    slides = ", ".join(letter.upper() for letter in letters if letter in "xyz")
-    turns = ", ".join(_TURNS[letter] for letter in letters if letter in _TURNS)
-    return [
-        *([f"{frame} translation along {slides}"] if slides else []),
-        *([f"{frame} rotation about {turns}"] if turns else []),
-    ]

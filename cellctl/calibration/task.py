@@ -8,6 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration.effects import Effect
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.registration import register_positions, sphere_centre, turned_tool
@@ -41,6 +42,9 @@ class Task:
     prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
     everything is free within what that model was sure of; with `groups` they alone are free, with nothing known of them
     (a crash, a new motor, a new tool), and the rest is held, as uncertain as it was.
+
+    candidates: effects that the model may be widened by, in this order, as far as the rows pay for it (`ladder`); None:
+    the model is as it is.
     """
 
     model: RobotModel
@@ -52,6 +56,7 @@ class Task:
     tolerances: Tolerances = field(default_factory=Tolerances)
     sessions: tuple[Session, ...] = (Session(),)
     prior: Floats | None = None
+    candidates: tuple[Effect, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rows", Mixture.of(self.rows))
