@@ -20,7 +20,7 @@ def find_ripple(
     q: Floats,
     beside: Floats,
     orders: Iterable[int] = ORDERS,
-    at_most: int = 36,
+    at_most: int = 60,
     doubt: float = 1e-3,
 ) -> tuple[Wave, ...]:
     """The waves that explain residuals best, the strongest first: orthogonal matching pursuit.
