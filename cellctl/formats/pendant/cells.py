@@ -22,16 +22,12 @@ _ENOUGH = 500
 @final
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row: where it stands, and its cells; empty ones at the end are left out."""
+    """One row: where it stands, its cells (empty ones at the end are left out), and how many of them are numbers."""
 
     line: int
     cells: tuple[str, ...]
+    numbers: int
     remark: str = ""
-
-    @property
-    def numbers(self) -> int:
-        """How many cells are numbers."""
-        return sum(is_number(cell) for cell in self.cells)
 
 
 @final
@@ -71,4 +67,5 @@ def _row(number: int, line: str, mark: str) -> Row:
     cells = [cell.strip() for cell in cells]
     while cells and not cells[-1]:
         cells.pop()
-    return Row(number, tuple(cells), comment[0].strip(" \t#/") if comment else "")
+    numbers = sum(is_number(cell, spaced=mark not in ", ") for cell in cells)
+    return Row(number, tuple(cells), numbers, comment[0].strip(" \t#/") if comment else "")

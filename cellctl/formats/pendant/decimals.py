@@ -38,9 +38,10 @@ def number(text: str, sign: Sign) -> Decimal | None:
     return Decimal(found["sign"] + digits.replace(",", ".") + (found["power"] or ""))
 
 
-def is_number(text: str) -> bool:
-    """Whether `text` is a number with one decimal sign or the other, no spaces inside."""
-    return not any(space in text for space in _SPACES) and any(number(text, sign) is not None for sign in _GRAMMARS)
+def is_number(text: str, *, spaced: bool = True) -> bool:
+    """Whether `text` is a number with one decimal sign or the other. spaced: spaces may group its thousands."""
+    refused = not spaced and any(space in text for space in _SPACES)
+    return not refused and any(number(text, sign) is not None for sign in _GRAMMARS)
 
 
 def decimal_sign(file: str, cells: Iterable[Cell], given: Sign | None) -> tuple[Sign, str]:

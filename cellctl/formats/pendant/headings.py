@@ -19,6 +19,7 @@ _WORDS = re.compile(r"[a-zäöüßθ]+|\d+", re.IGNORECASE)
 _NAMES = {
     "name", "names", "nr", "no", "num", "number", "nummer", "punkt", "punktnummer", "punktname", "pkt", "pt", "point",
     "points", "id", "label", "bezeichnung", "p",
+    "pos", "position", "messpunkt",
 }  # fmt: skip
 _POSITION = {
     "pos", "position", "coord", "coordinate", "koordinate", "wert", "value", "measured", "measurement", "meas",

@@ -78,7 +78,8 @@ def _both(joints: Path, positions: Path, choices: Choices, robot: RobotFile | No
 
 def _check_columns(choices: Choices, *lists: RawList) -> None:
     """Refuse a column that the user named and that no file has."""
-    known = {name for each in lists for point in each.points for name in point.texts} | {"name"}
+    known = {name for each in lists for point in each.points for name in point.texts}
+    known |= {"name" for each in lists for point in each.points if point.name}
     lacking = {name: source for name, source in choices.columns.items() if name not in known}
     if lacking:
         raise InputError(

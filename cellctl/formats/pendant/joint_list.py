@@ -15,7 +15,7 @@ from cellctl.formats.pendant.choices import AngleUnit, Choices
 from cellctl.formats.pendant.krl import axis_listing, is_axis_listing, is_krl, krl_points
 from cellctl.formats.pendant.points import Point, PointList, RawList, Value
 from cellctl.formats.pendant.script import is_number_lists, list_points
-from cellctl.formats.pendant.typed_table import Headed, headed, raw_points, unheaded
+from cellctl.formats.pendant.typed_table import Headed, headed, lacking, raw_points, unheaded
 from cellctl.formats.pendant.values import read_values
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ def joint_texts(text: str, file: str, choices: Choices, robot: RobotFile | None,
     own = [name for name in head.places if _JOINT.fullmatch(name)]
     missing = [name for name in measured if name not in head.places]
     if missing:
-        what = f"has no column {', '.join(missing)}, and no table of positions is given"
-        raise InputError(Problem(file, head.line, 0, what, "give POSITIONS, or name the columns: --columns X=…"))
+        problem = lacking(file, head, missing, choices.columns)
+        raise InputError(replace(problem, what=f"{problem.what}, and no table of positions is given"))
     extra = [name for name in choices.columns if name in head.places and name != "name"]
     return raw_points(table, head, list(dict.fromkeys([*own, *measured, *extra, *_external(head)])))
 

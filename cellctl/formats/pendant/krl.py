@@ -118,7 +118,7 @@ def _labelled(line: str) -> dict[str, str]:
     found = list(_LABEL.finditer(line))
     ends = [label.start() for label in found[1:]] + [len(line)] * bool(found)
     return {
-        label["label"].upper(): re.sub(r"(°|deg)?[\s,;}]*$", "", line[label.end() : end])
+        label["label"].upper(): re.sub(r"\s*(°|deg)?[\s,;}]*$", "", line[label.end() : end])
         for label, end in zip(found, ends, strict=True)
     }
 

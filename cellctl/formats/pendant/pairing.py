@@ -160,7 +160,9 @@ def _once(points: PointList, group: Sequence[Point]) -> tuple[list[Point], list[
 
 
 def _twice(other: Point) -> str:
-    return f"on line {other.line} too, with other numbers: delete the wrong one (--repeats: both are measurements)"
+    """Why neither of two rows of one name is used; measured twice on purpose is what --repeats says."""
+    cure = "delete the wrong one, or say --repeats" if "X" in other.values else "delete the wrong one"
+    return f"on line {other.line} too, with other numbers: {cure}"
 
 
 def _left(points: PointList, point: Point, reason: str) -> LeftOut:
@@ -197,11 +199,15 @@ def _by_order(joints: PointList, positions: PointList, choices: Choices) -> Pair
 def _uneven(joints: PointList, positions: PointList, doubts: Sequence[Problem]) -> list[Problem]:
     unusable = sum(bool(point.fault) for point in joints.points)
     among = f" ({unusable} that cannot be used among them)" if unusable else ""
-    what = f"{len(joints.points)} postures{among}, but {len(positions.points)} positions in {positions.file}"
+    what = f"{_count(joints, 'posture')}{among}, but {_count(positions, 'position')} in {positions.file}"
     cures = ["find the row that is missing or there twice; from there on every pair would be a wrong one"]
     if joints.named != positions.named and _numbers(joints if joints.named else positions):
         cures.append("--pair name, where number n means the n-th row of the other list")
     return [Problem(joints.file, 0, 0, what, "; or ".join(cures)), *doubts]
+
+
+def _count(points: PointList, what: str) -> str:
+    return f"{len(points.points)} {what}{'s' * (len(points.points) != 1)}"
 
 
 def _not_certain(joints: PointList) -> Problem:

@@ -40,8 +40,8 @@ class PointList:
 
     @property
     def named(self) -> bool:
-        """Whether the points have names: most of them, since a person forgets one."""
-        return sum(bool(point.name) for point in self.points) * 2 > len(self.points)
+        """Whether points have names; a person may have forgotten some."""
+        return any(point.name for point in self.points)
 
 
 @final

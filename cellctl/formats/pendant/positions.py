@@ -10,13 +10,13 @@ from cellctl.files import InputError, Problem
 from cellctl.formats.pendant.cells import cells_of
 from cellctl.formats.pendant.choices import Choices
 from cellctl.formats.pendant.points import Point, PointList, RawList
-from cellctl.formats.pendant.typed_table import headed, raw_points, unheaded
+from cellctl.formats.pendant.typed_table import headed, lacking, raw_points, unheaded
 from cellctl.formats.pendant.values import in_mm, read_values
 
 XYZ = ("X", "Y", "Z")
 _ORIENTATIONS = {"abc": ("A", "B", "C"), "quaternion": ("QW", "QX", "QY", "QZ")}
-_SURELY_MM = 250.0
-"""A spread that is millimetres: in inches it would be 6.4 m, in metres 250 m."""
+_SURELY_MM = 500.0
+"""A spread beyond it is millimetres: in centimetres it would be 5 m, in inches 12.7 m."""
 _UNIT_CURE = "--unit mm, m, cm, um or inch"
 _FEWEST_FOR_SPREAD = 4
 
@@ -35,8 +35,7 @@ def position_texts(text: str, file: str, choices: Choices) -> RawList:
         head = unheaded(table, [wanted], "give headings: name;X;Y;Z, or name the columns: --columns X=…,Y=…,Z=…")
     missing = [name for name in wanted if name not in head.places]
     if missing:
-        cure = f"name the columns: --columns {missing[0]}=…"
-        raise InputError(Problem(file, head.line, 0, f"has no column {', '.join(missing)}", cure))
+        raise InputError(lacking(file, head, missing, choices.columns))
     turned = [name for names in _ORIENTATIONS.values() for name in names if name in head.places and name not in wanted]
     decided = (f"{', '.join(turned)} not taken (--orientation says what they mean)",) if turned else ()
     extra = [name for name in choices.columns if name in head.places and name != "name"]
@@ -73,16 +72,22 @@ def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str
             Problem(raw.file, line, 0, f"the headings say no unit for {without}", f"add it, or {_UNIT_CURE}")
         )
     spread = _spread([point for point in read.points if not point.fault])
+    if spread is None:
+        what = f"mm, metres or inches? No unit is named, and fewer than {_FEWEST_FOR_SPREAD} positions do not tell"
+        raise InputError(Problem(raw.file, line, 0, what, _UNIT_CURE))
     if spread > _SURELY_MM:
         return dict.fromkeys(XYZ, "mm"), f"positions in mm: no unit is named, and they spread over {spread:.4g}"
     what = f"mm, metres or inches? No unit is named, and the positions spread over {spread:.4g} only"
     raise InputError(Problem(raw.file, line, 0, what, _UNIT_CURE))
 
 
-def _spread(points: Sequence[Point]) -> float:
-    """The largest extent along an axis, a tenth of the points (at least one) left out at each end (slips)."""
+def _spread(points: Sequence[Point]) -> float | None:
+    """The largest extent along an axis, a tenth of the points (at least one) left out at each end (slips).
+
+    None where there are too few of them.
+    """
     if len(points) < _FEWEST_FOR_SPREAD:
-        return 0.0
+        return None
     cut = max(1, len(points) // 10)
     axes = [sorted(float(point.values[axis]) for point in points) for axis in XYZ]
     return max(values[-1 - cut] - values[cut] for values in axes)

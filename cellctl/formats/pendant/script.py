@@ -8,7 +8,7 @@ from cellctl.formats.pendant.points import Raw, RawList
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _ITEM = rf"\s*(?:d2r\(\s*{_NUMBER}\s*\)|{_NUMBER})\s*"
-_LIST = re.compile(rf"(?P<pose>\bp)?\s*\[(?P<body>{_ITEM}(?:,{_ITEM})+)\]")
+_LIST = re.compile(rf"(?:(?P<pose>\bp)\s*)?\[(?P<body>{_ITEM}(?:,{_ITEM})+)\]")
 _NAMED = re.compile(r"""^\s*(?:global\s+|local\s+)?["']?(?P<name>[A-Za-z0-9_][\w.-]*)["']?\s*(?::=|[=:;,\t])\s*$""")
 _CALL = re.compile(r"(?P<name>\w+)\s*\([^()]*$")
 _MOVES = {"movej", "movel", "movep", "movec", "servoj", "get_forward_kin"}

@@ -25,6 +25,7 @@ class Headed:
     rows: tuple[Row, ...]
     width: int = 0
     decided: tuple[str, ...] = ()
+    headings: tuple[str, ...] = ()
 
 
 def headed(table: Cells, columns: Mapping[str, str], wanted: Sequence[str]) -> Headed | None:
@@ -62,14 +63,25 @@ def _below(table: Cells, index: int, found: dict[str, tuple[int, str]]) -> Heade
         units |= {name: unit_of(cells[place]) for name, place in at.items() if place < len(cells) and cells[place]}
     above = [str(row.line) for row in table.rows[:index]]
     skipped = (f"skipped above the headings: line {', '.join(above)}",) if above else ()
-    return Headed(at, units, heading.line, rows, len(heading.cells), skipped)
+    return Headed(at, units, heading.line, rows, len(heading.cells), skipped, heading.cells)
+
+
+def lacking(file: str, head: Headed, names: Sequence[str], columns: Mapping[str, str]) -> Problem:
+    """The columns `names` are not there: what the user called them, and what there is."""
+    called = ", ".join(f"{name} ('{columns[name]}')" if name in columns else name for name in names)
+    here = f"columns here: {', '.join(head.headings)}; " if head.headings else ""
+    return Problem(file, head.line, 0, f"has no column {called}", f"{here}--columns {names[0]}=HEADING names one")
 
 
 def unheaded(table: Cells, layouts: Sequence[Sequence[str]], cure: str) -> Headed:
     """The columns of a table without headings, from the one of `layouts` that fits, a name before it or not.
 
-    Raises InputError where none fits, or more than one.
+    Raises InputError where none fits, or more than one, or where there are headings that say nothing.
     """
+    first = table.rows[0]
+    if not first.numbers:
+        what = f"no heading says which column is which: {', '.join(cell for cell in first.cells if cell)}"
+        raise InputError(Problem(table.file, first.line, 0, what, cure))
     lead = _mostly_text(table.rows)
     count, _ = Counter(row.numbers for row in table.rows).most_common(1)[0]
     numbered = not lead and _counts(table.rows)
