@@ -32,6 +32,9 @@ SHRINKS = 0.5
 SAG_PER_NM = 3e-5
 """1 σ of 1/stiffness, rad/(N m): robot gears have 1e4 (wrist) … 1e6 N m/rad; an estimate as well."""
 
+UPRIGHT_RAD = 1e-4
+"""An axis that leans less than this is vertical, in a table with rounded angles: its weight turns it by nothing."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -122,5 +125,5 @@ def _load_arms(nominal: SerialChain, at: Postures, frames: Floats, arms: Floats)
 def _upright(nominal: SerialChain) -> frozenset[int]:
     """Joints (from 1) vertical at every posture: such as come before the first that is not."""
     axes = nominal.frames(np.zeros(nominal.n))[:-1, :3, 2]
-    leaning = np.linalg.norm(axes[:, :2], axis=-1) > 1e-9
+    leaning = np.linalg.norm(axes[:, :2], axis=-1) > UPRIGHT_RAD
     return frozenset((np.flatnonzero(~np.logical_or.accumulate(leaning)) + 1).tolist())

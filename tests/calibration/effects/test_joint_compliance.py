@@ -111,3 +111,9 @@ def test_links_further_out_are_expected_to_weigh_less(six_joints):
     expected = dict(zip(effect.parameters, effect.sigma, strict=True))
     assert expected["compliance2_2x"] == expected["compliance5_5y"] > expected["compliance2_3x"]
     assert expected["compliance2_6y"] > 0.0
+
+
+def test_a_first_joint_that_is_upright_but_for_rounding_has_no_amounts():
+    rounded = SerialChain.from_links("dh-craig", [Link(alpha=3e-7), Link(alpha=1.5707963, a=100.0)])
+    names = JointCompliance.of(rounded).parameters
+    assert names == ("compliance2_2x", "compliance2_2y")
