@@ -12,6 +12,7 @@ from cellctl import __version__
 from cellctl.cli import ends
 from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
+from cellctl.cli.convert import convert
 from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
@@ -21,6 +22,9 @@ from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
 from cellctl.cli.table import app as table
+
+for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: threads of linear algebra only wait for each other
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 app = typer.Typer(
     name="cellctl",
@@ -48,7 +52,7 @@ def _options(
         os.environ["CELLCTL_DEBUG"] = "1"
 
 
-_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, runs, show, report)
+_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, convert, runs, show, report)
 for _verb in _VERBS:
     app.command(_verb.__name__)(_verb)
 app.command("import")(import_data)

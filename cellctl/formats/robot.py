@@ -1,18 +1,19 @@
-"""Robot files: link table, joint map and limits, base, tool, repeatability. The numbers of a person; no mathematics."""
+"""Robot files: links or axes, joint map and limits, base, tool, repeatability. A person's numbers; no mathematics."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self, final
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
-from cellctl.files import Document, InputError, Problem, load_yaml
+from cellctl.files import Document, InputError, load_yaml
 from cellctl.files.validated import validated
+from cellctl.formats.robot_checks import contradictions, form_problems
 
 if TYPE_CHECKING:
-    from cellctl.kinematics import Floats, JointMap, SerialChain
+    from cellctl.kinematics import Floats, JointMap, Link, SerialChain
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Length = Annotated[float, Field(allow_inf_nan=False, ge=-20_000, le=20_000)]
@@ -20,6 +21,7 @@ Angle = Annotated[float, Field(allow_inf_nan=False, ge=-360, le=360)]
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
 Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
+Direction = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -34,6 +36,15 @@ class LinkRow(BaseModel):
     a: Length = 0.0
     alpha: Angle = 0.0
     beta: Angle | None = None
+
+
+@final
+class ScrewRow(BaseModel):
+    """One joint's axis at model zero, in the robot's base frame: direction (of any length but 0), a point on it, mm."""
+
+    model_config = _STRICT
+    axis: Direction
+    point: Triple
 
 
 @final
@@ -68,17 +79,39 @@ class Tool(BaseModel):
 
 
 @final
+class StatedTolerances(BaseModel):
+    """How far a robot of this make may be from its table, 1 σ, mm and degrees: what is known before a measurement.
+
+    link_mm, angle_deg: lengths and angles of the links (or of the axes); joint_zero_deg: the joints' zeros; tool_mm,
+    tool_deg: the taught tool. None where the file does not say.
+    """
+
+    model_config = _STRICT
+    link_mm: Positive | None = None
+    angle_deg: Positive | None = None
+    joint_zero_deg: Positive | None = None
+    tool_mm: Positive | None = None
+    tool_deg: Positive | None = None
+
+
+@final
 class RobotFile(BaseModel):
-    """A robot as its file says it is. repeatability: 1 σ of the distance to the mean, 3-D, mm."""
+    """A robot as its file says it is: by `links`, or (`poe`) by `screws` and the flange's pose `home` at model zero.
+
+    repeatability: 1 σ of the distance to the mean, 3-D, mm.
+    """
 
     model_config = _STRICT
     name: Annotated[str, Field(min_length=1)]
-    convention: Literal["mdh-hayati", "dh-craig"]
-    links: Annotated[list[LinkRow], Field(min_length=1, max_length=20)]
+    convention: Literal["mdh-hayati", "dh-craig", "poe"]
+    links: Annotated[list[LinkRow], Field(max_length=20)] = []
+    screws: Annotated[list[ScrewRow], Field(max_length=20)] = []
+    home: Frame | None = None
     joints: Annotated[list[JointRow], Field(min_length=1, max_length=20)]
     base: Frame = Frame()
     tool: Tool = Tool()
     repeatability: Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]
+    tolerances: StatedTolerances | None = None
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -88,11 +121,12 @@ class RobotFile(BaseModel):
     @classmethod
     def from_document(cls, document: Document) -> Self:
         """A robot from a loaded document. Raises InputError with every mistake."""
-        refused = _unready_convention(document)
-        if refused:
-            raise InputError(refused)
-        robot = validated(document, cls)
-        problems = [*_counts(document, robot), *_limits(document, robot), *_table(document, robot)]
+        problems = form_problems(document)
+        try:
+            robot = validated(document, cls)
+        except InputError as error:
+            raise InputError([*problems, *error.problems]) from error
+        problems = problems or contradictions(document, robot)
         if problems:
             raise InputError(problems)
         return robot
@@ -100,24 +134,17 @@ class RobotFile(BaseModel):
     @property
     def n(self) -> int:
         """Number of joints."""
-        return len(self.links)
+        return len(self.links or self.screws)
 
     def chain(self) -> SerialChain:
-        """The nominal chain: table, base and tool as the file says."""
-        from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
+        """The nominal chain: links or axes, base and tool as the file says."""
+        from cellctl.kinematics import JointAxis, SerialChain
 
-        links = [
-            Link(
-                math.radians(row.theta),
-                row.d,
-                row.a,
-                math.radians(row.alpha),
-                None if row.beta is None else math.radians(row.beta),
-            )
-            for row in self.links
-        ]
-        base = pose_from_xyz_abc(self.base.xyz, self.base.abc)
-        return SerialChain.from_links(self.convention, links, base, pose_from_xyz_abc(self.tool.xyz, self.tool.abc))
+        base, tool = _pose(self.base), _pose(self.tool)
+        if self.convention == "poe":
+            axes = [JointAxis.through(row.point, row.axis) for row in self.screws]
+            return SerialChain.from_axes(axes, _pose(self.home or Frame()), base, tool)
+        return SerialChain.from_links(self.convention, [_link(row) for row in self.links], base, tool)
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
@@ -137,48 +164,21 @@ class RobotFile(BaseModel):
 
         return np.array([joint.max_speed for joint in self.joints])
 
-
-def _unready_convention(document: Document) -> list[Problem]:
-    if isinstance(document.data, dict) and document.data.get("convention") == "poe":
-        cure = "write the link table as mdh-hayati or dh-craig"
-        return [document.problem(("convention",), "robots given by screws (poe) cannot be read yet", cure)]
-    return []
-
-
-def _counts(document: Document, robot: RobotFile) -> list[Problem]:
-    if len(robot.joints) == robot.n:
-        return []
-    what = f"{len(robot.joints)} joints for {robot.n} links"
-    return [document.problem(("joints",), what, "one row in joints for each row in links", key=True)]
+    @model_serializer(mode="wrap")
+    def _as_written(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without the sections that the file does not have, so that a robot's hash is that of what it says."""
+        absent = {name for name in ("links", "screws", "home", "tolerances") if not getattr(self, name)}
+        return {name: value for name, value in serialize(self).items() if name not in absent}
 
 
-def _limits(document: Document, robot: RobotFile) -> list[Problem]:
-    return [
-        document.problem(("joints", index, "min"), f"joint {index + 1}: min {row.min:g} is not below max {row.max:g}")
-        for index, row in enumerate(robot.joints)
-        if row.min >= row.max
-    ]
+def _link(row: LinkRow) -> Link:
+    from cellctl.kinematics import Link
+
+    beta = None if row.beta is None else math.radians(row.beta)
+    return Link(math.radians(row.theta), row.d, row.a, math.radians(row.alpha), beta)
 
 
-def _table(document: Document, robot: RobotFile) -> list[Problem]:
-    problems = []
-    for index, row in enumerate(robot.links):
-        for name in ("theta", "alpha", "beta"):
-            if _looks_like_radians(getattr(row, name)):
-                what = f"link {index + 1}: {name} {getattr(row, name):g} looks like radians"
-                problems.append(document.problem(("links", index, name), what, "write degrees"))
-        if row.beta is None and _parallel_to_neighbour(robot, index):
-            what = f"link {index + 1}: its two axes are parallel, so that its d cannot be told from its neighbour's"
-            problems.append(document.problem(("links", index), what, "add 'beta: 0' to this link"))
-    return problems
+def _pose(frame: Frame | Tool) -> Floats:
+    from cellctl.kinematics import pose_from_xyz_abc
 
-
-def _looks_like_radians(angle: float | None) -> bool:
-    quarters = abs(angle or 0.0) / (math.pi / 2)
-    return 0.9 < quarters < 4.1 and abs(quarters - round(quarters)) < 1e-3
-
-
-def _parallel_to_neighbour(robot: RobotFile, index: int) -> bool:
-    """Whether this link's alpha lies between two joints and leaves their axes within 1° of parallel."""
-    between = index < robot.n - 1 if robot.convention == "mdh-hayati" else index > 0
-    return between and abs(math.sin(math.radians(robot.links[index].alpha))) < math.sin(math.radians(1.0))
+    return pose_from_xyz_abc(frame.xyz, frame.abc)

@@ -2,7 +2,7 @@
 
 from cellctl.kinematics.arrays import Bools, Floats
 from cellctl.kinematics.chain import CONVENTIONS, Convention, SerialChain
-from cellctl.kinematics.conversion import to_craig, to_mdh, to_poe
+from cellctl.kinematics.conversion import settled, to_craig, to_mdh, to_poe
 from cellctl.kinematics.frames import (
     abc_from_rotation,
     inverse_pose,
@@ -13,12 +13,13 @@ from cellctl.kinematics.frames import (
     rotation_vector,
 )
 from cellctl.kinematics.inverse import InverseResult, inverse
-from cellctl.kinematics.joint_axes import JointAxis
+from cellctl.kinematics.joint_axes import AxisTable, JointAxis
 from cellctl.kinematics.joint_map import JointMap
-from cellctl.kinematics.link_table import Link, TableConvention
+from cellctl.kinematics.link_table import Link, LinkTable, TableConvention
 
 __all__ = [
     "CONVENTIONS",
+    "AxisTable",
     "Bools",
     "Convention",
     "Floats",
@@ -26,6 +27,7 @@ __all__ = [
     "JointAxis",
     "JointMap",
     "Link",
+    "LinkTable",
     "SerialChain",
     "TableConvention",
     "abc_from_rotation",
@@ -36,6 +38,7 @@ __all__ = [
     "rotation_from_abc",
     "rotation_from_quaternion",
     "rotation_vector",
+    "settled",
     "to_craig",
     "to_mdh",
     "to_poe",

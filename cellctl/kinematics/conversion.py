@@ -25,6 +25,11 @@ _NOWHERE = 1e-10
 """A distance, mm, below which a direction from one point to another says nothing."""
 
 
+def settled(chain: SerialChain) -> SerialChain:
+    """The chain in its own form with its deviations as part of table, base and tool."""
+    return _settled(chain, chain.table) if isinstance(chain.table, LinkTable) else to_poe(chain)
+
+
 def to_poe(chain: SerialChain) -> SerialChain:
     """The chain by its joints' axes; base, flange and tool are where they were.
 
@@ -64,7 +69,6 @@ def _as_table(chain: SerialChain, convention: TableConvention) -> SerialChain:
 
 
 def _settled(chain: SerialChain, table: LinkTable) -> SerialChain:
-    """The chain with its deviations as part of its own table."""
     deviations = chain.deviations if chain.deviations.size else np.zeros(len(chain.parameters))
     added = {name: float(value) for name, value in zip(chain.parameters, deviations, strict=True)}
     links = [

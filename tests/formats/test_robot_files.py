@@ -65,7 +65,9 @@ def test_all_mistakes_come_at_once_each_with_its_line(tmp_path):
         ("min: -90, max: 90, max_speed: 100}\ntool", "min: 90, max: -90, max_speed: 100}\ntool", 8, "min"),
         ("sign: -1", "sign: 2", 7, "1"),
         ("d: 100", "d: .nan", 4, "finite"),
-        ("mdh-hayati", "poe", 2, "cannot be read yet"),
+        ("links:", "home: {xyz: [0, 0, 1]}\nlinks:", 3, "'home' does not go with mdh-hayati"),
+        ("repeatability: 0.05", "repeatability: 0.05\ntolerances: {link_mm: 0}", 11, "greater"),
+        ("repeatability: 0.05", "repeatability: 0.05\ntolerances: {link_m: 1}", 11, "link_mm"),
         ("mdh-hayati", "dh", 2, "dh-craig"),
         ("mass: 1", "mass: -1", 9, "greater"),
         ("xyz: [0, 0, 50]", "xyz: [0, 0]", 9, "3"),
@@ -74,6 +76,67 @@ def test_all_mistakes_come_at_once_each_with_its_line(tmp_path):
 def test_what_no_robot_can_be_is_refused_where_it_stands(tmp_path, old, new, line, words):
     assert old in GOOD
     found = mistakes(tmp_path, GOOD.replace(old, new, 1))
+    assert found[0][0] == line
+    assert words in found[0][1]
+
+
+POE = """\
+name: two joints by their axes
+convention: poe
+screws:
+  - {axis: [0, 0, 2], point: [0, 0, 0]}
+  - {axis: [0, 1, 0], point: [50, 0, 100]}
+home: {xyz: [350, 0, 100], abc: [0, 90, 0]}
+joints:
+  - {min: -90, max: 90, max_speed: 100}
+  - {sign: -1, offset: 30, min: -90, max: 90, max_speed: 100}
+base: {xyz: [0, 0, 1000], abc: [0, 0, 0]}
+repeatability: 0.05
+tolerances: {link_mm: 0.4, angle_deg: 0.03}
+"""
+
+
+def test_a_robot_by_its_axes_has_its_flange_at_home_at_model_zero_and_turns_about_them(tmp_path):
+    robot = load(tmp_path, POE)
+    assert (robot.n, len(robot.limits()), robot.chain().convention) == (2, 2, "poe")
+    at_home = robot.chain().forward(robot.joint_map().model([0.0, 30.0]))
+    np.testing.assert_allclose(at_home[:3, 3], [350, 0, 1100], atol=1e-9)
+    np.testing.assert_allclose(at_home[:3, 2], [1, 0, 0], atol=1e-12)
+    left_and_down = robot.chain().forward(robot.joint_map().model([90.0, -60.0]))
+    np.testing.assert_allclose(left_and_down[:3, 3], [0, 50, 800], atol=1e-9)
+
+
+def test_tolerances_are_there_where_the_file_has_them(tmp_path):
+    stated = load(tmp_path, POE).tolerances
+    assert (stated.link_mm, stated.angle_deg, stated.tool_mm) == (0.4, 0.03, None)
+    assert load(tmp_path, GOOD).tolerances is None
+
+
+def test_a_robots_content_is_what_its_file_says_and_is_read_back_from_it(tmp_path):
+    for text in (GOOD, POE):
+        robot = load(tmp_path, text)
+        content = robot.model_dump()
+        assert ("links" in content, "screws" in content) == ("links:" in text, "screws:" in text)
+        assert RobotFile.model_validate(content) == robot
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("[0, 0, 2]", "[0, 0, 0]", 4, "no direction"),
+        ("[0, 0, 2]", "[0, 2]", 4, "3 items"),
+        ("[0, 0, 2]", "[0, .nan, 2]", 4, "finite"),
+        (", point: [50, 0, 100]", "", 5, "point"),
+        ("home: {xyz: [350, 0, 100], abc: [0, 90, 0]}\n", "", 1, "'home' is missing"),
+        ("home:", "links: []\nhome:", 6, "'links' does not go with poe"),
+        ("  - {min: -90, max: 90, max_speed: 100}\n", "", 7, "1 joints for 2 screws"),
+        ("poe", "dh-craig", 1, "'links' is missing"),
+        ("0.4,", "0.4, angle_rad: 1,", 12, "angle_deg"),
+    ],
+)
+def test_what_no_robot_by_its_axes_can_be_is_refused_where_it_stands(tmp_path, old, new, line, words):
+    assert old in POE
+    found = mistakes(tmp_path, POE.replace(old, new, 1))
     assert found[0][0] == line
     assert words in found[0][1]
 

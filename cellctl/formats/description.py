@@ -1,0 +1,55 @@
+"""A robot as any of its forms says it: what robot files, URDF, DH tables and models have in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Self, final
+
+from cellctl.formats.robot import RobotFile, StatedTolerances
+
+if TYPE_CHECKING:
+    from cellctl.kinematics import JointMap, SerialChain
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class JointSaid:
+    """One joint: model angle = sign · reading + offset; limits of the reading. deg, deg/s; None: nobody says."""
+
+    sign: int = 1
+    offset: float = 0.0
+    min: float | None = None
+    max: float | None = None
+    max_speed: float | None = None
+    name: str | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RobotDescription:
+    """A robot: its chain without deviations, its joints, and what else its file said.
+
+    repeatability: 1 σ, 3-D, mm; None where the form has no place for it.
+    """
+
+    name: str
+    chain: SerialChain
+    joints: tuple[JointSaid, ...]
+    repeatability: float | None = None
+    tool_mass: float = 0.0
+    tolerances: StatedTolerances | None = field(default=None)
+
+    @classmethod
+    def of(cls, robot: RobotFile, chain: SerialChain | None = None) -> Self:
+        """A robot file's robot; `chain`, where given, in place of the nominal one: deviations become its geometry."""
+        from cellctl.kinematics import settled
+
+        joints = tuple(JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed) for row in robot.joints)
+        form = settled(chain or robot.chain())
+        return cls(robot.name, form, joints, robot.repeatability, robot.tool.mass, robot.tolerances)
+
+    def joint_map(self) -> JointMap:
+        """Controller readings (deg) to model angles (rad) and back."""
+        from cellctl.kinematics import JointMap
+
+        return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])

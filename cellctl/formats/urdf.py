@@ -1,0 +1,200 @@
+"""URDF in: the serial chain of turning joints from the root link to a tip, as axes and home pose. m, rad → mm, deg."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from cellctl.files import InputError, Problem
+from cellctl.formats.description import JointSaid, RobotDescription
+from cellctl.formats.plain_xml import Element, load_xml
+
+if TYPE_CHECKING:
+    from cellctl.kinematics import Floats
+
+BASE_LINK, FLANGE_LINK = "base_link", "tool0"
+"""Names by which ROS-Industrial knows the robot's base, and the flange with z outwards."""
+_TURNING = ("revolute", "continuous")
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    element: Element
+
+
+def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
+    """The robot whose joints lead from the root link to link `tip`, which may be left out where there is only one.
+
+    A joint's reading is its URDF position, in degrees. The base is `base_link` and the flange `tool0`, where these lie
+    before the first and behind the last turning joint; else the root and the tip. Raises InputError, each mistake with
+    its line: no URDF, branches and no tip named, joints that slide or follow others, closed loops.
+    """
+    root = load_xml(path)
+    file = _File(str(path))
+    if root.tag != "robot":
+        raise InputError(file.problem(root, f"is no URDF: its root is <{root.tag}>, not <robot>"))
+    if any(name.startswith("xmlns:xacro") for name in root.attributes):
+        raise InputError(file.problem(root, "is a xacro file", "expand it: xacro robot.urdf.xacro > robot.urdf"))
+    chain = _path(file, root, tip)
+    file.stop()
+    return _described(file, root.attributes.get("name") or path.stem, chain)
+
+
+@final
+class _File:
+    """Collects what is wrong."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.problems: list[Problem] = []
+
+    def problem(self, at: Element, what: str, cure: str = "") -> Problem:
+        return Problem(self.name, at.line, 0, what, cure)
+
+    def note(self, at: Element, what: str, cure: str = "") -> None:
+        self.problems.append(self.problem(at, what, cure))
+
+    def stop(self) -> None:
+        if self.problems:
+            raise InputError(self.problems)
+
+    def numbers(self, at: Element | None, name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """An attribute's numbers, as many as `default` has; `default` where it is absent, or wrong and noted."""
+        text = None if at is None else at.attributes.get(name)
+        if at is None or text is None:
+            return default
+        try:
+            values = tuple(float(word) for word in text.split())
+        except ValueError:
+            values = ()
+        if len(values) != len(default) or not all(map(math.isfinite, values)) or "_" in text:
+            count = "a number" if len(default) == 1 else f"{len(default)} numbers"
+            self.note(at, f'<{at.tag}> {name}="{text[:40]}" is not {count}')
+            return default
+        return values
+
+
+def _path(file: _File, root: Element, tip: str | None) -> list[_Joint]:
+    """The joints from the root link to `tip`, in order."""
+    joints = [joint for element in root.each("joint") if (joint := _joint(file, element))]
+    above: dict[str, _Joint] = {}
+    for joint in joints:
+        if joint.child in above:
+            what = f"link '{joint.child}' hangs on two joints, '{above[joint.child].name}' and '{joint.name}'"
+            file.note(joint.element, what, "closed loops cannot be calibrated here")
+        above[joint.child] = joint
+    file.stop()
+    found = _tip(file, root, joints, tip)
+    path: list[_Joint] = []
+    while found in above:
+        path.insert(0, above[found])
+        found = path[0].parent
+        if len(path) > len(joints):
+            raise InputError(file.problem(path[0].element, "its joints lead round in a circle"))
+    _check_kinds(file, root, path)
+    return path
+
+
+def _joint(file: _File, element: Element) -> _Joint | None:
+    parent, child = element.first("parent"), element.first("child")
+    ends = [end.attributes.get("link") if end is not None else None for end in (parent, child)]
+    name = element.attributes.get("name", "")
+    if ends[0] is None or ends[1] is None:
+        file.note(element, f"joint '{name}' has no <parent link=…> or no <child link=…>")
+        return None
+    return _Joint(name, element.attributes.get("type", ""), ends[0], ends[1], element)
+
+
+def _tip(file: _File, root: Element, joints: list[_Joint], tip: str | None) -> str:
+    parents, children = {joint.parent for joint in joints}, [joint.child for joint in joints]
+    if tip is not None:
+        if tip in children:
+            return tip
+        what = f"has no link '{tip}' at the end of a joint"
+        raise InputError(file.problem(root, what, f"its links: {', '.join(children)}"))
+    leaves = [child for child in children if child not in parents]
+    if len(leaves) == 1:
+        return leaves[0]
+    if not leaves:
+        raise InputError(file.problem(root, "its joints lead round in a circle" if joints else "has no joint"))
+    what = f"its links branch: {len(leaves)} of them are the end of a chain"
+    raise InputError(file.problem(root, what, f"name one with --tip: {', '.join(leaves)}"))
+
+
+def _check_kinds(file: _File, root: Element, path: list[_Joint]) -> None:
+    for joint in path:
+        if joint.kind not in (*_TURNING, "fixed"):
+            what = f"joint '{joint.name}' is {joint.kind or 'of no type'}"
+            file.note(joint.element, what, "only joints that turn (revolute, continuous) can be calibrated here")
+        if joint.element.first("mimic") is not None:
+            file.note(joint.element, f"joint '{joint.name}' follows another (mimic)", "it has no reading of its own")
+    if not any(joint.kind in _TURNING for joint in path):
+        file.note(root, "no joint turns between the root link and the tip")
+
+
+def _described(file: _File, name: str, path: list[_Joint]) -> RobotDescription:
+    import numpy as np
+
+    from cellctl.kinematics import JointAxis, SerialChain, inverse_pose
+
+    here, axes, joints = np.eye(4), [], []
+    base, flange = here, None
+    for joint in path:
+        here = here @ _origin(file, joint.element)
+        if joint.kind in _TURNING:
+            along = here[:3, :3] @ _axis(file, joint)
+            axes.append((here[:3, 3], along))
+            joints.append(_said(file, joint))
+            flange = None
+        elif joint.child == BASE_LINK and not axes:
+            base = here
+        elif joint.child == FLANGE_LINK:
+            flange = here
+    file.stop()
+    into, flange = inverse_pose(base), here if flange is None else flange
+    lines = [JointAxis.through(into[:3, :3] @ point + into[:3, 3], into[:3, :3] @ along) for point, along in axes]
+    chain = SerialChain.from_axes(lines, into @ flange, base, inverse_pose(flange) @ here)
+    return RobotDescription(name, chain, tuple(joints))
+
+
+def _origin(file: _File, joint: Element) -> Floats:
+    """From the parent link's frame to the joint's (4, 4), mm."""
+    import numpy as np
+
+    from cellctl.kinematics import pose_from_xyz_abc
+
+    origin = joint.first("origin")
+    xyz = file.numbers(origin, "xyz", (0.0, 0.0, 0.0))
+    roll, pitch, yaw = file.numbers(origin, "rpy", (0.0, 0.0, 0.0))
+    return pose_from_xyz_abc(1000.0 * np.array(xyz), np.degrees([yaw, pitch, roll]))
+
+
+def _axis(file: _File, joint: _Joint) -> tuple[float, ...]:
+    element = joint.element.first("axis")
+    axis = file.numbers(element, "xyz", (1.0, 0.0, 0.0))
+    if not any(axis):
+        file.note(element or joint.element, f"joint '{joint.name}': its axis has no direction")
+        return (1.0, 0.0, 0.0)
+    return axis
+
+
+def _said(file: _File, joint: _Joint) -> JointSaid:
+    """Limits and speed in degrees; of a continuous joint one turn either way. A speed of 0 says nothing."""
+    limit = joint.element.first("limit")
+    nothing = (math.nan,)
+    lower, upper, speed = (
+        math.degrees(file.numbers(limit, name, nothing)[0]) for name in ("lower", "upper", "velocity")
+    )
+    if joint.kind == "continuous":
+        lower, upper = -360.0, 360.0
+    elif limit is not None:  # the format's default is 0
+        lower, upper = (0.0 if math.isnan(value) else value for value in (lower, upper))
+    known = [None if math.isnan(value) else value for value in (lower, upper)]
+    return JointSaid(1, 0.0, known[0], known[1], speed if speed > 0.0 else None, joint.name)
