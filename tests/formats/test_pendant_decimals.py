@@ -89,7 +89,9 @@ def test_both_decimal_signs_in_one_table_are_named_with_their_lines():
 
 
 def test_numbers_that_are_certain_are_not_overruled():
-    assert decimal_sign("p.csv", [(2, "0.5")], "comma")[0] == "point"
+    sign, said = decimal_sign("p.csv", [(2, "0.5")], "comma")
+    assert sign == "point"
+    assert "whatever --decimal comma says" in said
 
 
 @pytest.mark.parametrize(

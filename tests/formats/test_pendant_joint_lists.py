@@ -109,6 +109,12 @@ def test_listings_of_axis_act_in_every_shape_give_the_same_posture(text):
     assert not points.named
 
 
+def test_other_system_variables_are_not_taken_for_postures():
+    points = read("$AXIS_ACT={A1 1,A2 20}\n$AXIS_INC={A1 100,A2 200}\n$H_POS={A1 1,A2 2}\n")
+    assert values(points, A[:2]) == [[1, 20]]
+    assert sorted(faults(points)) == [2, 3]
+
+
 def test_names_above_or_before_the_axes_name_the_posture():
     points = read("P1\nA1 1\nA2 2\n\nP2\nA1 3\nA2 40\nP3: A1 5 A2 60\n")
     assert [point.name for point in points.points] == ["P1", "P2", "P3"]

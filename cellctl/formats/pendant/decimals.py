@@ -62,7 +62,8 @@ def decimal_sign(file: str, cells: Iterable[Cell], given: Sign | None) -> tuple[
             open_.setdefault("point" if "." in text else "comma", (line, text))
     if len(clear) == 1 and (grouped or clear.keys() >= open_.keys()):
         sign, (line, text) = next(iter(clear.items()))
-        return sign, f"decimal {sign}, as '{text}' on line {line} says"
+        overruled = f", whatever --decimal {given} says" if given not in (None, sign) else ""
+        return sign, f"decimal {sign}, as '{text}' on line {line} says{overruled}"
     if not clear and not open_:
         return given or "point", ""
     if given is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cellctl.formats.pendant.points import Raw, RawList
@@ -57,9 +58,9 @@ def _points_of(code: str, line: int) -> Iterator[Raw]:
         yield Raw(line, untaught["name"], {}, f"{untaught['type'].upper()} without a value: not taught")
     for found in _POINT.finditer(code):
         name = re.sub(r"\s+", "", found["name"] or "")
-        point = _point(line, "" if name.startswith("$") else name, (found["type"] or "").upper(), found["body"])
+        point = _point(line, name, (found["type"] or "").upper(), found["body"])
         if point:
-            yield point
+            yield _actual(point)
     rest = _POINT.sub("", code)
     if re.search(r"\{[^{}]*\b[AEXYZ]\d?\s", rest):
         yield Raw(line, "", {}, "a point that does not end on this line: '}' is missing")
@@ -76,6 +77,15 @@ def _point(line: int, name: str, kind: str, body: str) -> Raw | None:
     if "A1" not in axes and kind not in ("E6AXIS", "AXIS"):
         return None
     return Raw(line, name, axes, faults)
+
+
+def _actual(point: Raw) -> Raw:
+    """A system variable is a point, without a name, only if it says where the axes are."""
+    if not point.name.startswith("$"):
+        return point
+    if point.fault or point.name.upper().startswith("$AXIS_ACT"):
+        return replace(point, name="")
+    return replace(point, texts={}, fault=f"{point.name} does not say where the axes were: $AXIS_ACT does")
 
 
 def _fields(body: str) -> tuple[dict[str, str], str]:
