@@ -49,6 +49,12 @@ def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -
     return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
 
 
+def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:
+    """The nominal and the identified robot as held-out `rows` are judged by: with what only these can tell fitted."""
+    unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
+    return _settled(task, by.nominal, rows, unseen), _settled(task, by.identified, rows, unseen)
+
+
 def unseen_by(task: Task, unknowns: Unknowns, used: Mixture, rows: Mixture) -> Bools:
     """Which parameters (P,) tie `rows` to the robot without any of the rows `used` in the fit having told them."""
     needed = _touched(unknowns, rows) & task.registration(unknowns)

@@ -18,14 +18,22 @@ def shape_sigma(model: RobotModel, covariance: Floats, q: ArrayLike) -> Floats:
     covariance (P, P): of the model's parameters. What moves all points as one body is left out: where the model's frame
     lies is a question to whoever gave the joints. Three points and fewer have hardly any shape: ValueError.
     """
+    shape = shape_columns(model, q)
+    variance = np.sum((shape @ covariance) * shape, axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1), 0.0)))
+
+
+def shape_columns(model: RobotModel, q: ArrayLike) -> Floats:
+    """How the tool centre points at model angles q (N, n), rad, N ≥ 4, move among themselves with the parameters.
+
+    (3 N, P), mm per unit of each: what moves all points as one body is taken off. ValueError for fewer points.
+    """
     angles = np.asarray(q, float)
     if len(angles) < 4:
         raise ValueError(f"{len(angles)} points have no shape to speak of")
     columns = model.jacobian(angles)[:, :3].reshape(3 * len(angles), -1)
     together, _ = np.linalg.qr(_rigid_motions(model.tip(angles)))
-    shape = columns - together @ (together.T @ columns)
-    variance = np.sum((shape @ covariance) * shape, axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance.reshape(len(angles), 3).sum(axis=1), 0.0)))
+    return np.asarray(columns - together @ (together.T @ columns))
 
 
 def sigma_among(model: RobotModel, covariance: Floats, q: ArrayLike) -> float:
@@ -35,10 +43,14 @@ def sigma_among(model: RobotModel, covariance: Floats, q: ArrayLike) -> float:
 
 def sigma_over_region(model: RobotModel, covariance: Floats, lower: Floats, upper: Floats) -> float:
     """`sigma_among` for points spread evenly (Sobol) over the joint region lower (n,) … upper (n,), rad; mm."""
+    return sigma_among(model, covariance, spread_over(lower, upper))
+
+
+def spread_over(lower: Floats, upper: Floats, points: int = POINTS) -> Floats:
+    """Joint angles (points, n) spread evenly (Sobol) over lower (n,) … upper (n,); points: a power of two."""
     from scipy.stats import qmc
 
-    spread = qmc.Sobol(len(lower), scramble=False).random(POINTS)
-    return sigma_among(model, covariance, lower + spread * (upper - lower))
+    return np.asarray(lower + qmc.Sobol(len(lower), scramble=False).random(points) * (upper - lower))
 
 
 def _rigid_motions(points: Floats) -> Floats:

@@ -1,0 +1,181 @@
+"""Rows that could be measured besides those that were: the same kind, set-up and volume, at other postures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self, final
+
+import numpy as np
+from scipy.stats import qmc
+
+from cellctl.calibration import Measured, PoseRows, PositionRows, Postures, RobotModel, SocketRows, State, TouchRows
+from cellctl.kinematics import Bools, Floats
+
+WIDER_RAD, WIDER_SHARE = np.deg2rad(30.0), 0.25
+"""Joints may go this much beyond where the rows have been, or this share of their way there, whichever is more."""
+
+ROOM_SHARE = 0.1
+"""Tool centre points may lie this share of the measured volume's diagonal outside it."""
+
+_TRIED = 16
+"""Postures tried for each one wanted."""
+
+_STEPS, _CLOSE_MM = 20, 1e-3
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Where postures may be: model angles lower … upper (n,), rad; tool centre points in a box low … high (3,), mm."""
+
+    lower: Floats
+    upper: Floats
+    low: Floats
+    high: Floats
+
+    @classmethod
+    def about(cls, q: Floats, tips: Floats, limits: Floats) -> Self:
+        """About rows at model angles q (N, n), rad, with tools at `tips` (N, 3), mm; limits (n, 2): of the joints."""
+        first, last = q.min(axis=0), q.max(axis=0)
+        wider = np.maximum(WIDER_RAD, WIDER_SHARE * (last - first))
+        low, high = tips.min(axis=0), tips.max(axis=0)
+        room = ROOM_SHARE * float(np.linalg.norm(high - low))
+        return cls(
+            np.minimum(first, np.maximum(first - wider, limits[:, 0])),
+            np.maximum(last, np.minimum(last + wider, limits[:, 1])),
+            low - room,
+            high + room,
+        )
+
+    def holds(self, q: Floats) -> Bools:
+        """Which postures (N, n) are within the joints' room."""
+        return np.asarray(((q >= self.lower) & (q <= self.upper)).all(axis=1))
+
+    def contains(self, tips: Floats) -> Bools:
+        """Which points (N, 3) are in the box."""
+        return np.asarray(((tips >= self.low) & (tips <= self.high)).all(axis=1))
+
+    def spread(self, count: int) -> Floats:
+        """Postures (count, n), quasi-random."""
+        samples = _evenly(len(self.lower), count)
+        return np.asarray(self.lower + samples * (self.upper - self.lower))
+
+
+def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -> Measured:
+    """Up to `count` rows that could be measured like those of `block`, in its session, none of them measured yet.
+
+    state: robot and points as identified. limits (n, 2): model angles that the joints can reach, rad. Positions and
+    poses: anywhere in and about the volume measured. Touches and sockets: at the same points, from the sides from which
+    and with the tool leaning as far as it was done before. Collisions are not looked for. Perhaps none can be reached.
+    """
+    model, postures = state.models[block.session], block.postures
+    tips = model.tip(postures)
+    room = Room.about(block.q, tips, limits)
+    q = room.spread(_TRIED * count)
+    if isinstance(block, PositionRows | PoseRows):
+        return _measuring(block, model, _as_before(postures, _within(model, room, q, count)))
+    return _visiting(block, state, room, q[: 4 * count], count)
+
+
+def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
+    """Up to `count` postures with the tool in the room: of q (M, n), and where hardly any is, led there."""
+    found = q[room.contains(model.tip(q))][:count]
+    if len(found) >= count // 4:
+        return found
+    led, arrived = led_to(model, q[:count], room.low + _evenly(3, min(count, len(q))) * (room.high - room.low))
+    return np.concatenate([found, led[arrived & room.holds(led)]])[:count]
+
+
+def _measuring(block: PositionRows | PoseRows, model: RobotModel, at: Postures) -> Measured:
+    sigma = np.tile(np.median(block.sigma, axis=0), (len(at), 1))
+    if isinstance(block, PositionRows):
+        return replace(block, at=at, xyz=model.tip(at), sigma=sigma)
+    return replace(block, at=at, poses=model.pose(at), sigma=sigma)
+
+
+def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats, count: int) -> Measured:
+    """Rows at the block's points, reached from postures q (M, n) by the shortest way of the joints."""
+    model, touched = state.models[block.session], isinstance(block, TouchRows)
+    names, turn = np.unique(block.point), np.arange(len(q))
+    point = names[turn % len(names)]
+    away = _away(block, state, point) if isinstance(block, TouchRows) else np.zeros((len(q), 3))
+    reached, arrived = led_to(model, q, state.points[point] + away)
+    good = arrived & room.holds(reached)
+    if touched:
+        good &= _leaning(model, reached, away) >= _least_leaning(block, state)
+    chosen = np.flatnonzero(good)[:count]
+    sigma = np.tile(np.median(block.sigma, axis=0), (len(chosen), 1))
+    at = _as_before(block.postures, reached[chosen])
+    if isinstance(block, SocketRows):
+        return replace(block, at=at, point=point[chosen], sigma=sigma)
+    return replace(block, at=at, point=point[chosen], sigma=sigma, reach=np.linalg.norm(away[chosen], axis=1))
+
+
+def _away(block: TouchRows, state: State, point: Floats) -> Floats:
+    """From the centre of each of `point` (M,) to where it could be touched (M, 3), mm."""
+    reach = {name: float(np.median(block.reach[block.point == name])) for name in np.unique(block.point)}
+    return np.array([reach[name] for name in point])[:, None] * _normals(block, state, point)
+
+
+def led_to(model: RobotModel, q: Floats, targets: Floats) -> tuple[Floats, Bools]:
+    """Model angles (M, n) near q (M, n) with the tool centre point at `targets` (M, 3), mm; and which got there."""
+    chain = model.chain
+    for _ in range(_STEPS):
+        columns = chain.tool_jacobian(q)[:, :3]
+        off = targets - chain.forward(q)[:, :3, 3]
+        square = columns @ np.swapaxes(columns, 1, 2)
+        damped = square + 1e-6 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        step = np.einsum("mrn,mr->mn", columns, np.linalg.solve(damped, off[..., None])[..., 0])
+        q = q + step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / 0.5, 1.0)
+    return q, np.linalg.norm(targets - chain.forward(q)[:, :3, 3], axis=1) < _CLOSE_MM
+
+
+def _normals(block: TouchRows, state: State, point: Floats) -> Floats:
+    """A direction (M, 3) from each of `point` (M,), within the widest cone about their mean that was touched there."""
+    tips = state.models[block.session].tip(block.postures)
+    measured = _unit(tips - state.points[block.point])
+    samples = _evenly(2, len(point))
+    result = np.zeros((len(point), 3))
+    for name in np.unique(point):
+        mine, seen = point == name, measured[block.point == name]
+        middle = _unit(seen.mean(axis=0, keepdims=True))[0]
+        cosine = 1.0 - samples[mine, 0] * (1.0 - float((seen @ middle).min()))
+        result[mine] = _about(middle, cosine, 2.0 * np.pi * samples[mine, 1])
+    return result
+
+
+def _about(middle: Floats, cosine: Floats, turn: Floats) -> Floats:
+    """Unit vectors (M, 3) at the angle arccos `cosine` (M,) from `middle` (3,), turned about it by `turn` (M,), rad."""
+    x = _unit(np.cross(np.eye(3)[np.abs(middle).argmin()], middle)[None])[0]
+    y, sine = np.cross(middle, x), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    across = np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y
+    return np.asarray(cosine[:, None] * middle + sine[:, None] * across)
+
+
+def _leaning(model: RobotModel, q: Floats, away: Floats) -> Floats:
+    """Cosine (M,) between the tool, from its tip to the flange, and the direction `away` (M, 3) from the surface."""
+    shaft = model.chain.forward_flange(q)[:, :3, 3] - model.chain.forward(q)[:, :3, 3]
+    return np.asarray(np.sum(_unit(shaft) * _unit(away), axis=1))
+
+
+def _least_leaning(block: TouchRows | SocketRows, state: State) -> float:
+    model = state.models[block.session]
+    return float(_leaning(model, block.q, model.tip(block.postures) - state.points[block.point]).min())
+
+
+def _as_before(before: Postures, q: Floats) -> Postures:
+    """Postures at q (M, n) under conditions such as there were: a joint comes from either side if ever it did."""
+    some, rng = np.arange(len(q)) % len(before), np.random.default_rng(3)
+    approach = None if before.approach is None else rng.choice([-1.0, 1.0], q.shape)
+    warmer = None if before.warmer is None else np.full(len(q), np.median(before.warmer))
+    return Postures(q, approach, warmer, None if before.payload is None else before.payload[some])
+
+
+def _evenly(dimensions: int, count: int) -> Floats:
+    """Points (count, dimensions) of the unit cube, quasi-random (Sobol; drawn as it wants, in powers of two)."""
+    drawn = qmc.Sobol(dimensions, rng=np.random.default_rng(1)).random(1 << max(count - 1, 0).bit_length())
+    return np.asarray(drawn[:count])
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
