@@ -73,6 +73,12 @@ def test_numbers_with_a_gap_are_not_paired_by_order_unless_the_user_insists():
     assert pairs(joints, measured, pair="name") == [(1, 1), (2, 2)]
 
 
+def test_numbers_that_do_not_begin_with_the_first_row_are_not_paired_by_order():
+    with pytest.raises(InputError, match="number 2, where 1 is next"):
+        pairs(postures("", ""), positions("2", "3"))
+    assert pairs(postures("", ""), positions("0", "1")) == [(1, 1), (2, 2)]
+
+
 def test_a_row_typed_twice_and_another_forgotten_is_found_though_the_counts_agree():
     joints = postures("", "", "")
     measured = PointList(

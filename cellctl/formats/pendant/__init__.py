@@ -2,6 +2,6 @@
 
 from cellctl.formats.pendant.choices import Choices, choices
 from cellctl.formats.pendant.importing import Imported, imported
-from cellctl.formats.pendant.pairing import LeftOut
+from cellctl.formats.pendant.pairs import LeftOut
 
 __all__ = ["Choices", "Imported", "LeftOut", "choices", "imported"]

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, final
 from cellctl.files import InputError, Problem
 from cellctl.formats.pendant.choices import Choices
 from cellctl.formats.pendant.joint_list import joint_points, joint_texts
-from cellctl.formats.pendant.pairing import LeftOut, Pairing, paired
+from cellctl.formats.pendant.pairing import paired
+from cellctl.formats.pendant.pairs import LeftOut, Pairing
 from cellctl.formats.pendant.points import Point, PointList, RawList
 from cellctl.formats.pendant.positions import measured, measured_columns, position_points, position_texts
 from cellctl.formats.pendant.text import read_text

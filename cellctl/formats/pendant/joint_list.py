@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.columns import BEYOND_LIMITS_DEG
-from cellctl.formats.pendant.cells import cells_of
+from cellctl.formats.pendant.cells import Cells, cells_of
 from cellctl.formats.pendant.choices import AngleUnit, Choices
 from cellctl.formats.pendant.krl import axis_listing, is_axis_listing, is_krl, krl_points
 from cellctl.formats.pendant.points import Point, PointList, RawList, Value
 from cellctl.formats.pendant.script import is_number_lists, list_points
-from cellctl.formats.pendant.typed_table import Headed, headed, lacking, raw_points, unheaded
+from cellctl.formats.pendant.typed_table import headed, lacking, raw_points, unheaded
 from cellctl.formats.pendant.values import read_values
 
 if TYPE_CHECKING:
@@ -35,17 +35,24 @@ def joint_texts(text: str, file: str, choices: Choices, robot: RobotFile | None,
 
     Raises InputError where the file as a whole cannot be read.
     """
-    if not measured:
-        if is_krl(text):
-            return krl_points(text, file)
-        if is_axis_listing(text):
-            return axis_listing(text, file)
-        if is_number_lists(text):
-            return list_points(text, file, robot.n if robot else None)
-    elif is_krl(text) or is_axis_listing(text) or is_number_lists(text):
-        what = "holds joints only"
-        raise InputError(Problem(file, 0, 0, what, "give the table of positions too: cellctl import JOINTS POSITIONS"))
-    table = cells_of(text, file)
+    found = _from_controller(text, file, robot)
+    if found is None:
+        return _from_table(cells_of(text, file), choices, robot, measured)
+    if measured:
+        cure = "give the table of positions too: cellctl import JOINTS POSITIONS"
+        raise InputError(Problem(file, 0, 0, "holds joints only", cure))
+    return found
+
+
+def _from_controller(text: str, file: str, robot: RobotFile | None) -> RawList | None:
+    if is_krl(text):
+        return krl_points(text, file)
+    if is_axis_listing(text):
+        return axis_listing(text, file)
+    return list_points(text, file, robot.n if robot else None) if is_number_lists(text) else None
+
+
+def _from_table(table: Cells, choices: Choices, robot: RobotFile | None, measured: Sequence[str]) -> RawList:
     joints = [f"{letter}{number}" for letter in "AJq" for number in range(1, _MOST_JOINTS + 1)]
     head = headed(table, choices.columns, joints)
     if head is None:
@@ -53,13 +60,13 @@ def joint_texts(text: str, file: str, choices: Choices, robot: RobotFile | None,
         layouts = [[*(f"J{number}" for number in range(1, size + 1)), *measured] for size in sizes]
         cure = "give headings (A1…, or J1…), or --robot ROBOT, which says how many joints there are"
         head = unheaded(table, layouts, cure)
-    own = [name for name in head.places if _JOINT.fullmatch(name)]
+    own = [name for name in head.places if _JOINT.fullmatch(name) or _EXTERNAL.fullmatch(name)]
     missing = [name for name in measured if name not in head.places]
     if missing:
-        problem = lacking(file, head, missing, choices.columns)
+        problem = lacking(table.file, head, missing, choices.columns)
         raise InputError(replace(problem, what=f"{problem.what}, and no table of positions is given"))
     extra = [name for name in choices.columns if name in head.places and name != "name"]
-    return raw_points(table, head, list(dict.fromkeys([*own, *measured, *extra, *_external(head)])))
+    return raw_points(table, head, list(dict.fromkeys([*own, *measured, *extra])))
 
 
 def joint_points(raw: RawList, choices: Choices, robot: RobotFile | None, measured: Sequence[str] = ()) -> PointList:
@@ -75,10 +82,6 @@ def joint_points(raw: RawList, choices: Choices, robot: RobotFile | None, measur
     still, moves = _external_axes(read)
     points = tuple(_checked(_renamed(point, renamed, still), unit, len(names), robot) for point in read.points)
     return replace(read, points=points, decided=(*read.decided, how, moves))
-
-
-def _external(head: Headed) -> list[str]:
-    return [name for name in head.places if _EXTERNAL.fullmatch(name)]
 
 
 def _joints(raw: RawList, robot: RobotFile | None) -> list[str]:
