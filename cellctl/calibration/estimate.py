@@ -22,6 +22,9 @@ BLOCK = 2048
 """Rows linearised at a time."""
 
 ITERATIONS = 60
+PINNED = 1e4
+"""What is pinned is held to a ten-thousandth of its tolerance."""
+
 SETTLED = 1e-9
 """A step that would lower the cost (a χ²) by less than this, absolutely or relative to it, is the last."""
 
@@ -63,22 +66,24 @@ class Estimate:
 @final
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Unknowns and rows with what does not change from one iteration to the next."""
+    """Unknowns and rows with what stays from one iteration to the next. holding: whitening, and what is pinned."""
 
     unknowns: Unknowns
     blocks: tuple[Rows, ...]
     free: Any
     scale: Floats
     whitening: Floats
+    holding: Floats
 
     @classmethod
     def of(cls, unknowns: Unknowns, blocks: Sequence[Rows]) -> Self:
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
-        if unknowns.prior is None:
-            return cls(unknowns, tuple(blocks), free, scale, np.eye(free.size))
-        known = unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale)
-        return cls(unknowns, tuple(blocks), free, scale, _inverse_root(known))
+        whitening = np.eye(free.size)
+        if unknowns.prior is not None:
+            whitening = _inverse_root(unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale))
+        pins = np.zeros((0, free.size)) if unknowns.pinned is None else PINNED * unknowns.pinned[:, free]
+        return cls(unknowns, tuple(blocks), free, scale, whitening, np.vstack([whitening, pins]))
 
     def deviations(self, x: Floats) -> Floats:
         """All parameters' deviations (P,) at x (F,)."""
@@ -90,7 +95,7 @@ class _Problem:
         """χ² of rows and tolerances."""
         state = self.unknowns.state(self.deviations(x))
         of_rows = sum(np.sum((rows.residual(state) / rows.sigma) ** 2) for rows in _parts(self.blocks))
-        return float(of_rows + np.sum((self.whitening @ x) ** 2))
+        return float(of_rows + np.sum((self.holding @ x) ** 2))
 
     def fold(self, x: Floats, columns: Any, scale: Floats) -> Floats:
         """The linearised rows in tolerance units as a triangle (C, C + 1): columns, then the right side."""
@@ -108,8 +113,8 @@ class _Problem:
 
     def step(self, triangle: Floats, right: Floats, x: Floats, damping: float) -> tuple[Floats, float]:
         """Damped step (F,) and the fall in cost that an undamped one promises."""
-        stacked = np.vstack([triangle, self.whitening])
-        residual = np.concatenate([right, self.whitening @ x])
+        stacked = np.vstack([triangle, self.holding])
+        residual = np.concatenate([right, self.holding @ x])
         u, s, vt = np.linalg.svd(stacked, full_matrices=False)
         along = u.T @ residual
         return np.asarray(-vt.T @ (s / (s**2 + damping * s[0] ** 2) * along)), float(along @ along)
@@ -156,6 +161,12 @@ def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = 
     )
 
 
+def seen_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """`Estimate.triangle` (F, F) where the unknowns are expected."""
+    problem = _Problem.of(unknowns, blocks)
+    return problem.fold(np.zeros(problem.free.size), problem.free, problem.scale)[:, :-1]
+
+
 def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     """Posterior covariance (P, P) at the solution `found`, were all that is free in `unknowns` free."""
     problem = _Problem.of(unknowns, blocks)
@@ -197,6 +208,15 @@ def _posterior(triangle: Floats, whitening: Floats) -> Floats:
         return np.zeros_like(triangle)
     _, s, vt = np.linalg.svd(np.vstack([triangle, whitening]), full_matrices=False)
     return np.asarray((vt.T / s**2) @ vt)
+
+
+def prior_inverse(unknowns: Unknowns, free: Any) -> Floats:
+    """What is known of the `free` unknowns (indices) beforehand, in tolerances, as normal equations (F, F)."""
+    if unknowns.prior is None:
+        return np.eye(len(free))
+    scale = unknowns.sigma[free]
+    root = _inverse_root(unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale))
+    return np.asarray(root.T @ root)
 
 
 def _inverse_root(covariance: Floats) -> Floats:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self, final
 
 import numpy as np
 
 from cellctl.calibration.effects import EFFECTS
-from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows
-from cellctl.calibration.identify import Identification, identify
+from cellctl.calibration.identify import Identification, certain, identify
 from cellctl.calibration.ladder import Step, climb
+from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.proof import doubts, misgivings
 from cellctl.calibration.shape import sigma_over_region
@@ -77,6 +78,7 @@ class FitResult:
             "converged": found.converged,
             "ended": found.ended,
             "ladder": [asdict(step) for step in self.ladder],
+            "loosened": dict(self.identification.loosened),
             "noise_growth": [float(value) for value in self.identification.noise],
         }
 
@@ -115,7 +117,7 @@ def fit(task: Task, split: Split) -> FitResult:
     judgement = judge(held_out, doubts(task, split, final_one), misgivings(task, final_one))
     return FitResult(
         identification=final_one,
-        observability=observability(final_one.identified),
+        observability=_observability(task, final_one, own),
         model=_model_name(final_one),
         n_fit=len(own),
         n_test=int(held_out.identified.size),
@@ -132,6 +134,12 @@ def fit(task: Task, split: Split) -> FitResult:
         test_errors=held_out.identified,
         ladder=whole.ladder,
     )
+
+
+def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
+    unknowns = replace(found.identified.unknowns, sigma=found.nominal.unknowns.sigma)
+    blocks = [*own.noisier(found.noise).blocks, *certain(task)]
+    return observability(found.identified, seen_at_start(unknowns, blocks))
 
 
 def _unforeseen(split: Split, which: Bools) -> tuple[int, ...]:

@@ -80,7 +80,7 @@ def _settled(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State
     if not unseen.any():
         return found.state
     begin = _begun(task, found, rows, unseen)
-    unknowns = replace(found.unknowns, start=begin, free=unseen, prior=None)
+    unknowns = replace(found.unknowns, start=begin, free=unseen, prior=None, pinned=None)
     return estimate(unknowns, rows.blocks).state
 
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
 
 from cellctl.calibration.effects import DEFLECTION
 from cellctl.calibration.estimate import Estimate, covariance_of, estimate
+from cellctl.calibration.evidence import Factor, factors, unexpected
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.outliers import OUTLYING, Linear, belonging
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import Unknowns
+from cellctl.calibration.unknowns import Group, Unknowns
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2
@@ -29,6 +30,13 @@ ROUNDS = 8
 OVERDETERMINED = 2
 """Measured numbers for each unknown of the registration from which on rows can say something of each other."""
 
+WEIGHINGS = 6
+SETTLED = 0.02
+"""Noise and tolerances have settled when none changes by more than this share; after so many rounds at the latest."""
+
+INVISIBLE = 100.0
+"""A metre of base or tool that moves all rows together by fewer standard deviations than this is not seen."""
+
 SEARCHED = 3000
 """Rows among which those that belong together are searched for; more are judged by what a sample of these foresees."""
 
@@ -40,7 +48,8 @@ class Identification:
 
     noise: by how much the rows' standard deviations had to grow, for each of `Mixture.quantities`. used, outliers:
     indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
-    rows did not belong to the others where that was too many to leave them out; 0 otherwise.
+    rows did not belong to the others where that was too many to leave them out; 0 otherwise. loosened: by how much
+    the tolerances of which groups had to grow, as the robot is further from nominal than they say.
     """
 
     nominal: Estimate
@@ -49,32 +58,44 @@ class Identification:
     used: tuple[int, ...]
     outliers: tuple[int, ...]
     apart: int = 0
+    loosened: Mapping[Group, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A fit, and by how much noise and tolerances had to grow for it."""
+
+    found: Estimate
+    noise: Floats
+    loosened: Mapping[Group, float]
 
 
 def identify(task: Task, fit: Any = None) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
 
-    Rows that do not belong to the others are left out. Noise: if the residuals of the rest are clearly larger than the
-    rows' σ say (χ² beyond its own 4 σ), σ grows to match, for positions and rotations apart, and the fit is repeated,
-    as otherwise the tolerances would weigh too little and every predicted σ be too small. It never shrinks.
+    Rows that do not belong to the others are left out. If the rest is clearly noisier than its σ says, or the robot
+    further from nominal than the tolerances say, that grows which the evidence speaks for (`evidence`), kind by kind
+    and group by group; neither ever shrinks.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
     kept, apart = rows_together(task, task.rows.pick(chosen))
-    nominal, found, noise = identify_kept(task, task.rows.pick(chosen[kept]))
+    nominal, weighed = identify_kept(task, task.rows.pick(chosen[kept]))
     return Identification(
         nominal=nominal,
-        identified=found,
-        noise=noise,
+        identified=weighed.found,
+        noise=weighed.noise,
+        loosened=weighed.loosened,
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
         apart=apart,
     )
 
 
-def identify_kept(task: Task, rows: Mixture) -> tuple[Estimate, Estimate, Floats]:
-    """Nominal registered on `rows`, identified, and the noise; every row is taken to belong to the others."""
+def identify_kept(task: Task, rows: Mixture) -> tuple[Estimate, Weighed]:
+    """Nominal registered on `rows`, and identified; every row is taken to belong to the others."""
     nominal = _registered(task, rows)
-    return nominal, *_fit_with_noise(_start_of(task, nominal), rows, _certain(task))
+    return nominal, _weighed(_start_of(task, nominal), rows, certain(task))
 
 
 def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
@@ -94,8 +115,8 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
     """Which of `rows` (N,) lie where those of `sample` (indices) that belong together foresee them."""
     of_sample = rows.pick(sample)
     together = _belonging(task, of_sample)
-    _, found, noise = identify_kept(task, of_sample.pick(together))
-    blocks = rows.noisier(noise).blocks
+    _, weighed = identify_kept(task, of_sample.pick(together))
+    found, blocks = weighed.found, rows.noisier(weighed.noise).blocks
     chances = [foresee(found.state, found.covariance, block).chance for block in blocks]
     kept = np.asarray(np.concatenate(chances) >= OUTLYING)
     kept[sample] = together
@@ -110,11 +131,25 @@ def _registered(task: Task, rows: Mixture) -> Estimate:
 
 def _start_of(task: Task, nominal: Estimate) -> Unknowns:
     """What is to be identified, expected where nominal is registered."""
-    unknowns = task.unknowns(nominal.state)
+    unknowns = replace(task.unknowns(nominal.state), pinned=_unseen(nominal))
     return unknowns.masked(task.identification(unknowns))
 
 
-def _certain(task: Task) -> list[Rows]:
+def _unseen(nominal: Estimate) -> Floats:
+    """Combinations (H, P) of base and tool that the rows cannot tell from nothing, in units of the unknowns' σ.
+
+    With one orientation in all rows, a tool further out looks like a base further in. What little the geometry's own
+    errors make of the difference is noise; left free, it carries the fit off by metres.
+    """
+    _, singular, right = np.linalg.svd(nominal.triangle)
+    unseen = right[np.concatenate([singular, np.zeros(len(right) - len(singular))]) < INVISIBLE]
+    result = np.zeros((len(unseen), len(nominal.unknowns.names)))
+    result[:, nominal.unknowns.free] = unseen
+    return result
+
+
+def certain(task: Task) -> list[Rows]:
+    """Rows that are never in doubt."""
     return [task.spacings] if task.spacings is not None else []
 
 
@@ -126,14 +161,16 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
     if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
     start = _start_of(task, _registered_on_closest(task, rows))
-    deviations, before, noise = np.zeros(len(start.names)), None, np.ones(len(rows.quantities))
+    unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
+    before = None
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
-        kept = belonging(Linear.about(start, deviations, balanced, _certain(task))).kept
+        kept = belonging(Linear.about(unknowns, deviations, balanced, certain(task))).kept
         if before is not None and np.array_equal(kept, before):
             break
-        found, noise = _fit_with_noise(start, rows.pick(kept), _certain(task), deviations)
-        deviations, before = found.deviations, kept
+        weighed = _weighed(start, rows.pick(kept), certain(task), deviations)
+        unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.noise
+        before = kept
     return kept
 
 
@@ -149,19 +186,35 @@ def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
     return nominal
 
 
-def _fit_with_noise(
-    unknowns: Unknowns, rows: Mixture, spacings: Sequence[Rows], begin: Floats | None = None
-) -> tuple[Estimate, Floats]:
-    """The fit, repeated while its residuals ask for more noise; at most four times. A bend cannot be negative."""
-    noise = np.ones(len(rows.quantities))
-    found = _fit(unknowns, [*rows.blocks, *spacings], begin)
-    for _ in range(4):
-        growth = _growth(rows.noisier(noise), found)
-        if np.all(growth == 1.0):
+def _weighed(unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows], begin: Floats | None = None) -> Weighed:
+    """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
+    result = Weighed(_fit(unknowns, [*rows.blocks, *certain], begin), np.ones(len(rows.quantities)), {})
+    if not unexpected(result.found, rows):
+        return result
+    for _ in range(WEIGHINGS):
+        before, grown = result, factors(result.found, unknowns, rows, certain)
+        noise, loosened = _noise(rows, grown), {group: value for (group, _), value in grown.items() if group != "noise"}
+        looser, noisier = unknowns.loosened(loosened), rows.noisier(noise).blocks
+        result = Weighed(_fit(looser, [*noisier, *certain], before.found.deviations), noise, loosened)
+        if _settled(before, result):
             break
-        noise = noise * growth
-        found = _fit(unknowns, [*rows.noisier(noise).blocks, *spacings], found.deviations)
-    return found, noise
+    return result
+
+
+def _noise(rows: Mixture, grown: Mapping[Factor, float]) -> Floats:
+    """The factor of each of the rows' quantities; those of one kind in one block share theirs."""
+    result = np.ones(len(rows.quantities))
+    for block, _, own in rows.parts():
+        for quantity in dict.fromkeys(block.quantities):
+            mine = np.array(block.quantities) == quantity
+            result[own][mine] = grown.get(("noise", own.start + int(np.argmax(mine))), 1.0)
+    return result
+
+
+def _settled(before: Weighed, after: Weighed) -> bool:
+    groups = {*before.loosened, *after.loosened}
+    change = [abs(np.log(after.loosened.get(group, 1.0) / before.loosened.get(group, 1.0))) for group in groups]
+    return bool(max([*change, *np.abs(np.log(after.noise / before.noise))]) < SETTLED)
 
 
 def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
@@ -172,20 +225,3 @@ def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None
         return found
     held = estimate(unknowns.without(frozenset({DEFLECTION})), blocks)
     return replace(held, covariance=covariance_of(held, unknowns, blocks))
-
-
-def _growth(rows: Mixture, found: Estimate) -> Floats:
-    """Factors by which σ has to grow: 1 where χ² is within four of its own standard deviations."""
-    state, factors = found.state, np.ones(len(rows.quantities))
-    share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
-    for block, _, own in rows.parts():
-        if not len(block):
-            continue
-        squares = np.sum((block.residual(state) / block.sigma) ** 2, axis=0)
-        for quantity in dict.fromkeys(block.quantities):
-            columns = np.array(block.quantities) == quantity
-            count = columns.sum() * len(block) * share
-            ratio = float(squares[columns].sum()) / count
-            if ratio > 1.0 + 4.0 * np.sqrt(2.0 / count):
-                factors[own][columns] = np.sqrt(ratio)
-    return factors

@@ -94,8 +94,8 @@ def _unseen_errors(task: Task, rows: Mixture) -> Floats:
     for part in np.array_split(order, min(FOLDS, len(rows))):
         test = np.sort(part)
         others = rows.pick(np.setdiff1d(np.arange(len(rows)), test))
-        _, found, _ = identify_kept(task, others)
-        errors[test] = held_out_errors(task, found, others, rows.pick(test))
+        _, weighed = identify_kept(task, others)
+        errors[test] = held_out_errors(task, weighed.found, others, rows.pick(test))
     return errors
 
 

@@ -32,12 +32,17 @@ class Observability:
     singular: tuple[float, ...]
 
 
-def observability(estimate: Estimate) -> Observability:
-    """Rank and unseen combinations of a fit, from its data alone (no tolerance helps)."""
-    _, singular, right = np.linalg.svd(estimate.triangle)
+def observability(estimate: Estimate, triangle: Floats | None = None) -> Observability:
+    """Rank and unseen combinations of a fit, from its data alone (no tolerance helps).
+
+    triangle: in place of the fit's own, as `estimate.seen_at_start` has it: at the solution, an identified geometry's
+    errors can make visible in name what no row can tell from noise.
+    """
+    triangle = estimate.triangle if triangle is None else triangle
+    _, singular, right = np.linalg.svd(triangle)
     rank = int(np.sum(singular >= SEEN))
     names = [name for name, free in zip(estimate.unknowns.names, estimate.unknowns.free, strict=True) if free]
-    effect = np.linalg.norm(estimate.triangle, axis=0)
+    effect = np.linalg.norm(triangle, axis=0)
     words = [_words(names, weights) for weights in _sparse_combinations(right[rank:], effect, names)]
     return Observability(rank, _merged(words), tuple(float(value) for value in singular))
 

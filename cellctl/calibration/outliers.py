@@ -15,6 +15,7 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.stats import chi2
 
+from cellctl.calibration.estimate import prior_inverse
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.unknowns import Unknowns
@@ -77,7 +78,7 @@ class Linear:
         away, columns = np.zeros((len(rows), width)), np.zeros((len(rows), width, free.size))
         for block, mine, _ in rows.parts():
             away[mine, : len(block.quantities)], columns[mine, : len(block.quantities)] = of(block)
-        known, pull = _known(unknowns, free, scale), np.zeros(free.size)
+        known, pull = prior_inverse(unknowns, free), np.zeros(free.size)
         for own, lines in map(of, certain):
             known = known + np.einsum("nkp,nkq->pq", lines, lines)
             pull = pull + np.einsum("nkp,nk->p", lines, own)
@@ -167,10 +168,3 @@ def _weight(linear: Linear, kept: Bools, misfit: float, noise: float) -> float:
     """Logarithm of how probable all rows are, with this factor of noise and these left out."""
     price = np.sum(np.log(1.0 / WILD_SHARE) + linear.numbers[~kept] * np.log(WIDTH))
     return float(-linear.size * np.log(noise) - linear.seen() - 0.5 * misfit - price)
-
-
-def _known(unknowns: Unknowns, free: Any, scale: Floats) -> Floats:
-    """What is known of the free unknowns beforehand, in tolerances, as normal equations (F, F)."""
-    if unknowns.prior is None:
-        return np.eye(free.size)
-    return np.asarray(np.linalg.pinv(unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale), hermitian=True))

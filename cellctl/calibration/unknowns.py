@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypeAlias, final
 
@@ -109,7 +109,8 @@ class Unknowns:
 
     names, groups (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: where each is
     expected. prior (P, P): covariance in place of `sigma`, where more is known than that; those not free are then not
-    certain either: what they are not known to carries over into everything that is found.
+    certain either: what they are not known to carries over into everything that is found. pinned (H, P): combinations,
+    in units of `sigma`, that stay where they start because nothing can see them; they are not certain by that.
     """
 
     start: State
@@ -118,6 +119,7 @@ class Unknowns:
     sigma: Floats
     free: Bools
     prior: Floats | None = None
+    pinned: Floats | None = None
 
     @classmethod
     def of(
@@ -161,6 +163,11 @@ class Unknowns:
     def without(self, names: frozenset[str]) -> Self:
         """These unknowns with `names` held where they start."""
         return replace(self, free=self.free & np.array([name not in names for name in self.names]))
+
+    def loosened(self, factors: Mapping[Group, float]) -> Self:
+        """These unknowns with the tolerances of some groups wider by a factor."""
+        wider = np.array([factors.get(group, 1.0) for group in self.groups])
+        return replace(self, sigma=self.sigma * wider)
 
     def restarted(self, start: State) -> Self:
         """The same unknowns, expected at `start`."""

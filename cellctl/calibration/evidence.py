@@ -1,0 +1,184 @@
+"""Whether rows are noisier than they say, or the robot is further from nominal than its tolerances say.
+
+Both make the residuals large, and who takes the one for the other is wrong twice: tolerances that are too tight push a
+robot's true errors into the residuals, which then look like noise, which makes the tolerances weigh more. So both are
+weighed by the evidence of the linearised rows: the probability of what was measured, whatever the parameters are. A
+factor greater than 1 on the noise of a kind of number, or on the tolerances of a group, is taken only if it makes the
+rows much more probable (MacKay 1992, Bayesian interpolation, doi 10.1162/neco.1992.4.3.415).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias, final
+
+import numpy as np
+
+from cellctl.calibration.estimate import Estimate, prior_inverse
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.unknowns import Unknowns
+from cellctl.kinematics import Floats
+
+PAYS = 8.0
+"""A factor has to raise the logarithm of the evidence by this, as something four standard deviations off would."""
+
+UNEXPECTED = 4.0
+"""χ² this many of its own standard deviations above what it should be is looked into."""
+
+Factor: TypeAlias = tuple[str, int]
+"""What may be larger than said: ("noise", number in `Mixture.quantities`) or (a group of parameters, 0)."""
+
+_NEVER_LOOSENED = ("points", "base", "deflection")
+
+
+def unexpected(found: Estimate, rows: Mixture) -> bool:
+    """Whether residuals or parameters of a fit are larger than noise and tolerances say, for any kind or group."""
+    state, free = found.state, found.unknowns.free
+    share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
+    for block, _, _ in rows.parts():
+        squares = (block.residual(state) / block.sigma) ** 2
+        for quantity in dict.fromkeys(block.quantities):
+            mine = squares[:, np.array(block.quantities) == quantity]
+            if _beyond(float(mine.sum()), mine.size * share):
+                return True
+    if found.unknowns.prior is not None:
+        return False
+    x = found.deviations / found.unknowns.sigma
+    groups = np.array(found.unknowns.groups)
+    return any(
+        _beyond(float(np.sum(x[mine] ** 2)), int(mine.sum()))
+        for group in loosenable(found.unknowns)
+        if (mine := free & (groups == group)).any()
+    )
+
+
+def loosenable(unknowns: Unknowns) -> tuple[str, ...]:
+    """Groups whose tolerances may be too tight: free ones of which something was known that is no older model."""
+    if unknowns.prior is not None:
+        return ()
+    known = unknowns.free & (unknowns.sigma < 100.0)  # what is registered to an instrument was not known at all
+    there = dict.fromkeys(group for group, is_known in zip(unknowns.groups, known, strict=True) if is_known)
+    flat = {group for group, is_flat in zip(unknowns.groups, unknowns.sigma >= 100.0, strict=True) if is_flat}
+    return tuple(group for group in there if group not in _NEVER_LOOSENED and group not in flat)
+
+
+def factors(found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> dict[Factor, float]:
+    """By how much noise and tolerances are larger than `rows` and `unknowns` say, linearised at `found`; only factors
+    that the evidence pays for, one after another.
+    """
+    system = _System.of(found, unknowns, rows, certain)
+    chosen: dict[Factor, float] = {}
+    best = system.evidence(chosen)
+    while True:
+        wider = [_tuned(system, chosen, factor) for factor in system.possible if factor not in chosen]
+        evidence, tuned = max(wider, key=lambda pair: pair[0], default=(-np.inf, chosen))
+        if evidence - best < PAYS:
+            return {factor: float(np.exp(value)) for factor, value in chosen.items()}
+        best, chosen = evidence, {factor: value for factor, value in tuned.items() if value > 1e-6}
+
+
+def _tuned(system: _System, chosen: Mapping[Factor, float], factor: Factor) -> tuple[float, dict[Factor, float]]:
+    """Greatest evidence with `factor` beside those chosen, and their logarithms then."""
+    from scipy.optimize import minimize
+
+    names = [*chosen, factor]
+
+    def improbable(logs: Floats) -> float:
+        return -system.evidence(dict(zip(names, logs.tolist(), strict=True)))
+
+    start = np.array([*chosen.values(), system.guess(factor)])
+    found = minimize(improbable, start, bounds=[(0.0, 12.0)] * len(names), method="L-BFGS-B")
+    return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Linearised rows as normal equations, in tolerances: JᵀJ (F, F), Jᵀa (F,), aᵀa, and how many numbers."""
+
+    square: Floats
+    pull: Floats
+    rest: float
+    count: int
+
+    @classmethod
+    def of(cls, columns: Floats, away: Floats) -> Self:
+        flat, residual = columns.reshape(-1, columns.shape[-1]), away.reshape(-1)
+        return cls(flat.T @ flat, flat.T @ residual, float(residual @ residual), residual.size)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The linearised problem: rows by kind of number; fixed: rows that are never in doubt, and what else is known.
+
+    groups (F,): for each free unknown its factor's place in `loose`, or −1. x (F,): where the fit is, in tolerances.
+    """
+
+    numbers: Mapping[Factor, _Normal]
+    fixed: tuple[_Normal, ...]
+    loose: tuple[Factor, ...]
+    groups: Any
+    known: Floats
+    x: Floats
+
+    @classmethod
+    def of(cls, found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> Self:
+        free = np.flatnonzero(unknowns.free)
+        scale = unknowns.sigma[free]
+        state, x = found.state, found.deviations[free] / scale
+
+        def of(block: Rows) -> tuple[Floats, Floats]:
+            columns = block.jacobian(state)[..., free] * scale / block.sigma[..., None]
+            return columns, block.residual(state) / block.sigma - columns @ x
+
+        numbers: dict[Factor, _Normal] = {}
+        for block, _, own in rows.parts():
+            columns, away = of(block)
+            for quantity in dict.fromkeys(block.quantities if len(block) else ()):
+                mine = np.array(block.quantities) == quantity
+                numbers["noise", own.start + int(np.argmax(mine))] = _Normal.of(columns[:, mine], away[:, mine])
+        loose = loosenable(unknowns)
+        place = {group: number for number, group in enumerate(loose)}
+        known = np.eye(free.size) if unknowns.prior is None else prior_inverse(unknowns, free)
+        return cls(
+            numbers=numbers,
+            fixed=tuple(_Normal.of(*of(block)) for block in certain),
+            loose=tuple((group, 0) for group in loose),
+            groups=np.array([place.get(unknowns.groups[column], -1) for column in free]),
+            known=known,
+            x=x,
+        )
+
+    @property
+    def possible(self) -> tuple[Factor, ...]:
+        """Everything that may be larger than said."""
+        return (*self.numbers, *self.loose)
+
+    def guess(self, factor: Factor) -> float:
+        """Logarithm of a factor to begin with: by how much residuals, or parameters, are larger than they should be."""
+        if factor in self.numbers:
+            normal = self.numbers[factor]
+            squares = normal.rest + 2.0 * normal.pull @ self.x + self.x @ normal.square @ self.x
+            return max(0.5 * float(np.log(max(float(squares) / normal.count, 1.0))), 0.3)
+        mine = self.groups == self.loose.index(factor)
+        return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2)), 1.0))), 0.3)
+
+    def evidence(self, logs: Mapping[Factor, float]) -> float:
+        """Logarithm of the probability of the rows with these factors' logarithms, but for a constant."""
+        square, pull, rest, value = np.zeros_like(self.known), np.zeros_like(self.x), 0.0, 0.0
+        certain = [(normal, 0.0) for normal in self.fixed]
+        for normal, log in [*certain, *((normal, logs.get(factor, 0.0)) for factor, normal in self.numbers.items())]:
+            weight = float(np.exp(-2.0 * log))
+            square, pull = square + weight * normal.square, pull + weight * normal.pull
+            rest, value = rest + weight * normal.rest, value - normal.count * log
+        tolerances = np.array([*(logs.get(factor, 0.0) for factor in self.loose), 0.0])[self.groups]
+        root = np.linalg.cholesky(square + self.known * np.exp(-tolerances - tolerances[:, None]))
+        half = np.linalg.solve(root, pull)
+        return float(value - tolerances.sum() - 0.5 * (rest - half @ half) - np.log(np.diag(root)).sum())
+
+
+def _beyond(squares: float, count: float) -> bool:
+    return squares > count + UNEXPECTED * float(np.sqrt(2.0 * count))
