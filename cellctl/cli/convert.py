@@ -52,6 +52,8 @@ def convert(
     """
     from cellctl.files import write_atomically
 
+    if table is not None and to is not Form.DH_CSV and robot.suffix.lower() != ".csv":
+        raise typer.BadParameter("--table is for a DH table (.csv), and none is read or written here")
     text = _text(_read(robot, tip, table, repeatability), to, table, str(robot))
     if out:
         write_atomically(out, text)

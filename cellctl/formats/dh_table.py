@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 CONVENTIONS = ("mdh-hayati", "dh-craig")
 _LINK = ("theta", "d", "a", "alpha")
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
+_LARGEST = {
+    **dict.fromkeys(("theta", "alpha", "beta", "offset", "A", "B", "C"), 360.0),
+    **dict.fromkeys(("d", "a", "X", "Y", "Z"), 20_000.0),
+}
+"""mm and degrees, as in a robot file."""
 _JOINT = ("sign", "offset", "min", "max", "max_speed")
 
 
@@ -175,9 +180,10 @@ class _Table:
             value = float(text if "_" not in text else "text")
         except ValueError:
             value = math.nan
-        if math.isfinite(value):
+        largest = _LARGEST.get(name, 100_000.0)
+        if abs(value) <= largest:
             return value
-        self._note(row, f"{name} '{text[:20]}' is not a number")
+        self._note(row, f"{name} '{text[:20]}' is not a number from {-largest:g} to {largest:g}")
         return None
 
     def _note(self, row: int, what: str, cure: str = "") -> None:

@@ -33,9 +33,10 @@ def robot_text(robot: RobotDescription, convention: Convention, source: str) -> 
 
 
 def number(value: float, decimals: int) -> str:
-    """A number as a person would write it: no exponent for a whole number, no trailing `.0`, no `-0`."""
+    """A number as a person would write it: no trailing `.0`, no `-0`, no exponent, which YAML 1.1 takes for text."""
     rounded = round(value, decimals) + 0.0
-    return f"{rounded:.0f}" if rounded.is_integer() else repr(rounded)
+    text = f"{rounded:.{decimals}f}" if "e" in repr(rounded) else repr(rounded)
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def mm(value: float) -> str:
@@ -77,16 +78,21 @@ def _lines(robot: RobotDescription, convention: Convention) -> list[str]:
     chain = _in(robot.chain, convention)
     mass = f", mass: {number(robot.tool_mass, 9)}" if robot.tool_mass else ""
     return [
-        f"name: {json.dumps(robot.name, ensure_ascii=False)}",
+        f"name: {json.dumps(_printable(robot.name), ensure_ascii=False)}",
         f"convention: {convention}",
         *_geometry_lines(chain.table),
         "joints:",
         *(f"  - {{{_joint_words(joint)}}}" for joint in robot.joints),
         f"base: {{{frame_words(chain.base)}}}",
         f"tool: {{{frame_words(chain.tool)}{mass}}}",
-        f"repeatability: {robot.repeatability!r}",
+        f"repeatability: {number(robot.repeatability or 0.0, 9)}",
         *_tolerance_lines(robot.tolerances),
     ]
+
+
+def _printable(name: str) -> str:
+    """YAML reads some characters as ends of lines, and others not at all."""
+    return "".join(letter if letter.isprintable() else " " for letter in name)
 
 
 def _in(chain: SerialChain, convention: Convention) -> SerialChain:
@@ -134,5 +140,5 @@ def _joint_words(joint: JointSaid) -> str:
 def _tolerance_lines(tolerances: StatedTolerances | None) -> list[str]:
     if tolerances is None:
         return []
-    said = [f"{name}: {value!r}" for name, value in tolerances.model_dump().items() if value is not None]
+    said = [f"{name}: {number(value, 9)}" for name, value in tolerances.model_dump().items() if value is not None]
     return [f"tolerances: {{{', '.join(said)}}}"]

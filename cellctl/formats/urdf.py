@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 BASE_LINK, FLANGE_LINK = "base_link", "tool0"
 """Names by which ROS-Industrial knows the robot's base, and the flange with z outwards."""
+LARGEST = 1e5
+"""A number beyond this, in m or rad, is none of a robot's."""
 _TURNING = ("revolute", "continuous")
 
 
@@ -74,7 +76,7 @@ class _File:
             values = tuple(float(word) for word in text.split())
         except ValueError:
             values = ()
-        if len(values) != len(default) or not all(map(math.isfinite, values)) or "_" in text:
+        if len(values) != len(default) or not all(abs(value) <= LARGEST for value in values) or "_" in text:
             count = "a number" if len(default) == 1 else f"{len(default)} numbers"
             self.note(at, f'<{at.tag}> {name}="{text[:40]}" is not {count}')
             return default

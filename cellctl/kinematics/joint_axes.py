@@ -37,10 +37,11 @@ class JointAxis:
         along, place = np.array(direction, float), np.array(point, float)
         if along.shape != (3,) or place.shape != (3,) or not (np.isfinite(along).all() and np.isfinite(place).all()):
             raise ValueError("a joint's axis is three numbers, and so is a point on it")
-        length = float(np.linalg.norm(along))
-        if length == 0.0:
+        largest = float(np.abs(along).max())
+        if largest == 0.0:
             raise ValueError("a joint's axis has no direction: its length is 0")
-        return cls(along / length, place)
+        along /= largest  # so that no square underflows or overflows
+        return cls(along / np.linalg.norm(along), place)
 
     def frame(self) -> Floats:
         """The joint's own frame (4, 4): origin at the point, z along the axis.

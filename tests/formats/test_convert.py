@@ -4,12 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from own_kinematics import assert_same_pose, forward_of_dh_table, forward_of_robot_file, forward_of_urdf
 
 from cellctl.cli import ends
 from cellctl.cli.main import app
 from cellctl.formats import ModelFile, RobotFile
+from cellctl.formats.description import JointSaid, RobotDescription
+from cellctl.formats.dh_table import dh_table_text, load_dh_table
 from cellctl.formats.model import JointRegion, Parameter
+from cellctl.formats.robot_text import robot_text
+from cellctl.formats.urdf import load_urdf
+from cellctl.formats.urdf_text import urdf_text
+from cellctl.kinematics import JointAxis, SerialChain, pose_from_xyz_abc
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 FORMS = {"mdh-hayati": "yaml", "dh-craig": "yaml", "poe": "yaml", "urdf": "urdf", "dh-csv": "csv"}
@@ -75,6 +83,46 @@ def test_every_form_has_the_tool_where_the_robot_file_has_it_and_so_has_the_way_
         assert_same_pose(forward_of_robot_file(back, readings), wanted)
 
 
+def any_robot(rng, n):
+    """Axes square, parallel, opposite or askew to the one before; joints of either sense with offsets."""
+    direction, point, axes = np.array([0.0, 0.0, 1.0]), np.zeros(3), []
+    for _ in range(n):
+        axes.append(JointAxis.through(point, direction))
+        lean = np.deg2rad(rng.choice([0.0, 0.01, 0.5, 90.0, 180.0, rng.uniform(20, 160)]))
+        about = np.cross(direction, rng.standard_normal(3))
+        about /= np.linalg.norm(about)
+        direction = direction * np.cos(lean) + np.cross(about, direction) * np.sin(lean)
+        point = point + rng.choice([0.0, 0.05, 1.0]) * rng.uniform(-600, 600, 3)
+    home, base, tool = (
+        pose_from_xyz_abc(rng.uniform(-500, 500, 3), [rng.uniform(-180, 180), rng.choice([90.0, 12.3]), 0.0])
+        for _ in range(3)
+    )
+    joints = tuple(JointSaid(int(rng.choice([-1, 1])), rng.uniform(-200, 200), -170.0, 170.0, 90.0) for _ in range(n))
+    return RobotDescription("any", SerialChain.from_axes(axes, home, base, tool), joints, 0.05)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 100_000), st.integers(1, 9))
+def test_any_robot_is_the_same_in_every_form_and_read_from_it(tmp_path_factory, seed, n):
+    rng = np.random.default_rng(seed)
+    robot, folder = any_robot(rng, n), tmp_path_factory.getbasetemp()
+    texts = {form: robot_text(robot, form, "any") for form in ("mdh-hayati", "dh-craig", "poe")}
+    texts |= {"dh-csv": dh_table_text(robot, "dh-craig"), "urdf": urdf_text(robot)}
+    readings = rng.uniform(-170, 170, n)
+    wanted = robot.chain.forward(robot.joint_map().model(readings))
+    for form, text in texts.items():
+        assert_same_pose(forward(text, form, readings), wanted)
+        file = folder / f"any.{FORMS[form]}"
+        file.write_text(text)
+        readers = {
+            "yaml": lambda path: RobotDescription.of(RobotFile.load(path)),
+            "urdf": load_urdf,
+            "csv": load_dh_table,
+        }
+        found = readers[FORMS[form]](file)
+        assert_same_pose(found.chain.forward(found.joint_map().model(readings)), wanted)
+
+
 @pytest.mark.parametrize("form", ["mdh-hayati", "dh-craig", "poe"])
 def test_limits_mass_repeatability_and_tolerances_stay(form, tmp_path, capsys):
     (tmp_path / "crooked.yaml").write_text(CROOKED)
@@ -138,6 +186,7 @@ def test_an_identified_robot_leaves_with_its_identified_geometry(form, model, tm
         (["--to", "urdf", "--tip", "tool0"], "--tip"),
         (["--to", "poe", "--repeatability", "0.1"], "says its repeatability"),
         (["--to", "step"], "step"),
+        (["--to", "poe", "--table", "dh-craig"], "--table"),
     ],
 )
 def test_a_call_that_contradicts_itself_is_refused(words, said, capsys):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from own_kinematics import assert_same_pose, forward_of_dh_table
 
 from cellctl.files import InputError
@@ -49,6 +51,8 @@ def test_a_bare_table_needs_its_convention_and_gets_beta_where_axes_are_parallel
         ("-90,180", "-1.5708,180", 4, "radians"),
         ("-90,180", "-90,wide", 4, "a 'wide' is not a number"),
         ("-90,180", "-90,", 4, "a is missing"),
+        ("-90,180", "-90,1e300", 4, "not a number from -20000"),
+        ("-90,180", "-900,180", 4, "not a number from -360"),
         ("0,0,400,0,,-1", "0,0,400,0,,-2", 3, "neither 1 nor -1"),
         ("\n2,", "\n3,", 4, "joint is '3', not 2"),
         ("0.2,600,35", "0.2,inf,35", 5, "not a number"),
@@ -63,6 +67,24 @@ def test_a_wrong_cell_is_named_by_its_line(tmp_path, old, new, line, words):
     found = mistakes(tmp_path, TABLE.replace(old, new, 1))
     assert found[0][0] == line
     assert words in found[0][1]
+
+
+@given(st.data())
+def test_a_damaged_table_is_read_or_refused_and_nothing_else(tmp_path_factory, data):
+    text = damaged(TABLE, data)
+    try:
+        chain = load(tmp_path_factory.getbasetemp(), text).chain
+    except InputError:
+        return
+    assert np.isfinite(chain.forward(np.zeros(chain.n))).all()
+
+
+def damaged(text, data):
+    """With a piece of it taken out, doubled, or written over."""
+    start = data.draw(st.integers(0, len(text) - 1))
+    end = data.draw(st.integers(start, min(len(text), start + 30)))
+    new = data.draw(st.sampled_from(["", text[start:end] * 2, "nan", "-", "1e999", '"', ",", "\n", "\0", "é"]))
+    return text[:start] + new + text[end:]
 
 
 def test_a_convention_asked_for_must_be_the_tables(tmp_path):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from own_kinematics import assert_same_pose, forward_of_urdf
 
 from cellctl.files import InputError
@@ -107,6 +109,20 @@ def test_what_cannot_be_calibrated_is_refused_where_it_stands(tmp_path, old, new
     found = mistakes(tmp_path, ARM.replace(old, new, 1))
     assert words in found[0][1]
     assert line in (0, found[0][0])
+
+
+@given(st.data())
+def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path_factory, data):
+    start = data.draw(st.integers(0, len(ARM) - 1))
+    end = data.draw(st.integers(start, min(len(ARM), start + 40)))
+    new = data.draw(
+        st.sampled_from(["", ARM[start:end] * 2, "nan", "1e300", "1e-320", "-", '"', "<", "/>", "é", "&a;"])
+    )
+    try:
+        chain = load(tmp_path_factory.getbasetemp(), ARM[:start] + new + ARM[end:]).chain
+    except InputError:
+        return
+    assert np.isfinite(chain.forward(np.zeros(chain.n))).all()
 
 
 def test_an_entity_bomb_is_refused_before_it_grows(tmp_path):

@@ -121,6 +121,12 @@ def test_four_motions_a_joint_and_the_tool_are_all_that_poses_can_tell_and_joint
     assert np.linalg.matrix_rank(stacked[:, ~zeros & ~base], tol=1e-9) == 4 * n + 6 == np.count_nonzero(~zeros & ~base)
 
 
+@pytest.mark.parametrize("length", [1e-320, 1e-200, 1e300])
+def test_an_axis_may_be_given_with_any_length(length):
+    axis = JointAxis.through([0, 0, 0], [0, length, length])
+    np.testing.assert_allclose(axis.direction, [0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-12)
+
+
 def test_a_zero_axis_and_an_axis_that_is_no_vector_are_refused():
     with pytest.raises(ValueError, match="no direction"):
         JointAxis.through([0, 0, 0], [0, 0, 0])
