@@ -75,6 +75,14 @@ def test_krl_points_that_are_no_joint_readings_are_named_by_line():
     assert "A2 'abc' is not a number" in found[15]
 
 
+def test_a_point_is_always_the_decimal_sign_of_krl():
+    assert values(read("XP1={A1 1.234,A2 20.500}\n"), A[:2]) == [[1.234, 20.5]]
+
+
+def test_an_axis_given_twice_makes_a_point_unusable():
+    assert faults(read("XP1={A1 1.0,A2 20.0}\nXP2={A1 1.0,A1 2.0,A2 20.0}\n")) == {2: "A1 is given twice"}
+
+
 ANGLES = st.lists(st.floats(-185, 185, allow_subnormal=False).map(lambda x: round(x, 9)), min_size=6, max_size=6)
 
 
@@ -131,7 +139,7 @@ def prog():
   movel(p[0.1, 0.2, 0.3, 0, 1, 2], a=1.4, v=1.05)
   speedj([0.1, 0.2, 0.3, 0, 1, 2], 0.5)
   movej([0.1, 0.2,
-    0.3, 0, 1, 200])
+    0.3, 0, 1, 20])
 end
 """
 

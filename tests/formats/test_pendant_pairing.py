@@ -103,6 +103,7 @@ def test_numbers_alone_are_the_numbers_of_names_that_all_begin_alike():
 def test_names_that_only_look_alike_are_different():
     assert pairs(postures("P1.1", "P11", source="table"), positions("P11", "P1.1")) == [(2, 1), (1, 2)]
     assert pairs(postures("XP10", "XP1"), positions("P1", "P10")) == [(2, 1), (1, 2)]
+    assert pairs(postures("XP100", "XP10"), positions("P10", "P100")) == [(2, 1), (1, 2)]
     assert pairs(postures("xa", "a", source="table"), positions("a", "xa")) == [(2, 1), (1, 2)]
 
 

@@ -143,6 +143,10 @@ def test_decimal_commas_between_separating_commas_give_no_number():
     assert all("6 cells for 3 columns" in point.fault for point in points.points)
 
 
+def test_decimal_commas_between_spaces_are_no_separators_and_no_thousands():
+    assert xyz(read("1234,5 100 200,5\n1334,5 110 210,5\n", unit="mm")) == [[1234.5, 100, 200.5], [1334.5, 110, 210.5]]
+
+
 def test_a_spreadsheets_thousands_and_separator_line_are_read():
     text = "sep=;\nNr;X;Y;Z\n1;1 234,5;-2 345,6;3 456,7\n2;1.234,5;1'234,5;0,5\n"
     assert xyz(read(text, unit="mm")) == [[1234.5, -2345.6, 3456.7], [1234.5, 1234.5, 0.5]]
