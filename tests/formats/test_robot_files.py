@@ -46,6 +46,14 @@ def test_the_ur10_reaches_where_its_maker_says():
     np.testing.assert_allclose(flange[:3, 3], [-1184.3, -256.141, 11.6], atol=1e-6)
 
 
+def test_the_iiwa_stands_upright_at_zero_and_bends_its_elbow_backwards():
+    chain = RobotFile.load(PROCEDURES / "robots" / "iiwa14.yaml").chain()
+    upright = chain.forward_flange(np.zeros(7))
+    np.testing.assert_allclose(upright[:3], np.column_stack([np.eye(3), [0, 0, 360 + 420 + 400 + 126]]), atol=1e-9)
+    elbow = chain.forward_flange(np.deg2rad([0, 0, 0, 90, 0, 0, 0]))
+    np.testing.assert_allclose(elbow[:3, 3], [-526, 0, 780], atol=1e-9)
+
+
 def test_a_reading_reaches_the_model_through_sign_and_offset(tmp_path):
     np.testing.assert_allclose(np.rad2deg(load(tmp_path, GOOD).joint_map().model([30.0, 5.0])), [-20.0, 5.0])
 
