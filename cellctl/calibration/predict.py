@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from cellctl.calibration.model import RobotModel
+from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
@@ -26,18 +26,19 @@ class Prediction:
     sigma_mm: Floats
 
 
-def predict(model: RobotModel, covariance: Floats, q: ArrayLike) -> Prediction:
-    """Tool poses at model angles q (N, n), rad, with the uncertainty that `covariance` (P, P) of the parameters leaves.
+def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
+    """Tool poses at postures, or model angles (N, n), rad, with the uncertainty that `covariance` (P, P) of the
+    parameters leaves.
 
     The σ is the model's: neither the robot's repeatability nor what the model leaves out is in it.
     """
-    angles = np.asarray(q, float).reshape(-1, model.n)
-    variance = np.empty(len(angles))
-    for start in range(0, len(angles), BLOCK):
+    postures = Postures.of(at)
+    variance = np.empty(len(postures))
+    for start in range(0, len(postures), BLOCK):
         part = np.s_[start : start + BLOCK]
-        columns = model.jacobian(angles[part])[:, :3]
+        columns = model.jacobian(postures.pick(part))[:, :3]
         variance[part] = np.einsum("nkp,nkp->n", np.matmul(columns, covariance), columns)
-    return Prediction(model.pose(angles), np.sqrt(np.maximum(variance, 0.0)))
+    return Prediction(model.pose(postures), np.sqrt(np.maximum(variance, 0.0)))
 
 
 @final

@@ -3,42 +3,42 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cellctl.calibration.model import RobotModel
+from cellctl.calibration.postures import At, Postures
 from cellctl.kinematics import Floats
 
 POINTS = 256
 """Points of a joint region over which the uncertainty in it is averaged."""
 
 
-def shape_sigma(model: RobotModel, covariance: Floats, q: ArrayLike) -> Floats:
-    """1 σ (N,), 3-D, mm, of each tool centre point among all at model angles q (N, n), rad, N ≥ 4.
+def shape_sigma(model: RobotModel, covariance: Floats, at: At) -> Floats:
+    """1 σ (N,), 3-D, mm, of each tool centre point among all at postures, or model angles (N, n), rad, N ≥ 4.
 
     covariance (P, P): of the model's parameters. What moves all points as one body is left out: where the model's frame
     lies is a question to whoever gave the joints. Three points and fewer have hardly any shape: ValueError.
     """
-    shape = shape_columns(model, q)
+    shape = shape_columns(model, at)
     variance = np.sum((shape @ covariance) * shape, axis=1)
     return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1), 0.0)))
 
 
-def shape_columns(model: RobotModel, q: ArrayLike) -> Floats:
-    """How the tool centre points at model angles q (N, n), rad, N ≥ 4, move among themselves with the parameters.
+def shape_columns(model: RobotModel, at: At) -> Floats:
+    """How the tool centre points at postures, or model angles (N, n), rad, N ≥ 4, move among themselves by parameter.
 
     (3 N, P), mm per unit of each: what moves all points as one body is taken off. ValueError for fewer points.
     """
-    angles = np.asarray(q, float)
-    if len(angles) < 4:
-        raise ValueError(f"{len(angles)} points have no shape to speak of")
-    columns = model.jacobian(angles)[:, :3].reshape(3 * len(angles), -1)
-    together, _ = np.linalg.qr(_rigid_motions(model.tip(angles)))
+    postures = Postures.of(at)
+    if len(postures) < 4:
+        raise ValueError(f"{len(postures)} points have no shape to speak of")
+    columns = model.jacobian(postures)[:, :3].reshape(3 * len(postures), -1)
+    together, _ = np.linalg.qr(_rigid_motions(model.tip(postures)))
     return np.asarray(columns - together @ (together.T @ columns))
 
 
-def sigma_among(model: RobotModel, covariance: Floats, q: ArrayLike) -> float:
+def sigma_among(model: RobotModel, covariance: Floats, at: At) -> float:
     """`shape_sigma` as RMS over the rows, mm."""
-    return float(np.sqrt(np.mean(shape_sigma(model, covariance, q) ** 2)))
+    return float(np.sqrt(np.mean(shape_sigma(model, covariance, at) ** 2)))
 
 
 def sigma_over_region(model: RobotModel, covariance: Floats, lower: Floats, upper: Floats) -> float:

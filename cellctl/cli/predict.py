@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from cellctl.calibration import Postures
     from cellctl.formats import ModelFile
     from cellctl.kinematics import Floats
 
@@ -19,7 +20,8 @@ def predict(
 ) -> None:
     """Predict the tool centre point at each row's joints: position, orientation and 1 σ (3-D, mm).
 
-    Output: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen (1: within the joints of the fit; 0: extrapolated).
+    Output: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen (1: within the joints of the fit; 0: extrapolated, with a
+    wider σ). Columns temperature, payload and D1…Dn say under which conditions, where the model knows their effects.
     sigma: in the model's base frame, of which touches never see heading and height. sigma_among: of the rows among
     themselves, what moves all of them as one body left out; empty for fewer than four rows.
 
@@ -28,40 +30,56 @@ def predict(
     from cellctl.files import InputError, Problem, write_atomically
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.columns import Sieve, joint_readings
+    from cellctl.formats.measurements import Conditions
 
     identified, data = ModelFile.load(model), DataSet.load(joints)
     sieve = Sieve(data)
     readings = joint_readings(sieve, identified.robot)
+    conditions = Conditions(sieve, identified.robot, readings)
     if sieve.rejected():  # leaving some out would shift the others' lines
         raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
-    text, extrapolated = _predicted(identified, readings)
+    at = conditions.at(range(len(readings)))
+    text, extrapolated = _predicted(identified, readings, at)
     if out:
         write_atomically(out, text)
     else:
         typer.echo(text, nl=False)
     if extrapolated:
         seen = f"{extrapolated} of {len(readings)} rows lie outside the joints of the fit (seen = 0)"
-        typer.echo(f"cellctl: {seen}: their σ does not cover what the model never saw", err=True)
+        typer.echo(f"cellctl: {seen}: their σ is wider by what nominal was wrong by", err=True)
+    for words in _unsaid(identified, at):
+        typer.echo(f"cellctl: {words}", err=True)
 
 
-def _predicted(model: ModelFile, readings: Floats) -> tuple[str, int]:
+def _predicted(model: ModelFile, readings: Floats, at: Postures) -> tuple[str, int]:
     """CSV of the predictions, and how many rows lie outside the model's joint region."""
     import numpy as np
 
     from cellctl.formats.dataset import text_of
     from cellctl.kinematics import abc_from_rotation
 
-    found, seen = model.predict(readings), model.inside(readings)
+    found, seen = model.predict(readings, at), model.inside(readings)
     values = np.column_stack(
         [readings, found.poses[:, :3, 3], abc_from_rotation(found.poses[:, :3, :3]), found.sigma_mm]
     )
     names = [*(f"A{number}" for number in range(1, model.robot.n + 1)), "X", "Y", "Z", "A", "B", "C", "sigma"]
-    among = model.sigma_among(readings)
+    among = model.sigma_among(readings, at)
     rows = [
         {**dict(zip(names, row, strict=True)), "sigma_among": own, "seen": int(inside)}
         for row, own, inside in zip(np.round(values, 9).tolist(), _cells(among, len(readings)), seen, strict=True)
     ]
     return text_of(rows), int(np.count_nonzero(~seen))
+
+
+def _unsaid(model: ModelFile, at: Postures) -> list[str]:
+    """Conditions that the model knows effects of, and the rows do not have."""
+    names = [parameter.name for parameter in model.parameters]
+    known = [
+        (at.warmer, "growth", "no column temperature: predicted for 20 °C"),
+        (at.payload, "compliance_load", "no column payload: predicted for none"),
+        (at.approach, "backlash", "no columns D1…Dn: predicted midway in each joint's play"),
+    ]
+    return [words for column, start, words in known if column is None and any(name.startswith(start) for name in names)]
 
 
 def _cells(sigma: Floats | None, rows: int) -> list[float | None]:

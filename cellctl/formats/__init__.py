@@ -5,6 +5,7 @@ from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.fit_report import fit_report, sentence
 from cellctl.formats.measurements import Measurements, measurements, nominal_model
 from cellctl.formats.model import ModelFile
+from cellctl.formats.prior import from_prior, only
 from cellctl.formats.robot import RobotFile
 from cellctl.formats.table import TableFile
 from cellctl.formats.table_making import compensated_targets, table_of
@@ -21,9 +22,11 @@ __all__ = [
     "artefact_of",
     "compensated_targets",
     "fit_report",
+    "from_prior",
     "load_artefact",
     "measurements",
     "nominal_model",
+    "only",
     "sentence",
     "table_of",
     "table_problems",

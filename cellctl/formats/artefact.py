@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, final
 
@@ -28,8 +29,17 @@ class Sphere(BaseModel):
 
 
 @final
+class Socket(BaseModel):
+    """A socket that holds the tool's ball or tip; centre roughly, mm, in the robot's base frame, where it is known."""
+
+    model_config = _STRICT
+    id: Name
+    centre: Triple | None = None
+
+
+@final
 class Distance(BaseModel):
-    """A certified distance between two sphere centres, mm, and its standard deviation, mm."""
+    """A certified distance between two points (sphere centres, sockets), mm, and its standard deviation, mm."""
 
     model_config = _STRICT
     between: Annotated[list[Name], Field(min_length=2, max_length=2)]
@@ -48,17 +58,27 @@ class Plate(BaseModel):
 
 @final
 class Artefact(BaseModel):
-    """Spheres and certified distances; tip_radius of what touches them, mm; the plate, where it is known."""
+    """Spheres, sockets and certified distances; tip_radius of what touches spheres, mm; the plate, where known."""
 
     model_config = _STRICT
     tip_radius: Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)] = 0.0
-    spheres: Annotated[list[Sphere], Field(min_length=1)]
+    spheres: list[Sphere] = []
+    sockets: list[Socket] = []
     distances: list[Distance] = []
     plate: Plate | None = None
+
+    @property
+    def points(self) -> list[Sphere | Socket]:
+        """Spheres and sockets."""
+        return [*self.spheres, *self.sockets]
 
     def sphere(self, name: str) -> Sphere | None:
         """The sphere called `name`, or None."""
         return next((sphere for sphere in self.spheres if sphere.id == name), None)
+
+    def place(self, name: str) -> list[float] | None:
+        """Roughly where the sphere or socket called `name` is, mm; None where nobody says."""
+        return next((point.centre for point in self.points if point.id == name), None)
 
 
 def load_artefact(path: Path) -> Artefact:
@@ -73,19 +93,26 @@ def load_artefact(path: Path) -> Artefact:
 def artefact_of(document: Document, at: Place) -> Artefact:
     """The artefact at `at` of a loaded document. Raises InputError with every mistake."""
     artefact = validated(document, Artefact, at)
-    problems = [*_doubles(document, artefact, at), *_above_plate(document, artefact, at)]
+    problems = [] if artefact.spheres or artefact.sockets else [_nothing(document, at)]
+    problems += [*_doubles(document, artefact, at), *_above_plate(document, artefact, at)]
     problems += _distances(document, artefact, at)
     if problems:
         raise InputError(problems)
     return artefact
 
 
+def _nothing(document: Document, at: Place) -> Problem:
+    return document.problem((*at, "spheres"), "holds neither spheres nor sockets", "spheres: or sockets:", key=True)
+
+
 def _doubles(document: Document, artefact: Artefact, at: Place) -> list[Problem]:
-    counts = Counter(sphere.id for sphere in artefact.spheres)
+    points: dict[str, Sequence[Sphere | Socket]] = {"spheres": artefact.spheres, "sockets": artefact.sockets}
+    counts = Counter(point.id for point in artefact.points)
     return [
-        document.problem((*at, "spheres", index, "id"), f"sphere '{sphere.id}' is there twice")
-        for index, sphere in enumerate(artefact.spheres)
-        if counts[sphere.id] > 1
+        document.problem((*at, kind, index, "id"), f"{kind.removesuffix('s')} '{point.id}' is there twice")
+        for kind, listed in points.items()
+        for index, point in enumerate(listed)
+        if counts[point.id] > 1
     ]
 
 
@@ -102,14 +129,16 @@ def _above_plate(document: Document, artefact: Artefact, at: Place) -> list[Prob
 
 def _distances(document: Document, artefact: Artefact, at: Place) -> list[Problem]:
     problems = []
+    named = [point.id for point in artefact.points]
     for index, distance in enumerate(artefact.distances):
         place = (*at, "distances", index, "between")
-        unknown = [name for name in distance.between if artefact.sphere(name) is None]
+        unknown = [name for name in distance.between if name not in named]
         if unknown:
-            known = ", ".join(sphere.id for sphere in artefact.spheres)
-            problems.append(document.problem(place, f"no sphere '{unknown[0]}'", f"known are {known}"))
+            kind = "sphere or socket" if artefact.sockets else "sphere"
+            problems.append(document.problem(place, f"no {kind} '{unknown[0]}'", f"known are {', '.join(named)}"))
         elif distance.between[0] == distance.between[1]:
-            problems.append(document.problem(place, "a distance is between two different spheres"))
+            kind = "points" if artefact.sockets else "spheres"
+            problems.append(document.problem(place, f"a distance is between two different {kind}"))
         else:
             problems += _far_from_rough(document, artefact, distance, (*at, "distances", index, "mm"))
     return problems
@@ -117,11 +146,12 @@ def _distances(document: Document, artefact: Artefact, at: Place) -> list[Proble
 
 def _far_from_rough(document: Document, artefact: Artefact, distance: Distance, place: Place) -> list[Problem]:
     """A certified distance that the rough places deny (metres, a typing error) would bend the whole robot."""
-    first, second = (artefact.sphere(name) for name in distance.between)
-    assert first is not None
-    assert second is not None
-    rough = sum((a - b) ** 2 for a, b in zip(first.centre, second.centre, strict=True)) ** 0.5
+    first, second = (artefact.place(name) for name in distance.between)
+    if first is None or second is None:
+        return []
+    rough = sum((a - b) ** 2 for a, b in zip(first, second, strict=True)) ** 0.5
     if abs(rough - distance.mm) <= max(20.0, 0.1 * rough):
         return []
-    what = f"{distance.mm:g} mm, but the rough places of {first.id} and {second.id} are {rough:.1f} mm apart"
+    names = " and ".join(distance.between)
+    what = f"{distance.mm:g} mm, but the rough places of {names} are {rough:.1f} mm apart"
     return [document.problem(place, what, "mm? the right spheres? correct the distance or the centres")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, final
 
 from cellctl.files import InputError, Problem
@@ -29,9 +29,15 @@ class Sieve:
         """Row `row` (from 0) cannot be used."""
         self._reasons.setdefault(row, reason)
 
-    def numbers(self, name: str, *, missing: float | None = None) -> list[float]:
-        """A column's numbers; rows with none (unless `missing` stands for it), text, NaN or infinity are rejected."""
-        return [self._number(row, name, text, missing) for row, text in enumerate(self.data.texts(name))]
+    def numbers(self, name: str, *, missing: float | None = None, rows: Collection[int] | None = None) -> list[float]:
+        """A column's numbers (N,); rows with none (unless `missing` stands for it), text, NaN or infinity are rejected.
+
+        rows: the only ones to be looked at; NaN for the others.
+        """
+        return [
+            self._number(row, name, text, missing) if rows is None or row in rows else math.nan
+            for row, text in enumerate(self.data.texts(name))
+        ]
 
     def kept(self) -> list[int]:
         """The usable rows (from 0), in order. Raises InputError where there is none, with the reasons."""

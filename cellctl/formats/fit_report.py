@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from cellctl.formats.fit_findings import by_label, free_groups, mastering, sessions, wide
 from cellctl.formats.measurements import Measurements
 
 if TYPE_CHECKING:
     from cellctl.calibration import FitResult
 
 _LINES = 5
-_NOUNS = {"position": "positions", "pose": "poses", "sphere": "touches", "socket": "sockets"}
 
 
 NOISY = 1.5
 """From this factor on it is said that the rows scatter more than they should."""
 
 
-def fit_report(measured: Measurements, result: FitResult) -> dict[str, Any]:
+def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] = ()) -> dict[str, Any]:
     """The result's figures with outliers and rejected rows by line; the time it took is left to the caller.
 
     outliers: rows left out of the fit; test_outliers: held-out rows far beyond what the model foresees, in the figures
-    all the same.
+    all the same. labels: of the held-out rows, one by one, where figures are wanted for each (`by`).
     """
     return {
         **result.summary(),
         "measure": measured.measure,
-        "outliers": [
-            {"line": measured.lines[row], "reason": _far_out(measured, result, row)}
-            for row in result.identification.outliers
-        ],
-        "test_outliers": [
-            {"line": measured.lines[row], "reason": _unforeseen(measured, result, row)} for row in result.unforeseen
-        ],
+        "groups": free_groups(result),
+        "sessions": sessions(measured),
+        "by": by_label(result, labels),
+        "wide": wide(result),
+        "mastering": mastering(measured, result),
+        "outliers": _named(measured, result.identification.outliers, lambda row: _far_out(measured, result, row)),
+        "test_outliers": _named(measured, result.unforeseen, lambda row: _unforeseen(measured, result, row)),
         "rejected": [{"line": row.line, "reason": row.reason} for row in measured.rejected],
         "sentence": sentence(measured, result),
     }
@@ -42,34 +43,38 @@ def sentence(measured: Measurements, result: FitResult) -> str:
     """The verdict in one sentence, with what must not be read without it: σ over the region, scatter, wild rows."""
     from cellctl.calibration import verdict_sentence
 
-    kind, reason = _NOUNS[measured.measure], result.verdict_reason
+    kind, reason = measured.noun, result.verdict_reason
     if not result.n_test:
         said = f"Not proved: no {kind} were held out ({result.fit.mean:.3f} mm mean on those of the fit)."
     else:
         said = verdict_sentence(result.verdict, result.nominal, result.test, result.n_test, kind, reason)
+    if measured.task.prior is not None:
+        said = said.replace("nominal", "the older model")
     return f"{said.removesuffix('.')}; {'; '.join(_besides(measured, result))}."
 
 
 def _besides(measured: Measurements, result: FitResult) -> list[str]:
-    kind, noise = _NOUNS[measured.measure], float(result.identification.noise.max())
+    kind, noise = measured.noun, float(result.identification.noise.max())
     clauses = [f"1 σ over the joints of the fit {result.predicted_volumetric_rms:.3f} mm"]
     if noise >= NOISY:
         clauses.append(
             f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
         )
     if result.unforeseen:
-        lines = [str(measured.lines[row]) for row in result.unforeseen]
+        lines = [str(line) for line in sorted(measured.lines[row] for row in result.unforeseen)]
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
         clauses.append(f"{len(lines)} of the held-out {kind} far beyond what the model foresees (line {where})")
     return clauses
 
 
-def _times(factor: float) -> str:
-    return f"{factor:.0f}" if factor >= 10.0 else f"{factor:.1f}"
-
-
 def _promise(measured: Measurements) -> str:
     return "the data set says" if measured.own_sigma else "the robot file says"
+
+
+def _named(measured: Measurements, rows: Sequence[int], reason: Callable[[int], str]) -> list[dict[str, Any]]:
+    """Rows by line, each with its reason."""
+    named = [{"line": measured.lines[row], "reason": reason(row)} for row in rows]
+    return sorted(named, key=lambda row: int(row["line"]))
 
 
 def _far_out(measured: Measurements, result: FitResult, row: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
 
@@ -10,10 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.formats.measurements import Measurements, nominal_model
+from cellctl.formats.model_effects import EffectSettings, settings_of
 from cellctl.formats.robot import Number, RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import FitResult, Prediction, RobotModel
+    from cellctl.calibration import At, FitResult, Identification, Prediction, RobotModel
     from cellctl.kinematics import Bools, Floats
 
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
@@ -23,6 +25,9 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 REGION_MARGIN_DEG = 2.0
 """A reading this far outside those of the fit still counts as seen."""
 
+LEAST_HALF_SPAN_DEG = 10.0
+"""A joint that moved less than this to either side counts as if it had moved so much, where doubt is measured in it."""
+
 
 @final
 class Parameter(BaseModel):
@@ -30,7 +35,7 @@ class Parameter(BaseModel):
 
     model_config = _STRICT
     name: str
-    unit: Literal["mm", "rad", "1/(N m^2)"]
+    unit: Literal["mm", "rad", "1/(N m^2)", "rad/(N m)", "1/K"]
     value: Number
     sigma: Number
     prior_sigma: Number
@@ -38,12 +43,23 @@ class Parameter(BaseModel):
 
 @final
 class Centre(BaseModel):
-    """Where a sphere turned out to be, mm, in the measuring frame."""
+    """Where a sphere, a socket or an anchor turned out to be, mm, in the measuring frame."""
 
     model_config = _STRICT
     id: str
     xyz: list[Number]
     sigma: list[Number]
+
+
+@final
+class SessionPlace(BaseModel):
+    """A session: what it has to itself, and base and tool (4, 4) in it as identified, mm."""
+
+    model_config = _STRICT
+    name: str
+    own: list[str]
+    base: Matrix
+    tool: Matrix
 
 
 @final
@@ -54,14 +70,46 @@ class JointRegion(BaseModel):
     min: list[Number]
     max: list[Number]
 
+    @classmethod
+    def of(cls, readings: Floats, known: JointRegion | None = None) -> JointRegion:
+        """The region of readings (N, n), deg, and of `known`."""
+        import numpy as np
+
+        both = readings if known is None else np.vstack([readings, known.min, known.max])
+        return cls(min=both.min(axis=0).tolist(), max=both.max(axis=0).tolist())
+
+    def inside(self, readings: Floats) -> Bools:
+        """Which readings (N, n), deg, lie in the region (N,)."""
+        import numpy as np
+
+        return np.asarray((self._beyond(readings) <= REGION_MARGIN_DEG).all(axis=1))
+
+    def doubt(self, readings: Floats) -> Floats:
+        """How far outside readings (N, n), deg, are (N,): root of the summed squares over the joints, each in halves of
+        the span that was seen, and at most 1. Within the margin 0.
+        """
+        import numpy as np
+
+        spans = np.maximum((np.array(self.max) - np.array(self.min)) / 2.0, LEAST_HALF_SPAN_DEG)
+        beyond = self._beyond(readings)
+        shares = np.where(beyond > REGION_MARGIN_DEG, np.minimum(beyond / spans, 1.0), 0.0)
+        return np.asarray(np.linalg.norm(shares, axis=1))
+
+    def _beyond(self, readings: Floats) -> Floats:
+        import numpy as np
+
+        return np.asarray(np.maximum(np.maximum(np.array(self.min) - readings, readings - np.array(self.max)), 0.0))
+
 
 @final
 class ModelFile(BaseModel):
     """An identified robot.
 
-    robot: the nominal robot file. start: poses (4, 4) of base and tool from which their deviations count. covariance:
-    of `parameters`, in their order, mm and rad. figures: what the fit said of itself. provenance: SHA-256 of what it
-    was made from.
+    robot: the nominal robot file. start: poses (4, 4) of base and tool from which their deviations count. effects: what
+    bends, warms or plays besides, with its settings (None in files that knew the tool's bending alone). parameters: in
+    the first session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors.
+    sessions: where there are several. outside_mm: nominal's RMS error, 3-D: 1 σ of the doubt half a span outside the
+    joint region. figures: what the fit said of itself. provenance: SHA-256 of what it was made from.
     """
 
     model_config = _STRICT
@@ -69,43 +117,47 @@ class ModelFile(BaseModel):
     robot: RobotFile
     model: str
     start: dict[Literal["base", "tool"], Matrix]
+    effects: list[EffectSettings] | None = None
     parameters: list[Parameter]
     covariance: list[list[Number]]
     centres: list[Centre] = []
+    sessions: list[SessionPlace] = []
     joint_region: JointRegion
+    outside_mm: Number = 0.0
     figures: dict[str, Any]
     provenance: dict[str, str]
 
     @classmethod
     def of(
-        cls, robot: RobotFile, measured: Measurements, result: FitResult, provenance: dict[str, str] | None = None
+        cls,
+        robot: RobotFile,
+        measured: Measurements,
+        result: FitResult,
+        provenance: dict[str, str] | None = None,
+        prior: ModelFile | None = None,
     ) -> Self:
-        """The model that a fit identified from `measured` rows; the robot's hash is added to `provenance`."""
+        """The model that a fit identified from `measured` rows; the robot's hash is added to `provenance`.
+
+        prior: the older model that it went on from; the joints that this one saw count as seen.
+        """
         import numpy as np
 
         found = result.identification.identified
         unknowns, count = found.unknowns, found.unknowns.robot
+        model = unknowns.start.model
         used = measured.readings[list(result.identification.used)]
         sigma = np.sqrt(np.diag(found.covariance))
-        chain = unknowns.start.model.chain
         return cls(
             robot=robot,
             model=result.model,
-            start={"base": chain.base.tolist(), "tool": chain.tool.tolist()},
-            parameters=[
-                Parameter(name=name, unit=_unit(name, turns), value=value, sigma=after, prior_sigma=before)
-                for name, turns, value, after, before in zip(
-                    unknowns.names[:count],
-                    unknowns.start.model.parameter_turns.tolist(),
-                    found.state.model.deviations.tolist(),
-                    sigma.tolist(),
-                    np.where(unknowns.free, unknowns.sigma, 0.0).tolist(),
-                    strict=False,
-                )
-            ],
+            start={"base": model.chain.base.tolist(), "tool": model.chain.tool.tolist()},
+            effects=settings_of(model.effects),
+            parameters=_parameters(result.identification),
             covariance=found.covariance[:count, :count].tolist(),
             centres=_centres(measured.task.points, found.state.points, sigma[found.state.points_at :].reshape(-1, 3)),
-            joint_region=JointRegion(min=used.min(axis=0).tolist(), max=used.max(axis=0).tolist()),
+            sessions=_sessions(measured, result.identification),
+            joint_region=JointRegion.of(used, prior.joint_region if prior else None),
+            outside_mm=prior.outside_mm if prior else _in_space(measured, result.nominal.rms),
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},
         )
@@ -142,8 +194,10 @@ class ModelFile(BaseModel):
         """The identified robot. Raises ValueError where the parameters are not those of the robot."""
         import numpy as np
 
-        bends = bool(self.parameters) and self.parameters[-1].name == "tool_deflection"
+        bends = self.effects is None and bool(self.parameters) and self.parameters[-1].name == "tool_deflection"
         nominal = nominal_model(self.robot, deflection=bends)
+        if self.effects is not None:
+            nominal = nominal.with_effects(tuple(settings.effect() for settings in self.effects))
         placed = nominal.on(np.array(self.start["base"]), np.array(self.start["tool"]))
         if placed.parameters != tuple(parameter.name for parameter in self.parameters):
             raise ValueError("its parameters are not those of its robot")
@@ -151,17 +205,28 @@ class ModelFile(BaseModel):
             raise ValueError("its covariance has another size than its parameters")
         return placed.with_deviations([parameter.value for parameter in self.parameters])
 
-    def predict(self, readings: Floats) -> Prediction:
-        """Tool poses and 1 σ at controller readings (N, n), deg."""
+    @property
+    def frame_of_points(self) -> bool:
+        """Whether the model's frame is that of the points that it was tied to, as no instrument measured."""
+        base = [parameter for parameter in self.parameters if parameter.name.startswith("base_")]
+        return bool(self.centres) and not any(parameter.prior_sigma > 0.0 for parameter in base)
+
+    def predict(self, readings: Floats, at: At | None = None) -> Prediction:
+        """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with the conditions of each.
+
+        Outside the joint region σ is wider: one half-span outside the model is trusted no more than nominal.
+        """
         import numpy as np
 
-        from cellctl.calibration import predict
+        from cellctl.calibration import Prediction, predict
 
-        return predict(self.robot_model(), np.array(self.covariance), self.robot.joint_map().model(readings))
+        postures = self.robot.joint_map().model(readings) if at is None else at
+        found = predict(self.robot_model(), np.array(self.covariance), postures)
+        return Prediction(found.poses, np.hypot(found.sigma_mm, self._doubt(readings)))
 
-    def sigma_among(self, readings: Floats) -> Floats | None:
+    def sigma_among(self, readings: Floats, at: At | None = None) -> Floats | None:
         """1 σ (N,), 3-D, mm, of the tool centre points at readings (N, n), deg, among themselves: what moves all as one
-        body is left out. None for fewer than four.
+        body is left out, what lies outside the joint region is not. None for fewer than four.
         """
         import numpy as np
 
@@ -169,21 +234,53 @@ class ModelFile(BaseModel):
 
         if len(readings) < 4:
             return None
-        return shape_sigma(self.robot_model(), np.array(self.covariance), self.robot.joint_map().model(readings))
+        postures = self.robot.joint_map().model(readings) if at is None else at
+        among = shape_sigma(self.robot_model(), np.array(self.covariance), postures)
+        return np.asarray(np.hypot(among, self._doubt(readings)))
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the joint region that the fit saw (N,); elsewhere it extrapolates."""
-        import numpy as np
+        return self.joint_region.inside(readings)
 
-        lower, upper = np.array(self.joint_region.min), np.array(self.joint_region.max)
-        seen = (readings >= lower - REGION_MARGIN_DEG) & (readings <= upper + REGION_MARGIN_DEG)
-        return np.asarray(seen.all(axis=1))
+    def _doubt(self, readings: Floats) -> Floats:
+        """1 σ (N,), 3-D, mm, of what the model never saw."""
+        return self.outside_mm * self.joint_region.doubt(readings)
 
 
-def _unit(name: str, turns: bool) -> Literal["mm", "rad", "1/(N m^2)"]:
-    if name == "tool_deflection":
-        return "1/(N m^2)"
-    return "rad" if turns else "mm"
+def _in_space(measured: Measurements, rms: float) -> float:
+    """A root mean square of the rows' errors as a 3-D distance: a touch shows one direction of three."""
+    along_a_line = set(measured.kinds) <= {"sphere", "distance"}
+    return rms * (math.sqrt(3.0) if along_a_line else 1.0)
+
+
+def _parameters(found: Identification) -> list[Parameter]:
+    import numpy as np
+
+    unknowns, model = found.identified.unknowns, found.identified.state.model
+    sigma = np.sqrt(np.diag(found.identified.covariance))
+    before = np.where(unknowns.free, unknowns.sigma, 0.0)
+    columns = (model.parameters, model.parameter_units, model.deviations.tolist(), sigma.tolist(), before.tolist())
+    return [
+        Parameter.model_validate(dict(zip(("name", "unit", "value", "sigma", "prior_sigma"), row, strict=True)))
+        for row in zip(*columns, strict=False)
+    ]
+
+
+def _sessions(measured: Measurements, found: Identification) -> list[SessionPlace]:
+    """Where the robot stood in each session; none where there is only one."""
+    sessions = measured.task.sessions
+    if len(sessions) < 2:
+        return []
+    chains = [model.chain for model in found.identified.state.models]
+    return [
+        SessionPlace(
+            name=session.name,
+            own=sorted(session.own),
+            base=chain.base_now.tolist(),
+            tool=chain.tool_now.tolist(),
+        )
+        for session, chain in zip(sessions, chains, strict=True)
+    ]
 
 
 def _centres(spheres: tuple[str, ...], centres: Floats, sigma: Floats) -> list[Centre]:

@@ -65,7 +65,7 @@ def target_sigma(model: ModelFile, readings: Floats) -> Floats:
     from cellctl.compensation import gauge_fixed
 
     covariance = np.array(model.covariance)
-    if model.centres:
+    if model.frame_of_points:
         covariance = gauge_fixed(covariance, [parameter.name for parameter in model.parameters])
     return predict(model.robot_model(), covariance, model.robot.joint_map().model(readings)).sigma_mm
 

@@ -102,7 +102,7 @@ def test_a_row_after_a_cell_with_a_line_break_keeps_its_own_line():
         ("A1,A2,q1,q2,X,Y,Z\n1,2,1,2,3,4,5\n", "both"),
         ("A1,A2,X,Y\n1,2,3,4\n", "column Z"),
         ("A1,A2,X,Y,Z\n1,2,3,4,nan\n", "no row that can be used"),
-        ("A1,A2,socket\n1,2,P1\n", "sockets"),
+        ("A1,A2,anchor\n1,2,P1\n", "column distance"),
         ("A1,A2,sphere\n1,2,S1\n", "--artefact"),
     ],
 )

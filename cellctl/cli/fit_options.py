@@ -1,0 +1,127 @@
+"""What `cellctl fit` was asked for: every mistake in the options at once, and what they come to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from cellctl.files import InputError, Problem
+
+if TYPE_CHECKING:
+    from cellctl.formats.measurements import Spacing
+
+
+@final
+@dataclass(frozen=True)
+class Judging:
+    """Which rows judge: one of a share, folds, a column of fit and test, or each value of a column in turn."""
+
+    holdout: float | None
+    folds: int | None
+    column: str | None
+    by: str | None
+    seed: int
+
+    def problems(self) -> list[Problem]:
+        """What is wrong with these options."""
+        found = []
+        if sum(given is not None for given in (self.holdout, self.folds, self.column, self.by)) > 1:
+            cure = "one of --holdout, --folds, --column and --by"
+            found.append(option("holdout", "rows are held out in one way", cure))
+        if self.holdout is not None and not 0.0 < self.holdout < 1.0:
+            found.append(option("holdout", f"{self.holdout:g} is no share", "a number between 0 and 1"))
+        if self.folds is not None and self.folds < 2:
+            found.append(option("folds", f"{self.folds} is too few", "2 or more"))
+        if self.column not in (None, "set"):
+            cure = "name the column set, with fit or test in it"
+            found.append(option("column", f"'{self.column}' is not known", cure))
+        return found
+
+
+@final
+@dataclass(frozen=True)
+class Asked:
+    """The rest of the options, as given."""
+
+    measure: str | None
+    model: str
+    artefact: Path | None
+    distances: bool
+    spacing: Sequence[str]
+    own: str
+    prior: Path | None
+    free: str | None
+
+    def refuse(self, judging: Judging) -> None:
+        """Raise InputError with everything wrong with the options; none is silently left out."""
+        problems = [*self._measure(), *_problems_of(self.model_problem), *self._own(), *self._prior()]
+        problems += [problem for words in self.spacing for problem in _problems_of(lambda w=words: spacing_of(w))]
+        problems += judging.problems()
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def own_groups(self) -> frozenset[str]:
+        """What each session has to itself."""
+        return frozenset() if self.own == "none" else frozenset(self.own.split(","))
+
+    @property
+    def free_groups(self) -> tuple[str, ...]:
+        """Groups that alone may change; none named: all that the model has."""
+        return tuple(dict.fromkeys(name.strip() for name in self.free.split(","))) if self.free is not None else ()
+
+    @property
+    def spacings(self) -> list[Spacing]:
+        """The known distances."""
+        return [spacing_of(words) for words in self.spacing]
+
+    def model_problem(self) -> None:
+        """Raise InputError where the model has no such name."""
+        from cellctl.formats.measurements import ModelTerms
+
+        ModelTerms.parse(self.model)
+
+    def _measure(self) -> list[Problem]:
+        from cellctl.formats.measurements import KINDS
+
+        if self.measure is None or self.measure in KINDS:
+            return []
+        return [option("measure", f"'{self.measure}' is not known", ", ".join(KINDS))]
+
+    def _own(self) -> list[Problem]:
+        from cellctl.formats.measurements import OWN
+
+        if self.own == "none" or set(self.own.split(",")) <= set(OWN):
+            return []
+        return [option("own", f"'{self.own}' is not known", "base, tool, base,tool or none")]
+
+    def _prior(self) -> list[Problem]:
+        if self.prior is None and self.free is None:
+            return []
+        if self.model != "auto":
+            given = "--prior" if self.prior else "--free"
+            return [option("model", f"does not go with {given}", f"leave it out: {given} says what is modelled")]
+        return []
+
+
+def spacing_of(words: str) -> Spacing:
+    """A known distance from its words. Raises InputError."""
+    from cellctl.formats.measurements import Spacing
+
+    return Spacing.parse(words)
+
+
+def option(name: str, what: str, cure: str) -> Problem:
+    """A mistake in an option."""
+    return Problem(f"--{name}", 0, 0, what, cure)
+
+
+def _problems_of(call: object) -> list[Problem]:
+    assert callable(call)
+    try:
+        call()
+    except InputError as error:
+        return list(error.problems)
+    return []

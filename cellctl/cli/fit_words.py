@@ -1,0 +1,96 @@
+"""A fit's result as a person reads it: figures, what is not seen, what has to be entered, and the verdict last."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_SHOWN = 20
+
+
+def say(report: dict[str, Any], *, prior: bool) -> None:
+    """The figures as a table, what cannot be seen, mastering offsets, and the verdict as the last line."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    _figures(console, report, "older model" if prior else "nominal")
+    for words in (*_model(report), *_steps(report), *_unseen(report), *_far(report), *_mastering(report)):
+        console.print(words, markup=False)
+    console.print(report["sentence"], markup=False)
+
+
+def name_rows(report: dict[str, Any]) -> None:
+    """Every row that was not used, or held out and wild, on stderr, by line; the JSON has them all."""
+    named = [f"line {row['line']}: not used: {row['reason']}" for row in [*report["rejected"], *report["outliers"]]]
+    named += [f"line {row['line']}: {row['reason']}" for row in report["test_outliers"]]
+    for words in named[:_SHOWN]:
+        typer.echo(words, err=True)
+    if len(named) > _SHOWN:
+        typer.echo(f"… and {len(named) - _SHOWN} more such rows (--json names them all)", err=True)
+
+
+def _figures(console: Console, report: dict[str, Any], before: str) -> None:
+    from rich.table import Table
+
+    table = Table("distances, mm", box=None, pad_edge=False)
+    for column in ("mean", "RMS", "max"):
+        table.add_column(column, justify="right")
+    for name, key in ((f"held out, {before}", "nominal"), ("held out, identified", "test"), ("rows of the fit", "fit")):
+        dashes = key != "fit" and not report["n_test"]  # no row stands behind them
+        table.add_row(name, *(["–"] * 3 if dashes else _cells(report[key])))
+    for label, figures in report["by"].items():
+        table.add_row(f"  {label}, {before}", *_cells(figures["nominal"]))
+        table.add_row(f"  {label}, identified", *_cells(figures["test"]))
+    console.print(table)
+
+
+def _cells(figures: dict[str, float]) -> list[str]:
+    return [f"{figures[figure]:.3f}" for figure in ("mean", "rms", "max")]
+
+
+def _model(report: dict[str, Any]) -> Iterator[str]:
+    seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are seen"
+    yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
+    sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
+    yield f"Foreseen over the joints of the fit: {sure}."
+    if not report["converged"]:
+        yield f"Not converged: {report['ended']}."
+
+
+def _steps(report: dict[str, Any]) -> Iterator[str]:
+    """The models that were tried."""
+    for step in report["ladder"]:
+        if step["untried"]:
+            yield f"  {step['model']}: not tried: {step['untried']}"
+        else:
+            gain = f"{step['gain_mm']:+.4f} ± {step['standard_error_mm']:.4f} mm nearer to rows unseen by it"
+            yield f"  {step['model']}: {'kept' if step['kept'] else 'left out'}: {gain}"
+
+
+def _unseen(report: dict[str, Any]) -> Iterator[str]:
+    for words in report["unobservable"]:
+        yield f"  not seen by these rows: {words}"
+
+
+def _far(report: dict[str, Any]) -> Iterator[str]:
+    for row in report["wide"]:
+        turns = row["unit"] == "rad"
+        value, sigma, before = (_shown(row[key], turns) for key in ("value", "sigma", "tolerance"))
+        unit = "°" if turns else f" {row['unit']}"
+        yield f"  far from the robot file: {row['name']} {value}{unit} (1 σ {sigma}, expected within {before})"
+
+
+def _shown(value: float, turns: bool) -> str:
+    return f"{value * (57.29577951308232 if turns else 1.0):.4g}"
+
+
+def _mastering(report: dict[str, Any]) -> Iterator[str]:
+    if report["mastering"]:
+        yield "Mastering: add to the controller's readings"
+    for row in report["mastering"]:
+        yield f"  {row['joint']}  {row['offset_deg']:+.4f}°  (1 σ {row['sigma_deg']:.4f}°)"

@@ -1,0 +1,98 @@
+"""What people ask of a fit besides its figures: what was free, what came out far off, each label, mastering."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from cellctl.formats.measurements import Measurements
+
+if TYPE_CHECKING:
+    from cellctl.calibration import FitResult
+
+WIDE = 3.0
+"""A parameter this many tolerances from the robot file's is named."""
+
+
+def free_groups(result: FitResult) -> list[str]:
+    """Groups of which anything was free, in the order of the parameters."""
+    unknowns = result.identification.identified.unknowns
+    pairs = zip(unknowns.groups, unknowns.free, strict=True)
+    return list(dict.fromkeys(group for group, is_free in pairs if is_free))
+
+
+def sessions(measured: Measurements) -> list[dict[str, Any]]:
+    """Each session of the data set with its rows and what it has to itself; none where the file names none."""
+    of_rows = measured.texts("session")
+    own = {session.name: sorted(session.own) for session in measured.task.sessions}
+    return [
+        {"name": name, "rows": of_rows.count(name), "own": own.get(name, [])} for name in dict.fromkeys(of_rows) if name
+    ]
+
+
+def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Figures of the held-out rows of each label; labels: of each of them, none where they were held out by chance."""
+    import numpy as np
+
+    from cellctl.calibration import ErrorFigures
+
+    of_rows, found = np.array(labels), {}
+    for label in dict.fromkeys(labels):
+        mine = of_rows == label
+        nominal, test = (ErrorFigures.of(errors[mine]) for errors in (result.nominal_errors, result.test_errors))
+        found[label] = {"rows": int(mine.sum()), "nominal": asdict(nominal), "test": asdict(test)}
+    return found
+
+
+def wide(result: FitResult) -> list[dict[str, Any]]:
+    """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ."""
+    import numpy as np
+
+    found = result.identification.identified
+    unknowns, model = found.unknowns, found.state.model
+    sigma = np.sqrt(np.diag(found.covariance))
+    lengths = {"mm": 1000.0, "rad": 1.0}  # of a thousand millimetres or a radian nothing was known
+    return [
+        {"name": name, "value": value, "unit": unit, "sigma": float(after), "tolerance": float(before)}
+        for name, value, unit, group, is_free, before, after in zip(
+            model.parameters,
+            model.deviations.tolist(),
+            model.parameter_units,
+            unknowns.groups,
+            unknowns.free,
+            unknowns.sigma,
+            sigma,
+            strict=False,
+        )
+        if is_free and group != "base" and before < lengths.get(unit, np.inf) and abs(value) > WIDE * before
+    ]
+
+
+def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]:
+    """What has to be added to the controller's readings of each joint whose zero was looked for, deg, and its 1 σ.
+
+    A joint that reads r stands at sign · r + offset + θ. If θ came out δ larger than before, the joint stands where it
+    was thought to stand at the reading r + sign · δ. Only where the zeros alone were free: with the links free as well,
+    an error of a link may pass for one of a zero.
+    """
+    import numpy as np
+
+    freed = measured.task.freed
+    if "zeros" not in freed or freed & {"links", "geometry"}:
+        return []
+    found = result.identification.identified
+    model, before = found.state.model, measured.task.model
+    sigma = np.sqrt(np.diag(found.covariance))
+    rows = []
+    for number, joint in enumerate(measured.robot.joints, 1):
+        at = model.parameters.index(f"theta{number}")
+        change = model.deviations[at] - before.deviations[at]
+        rows.append(
+            {
+                "joint": f"A{number}",
+                "offset_deg": float(np.rad2deg(joint.sign * change)),
+                "sigma_deg": float(np.rad2deg(sigma[at])),
+            }
+        )
+    return rows

@@ -1,0 +1,23 @@
+"""From robot file, data set and artefact to what the identification takes: rows of every kind, sessions, a model."""
+
+from cellctl.formats.measurements.certified import Spacing
+from cellctl.formats.measurements.conditions import Conditions
+from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, measure_of
+from cellctl.formats.measurements.measured import Measurements, measurements
+from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms, nominal_model
+from cellctl.formats.measurements.sessions import OWN
+
+__all__ = [
+    "KINDS",
+    "NOUNS",
+    "OWN",
+    "Conditions",
+    "Kind",
+    "Measurements",
+    "ModelChoice",
+    "ModelTerms",
+    "Spacing",
+    "measure_of",
+    "measurements",
+    "nominal_model",
+]

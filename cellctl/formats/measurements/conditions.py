@@ -1,0 +1,92 @@
+"""In what condition the robot was at each row: warm, loaded, come from which side."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, final
+
+from cellctl.formats.columns import Sieve
+from cellctl.formats.robot import RobotFile
+
+if TYPE_CHECKING:
+    from cellctl.calibration import Postures
+    from cellctl.kinematics import Floats
+
+REFERENCE_C = 20.0
+"""Temperature at which lengths hold (ISO 1)."""
+
+
+@final
+class Conditions:
+    """Readings with the conditions whose columns are there.
+
+    warmer (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; approach (N, n):
+    the model's sense of each joint's last movement, 0 where it is not known. None where there is no column.
+    """
+
+    def __init__(self, sieve: Sieve, robot: RobotFile, readings: Floats) -> None:
+        self.q = robot.joint_map().model(readings)
+        self.warmer = _warmer(sieve)
+        self.payload = _payload(sieve)
+        self.approach = _approach(sieve, robot)
+
+    def at(self, rows: Collection[int]) -> Postures:
+        """Where the robot stood at `rows`, and how."""
+        from cellctl.calibration import Postures
+
+        chosen = list(rows)
+        parts = (self.approach, self.warmer, self.payload)
+        return Postures(self.q[chosen], *(None if part is None else part[chosen] for part in parts))
+
+
+def warmth_varies(at: Postures) -> bool:
+    """Whether there is anything to tell growth by."""
+    return at.warmer is not None and bool(at.warmer.max() - at.warmer.min() > 1e-9)
+
+
+def payload_varies(at: Postures) -> bool:
+    """Whether there is anything to tell a payload from the links' own weight by."""
+    return at.payload is not None and bool(at.payload.max() - at.payload.min() > 1e-9)
+
+
+def approach_varies(at: Postures) -> bool:
+    """Whether any joint came from both sides."""
+    return at.approach is not None and bool(((at.approach > 0).any(axis=0) & (at.approach < 0).any(axis=0)).any())
+
+
+def _warmer(sieve: Sieve) -> Floats | None:
+    import numpy as np
+
+    if not any(sieve.data.texts("temperature")):
+        return None
+    degrees = np.array(sieve.numbers("temperature", missing=np.inf))
+    noted = np.isfinite(degrees)
+    mean = degrees[noted].mean() if noted.any() else REFERENCE_C
+    return np.where(noted, degrees, mean) - REFERENCE_C
+
+
+def _payload(sieve: Sieve) -> Floats | None:
+    import numpy as np
+
+    if not any(sieve.data.texts("payload")):
+        return None
+    values = sieve.numbers("payload", missing=0.0)
+    for row, mass in enumerate(values):
+        if mass < 0.0:
+            sieve.reject(row, f"payload is {mass:g} kg")
+    return np.array(values)
+
+
+def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:
+    """`D1…Dn`, as the controller counts, in the model's sense: None where no column is filled."""
+    import numpy as np
+
+    names = [f"D{number}" for number in range(1, robot.n + 1)]
+    if not any(any(sieve.data.texts(name)) for name in names):
+        return None
+    columns = [sieve.numbers(name, missing=0.0) for name in names]
+    for name, values in zip(names, columns, strict=True):
+        for row, value in enumerate(values):
+            if value not in (-1.0, 0.0, 1.0):
+                sieve.reject(row, f"{name} is {value:g}: the last movement is 1, -1, or 0 where it is not known")
+    return np.array(columns).T * robot.joint_map().sign

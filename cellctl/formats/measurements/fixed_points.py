@@ -1,0 +1,114 @@
+"""Rows that tie the tool to a fixed point whose place nobody knows: touches, sockets, ball-bars and draw-wires."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self, final
+
+from cellctl.formats.artefact import Artefact
+from cellctl.formats.columns import Sieve
+from cellctl.formats.measurements.sigmas import distance_sigma, place_sigma
+from cellctl.formats.robot import RobotFile
+
+if TYPE_CHECKING:
+    from cellctl.calibration import Postures, SocketRows, TouchRows
+    from cellctl.kinematics import Floats
+
+AGREE_MM = 1e-3
+"""By how much a data set may differ from an artefact file without contradicting it."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Reaches:
+    """Distances from fixed points. names (N): of the point, empty where a row is none; reach (N,), sigma (N, 1), mm."""
+
+    names: Sequence[str]
+    reach: Floats
+    sigma: Floats
+
+    @classmethod
+    def of_touches(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
+        """Touches at `rows`: sphere radius plus tip radius."""
+        import numpy as np
+
+        names = sieve.data.texts("sphere")
+        reach = np.array(_touched(sieve, artefact, names, rows))
+        return cls(names, reach, distance_sigma(sieve, robot, rows))
+
+    @classmethod
+    def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
+        """Distances at `rows`, as a ball-bar or a draw-wire shows them."""
+        import numpy as np
+
+        names, reach = sieve.data.texts("anchor"), sieve.numbers("distance", rows=rows)
+        for row in rows:
+            if not names[row]:
+                sieve.reject(row, "anchor is missing")
+            elif reach[row] <= 0.0:
+                sieve.reject(row, f"distance is {reach[row]:g}")
+        return cls(names, np.array(reach), distance_sigma(sieve, robot, rows))
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any) -> TouchRows:
+        """Those at `rows`, at the points of numbers `points`, for the estimator."""
+        from cellctl.calibration import TouchRows
+
+        return TouchRows(at, points, self.reach[rows], self.sigma[rows], session)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sockets:
+    """The tool held in sockets. names (N): of the socket, empty where a row is none; sigma (N, 3), mm."""
+
+    names: Sequence[str]
+    sigma: Floats
+
+    @classmethod
+    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
+        """Visits of sockets at `rows`."""
+        names = sieve.data.texts("socket")
+        for row in rows:
+            if not names[row]:
+                sieve.reject(row, "socket is missing")
+        return cls(names, place_sigma(sieve, robot, rows))
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any) -> SocketRows:
+        """Those at `rows`, in the sockets of numbers `points`, for the estimator."""
+        from cellctl.calibration import SocketRows
+
+        return SocketRows(at, points, self.sigma[rows], session)
+
+
+def _touched(sieve: Sieve, artefact: Artefact | None, names: list[str], rows: Collection[int]) -> list[float]:
+    """Sphere radius plus tip radius plus `drift` for each row, mm. A `radius` other than the artefact's is rejected."""
+    tips = _tip_radii(sieve, artefact, rows)
+    given = sieve.numbers("radius", missing=0.0, rows=rows)
+    drift = sieve.numbers("drift", missing=0.0, rows=rows)
+    result = [0.0] * len(names)
+    for row in rows:
+        name, radius = names[row], given[row]
+        sphere = artefact.sphere(name) if artefact else None
+        known = sphere.diameter / 2.0 if sphere else radius
+        if not name:
+            sieve.reject(row, "sphere is missing")
+        elif artefact and sphere is None:
+            sieve.reject(row, f"sphere '{name}' is not in the artefact")
+        elif radius < 0.0 or known <= 0.0:
+            sieve.reject(row, "radius is missing" if radius == 0.0 else f"radius is {radius:g}")
+        elif radius and abs(radius - known) > AGREE_MM:
+            sieve.reject(row, f"radius {radius:g}, but the artefact says {known:g} mm for '{name}'")
+        result[row] = known + tips[row] + drift[row]
+    return result
+
+
+def _tip_radii(sieve: Sieve, artefact: Artefact | None, rows: Collection[int]) -> list[float]:
+    """Radius of what touched, for each row, mm. A `tip_radius` other than the artefact's is rejected."""
+    given, column = sieve.numbers("tip_radius", missing=0.0, rows=rows), sieve.data.texts("tip_radius")
+    for row in rows:
+        if given[row] < 0.0:
+            sieve.reject(row, f"tip_radius is {given[row]:g}")
+        elif artefact and column[row] and abs(given[row] - artefact.tip_radius) > AGREE_MM:
+            sieve.reject(row, f"tip_radius {given[row]:g}, but the artefact says {artefact.tip_radius:g} mm")
+    return [artefact.tip_radius] * len(column) if artefact else given

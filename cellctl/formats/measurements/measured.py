@@ -1,0 +1,200 @@
+"""The usable rows of a data set as a task for the identification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias, final
+
+from cellctl.formats.artefact import Artefact
+from cellctl.formats.columns import Sieve, joint_readings
+from cellctl.formats.dataset import DataSet, Rejected
+from cellctl.formats.measurements.certified import Spacing, rough_places, spacing_rows
+from cellctl.formats.measurements.conditions import Conditions
+from cellctl.formats.measurements.fixed_points import Reaches, Sockets
+from cellctl.formats.measurements.instrument import Poses, Positions
+from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, check_columns, kinds_of
+from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms
+from cellctl.formats.measurements.sessions import OWN_BASE, Points, session_names, sessions_of
+from cellctl.formats.measurements.sigmas import has_own_sigma
+from cellctl.formats.robot import RobotFile
+
+if TYPE_CHECKING:
+    from cellctl.calibration import Measured, RobotModel, Session, Task, Tolerances
+    from cellctl.kinematics import Floats
+
+_Reading: TypeAlias = Positions | Poses | Reaches | Sockets
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Usable rows, ready for the identification, in the order of the task's rows: by session, then by kind.
+
+    task: model and rows. readings (N, n): controller readings, deg. lines (N,): where each row stood in the file.
+    sets (N,): the `set` column, empty where there is none. kinds (N,): what each row is. own_sigma: whether the rows
+    say themselves how much they scatter, rather than the robot file. data, robot: where they come from.
+    """
+
+    task: Task
+    readings: Floats
+    lines: tuple[int, ...]
+    sets: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+    rejected: tuple[Rejected, ...]
+    data: DataSet
+    robot: RobotFile
+    own_sigma: bool = False
+
+    @property
+    def measure(self) -> str:
+        """The kinds there are, joined by `+`: `position`, `sphere+position`."""
+        return "+".join(kind for kind in KINDS if kind in self.kinds)
+
+    @property
+    def noun(self) -> str:
+        """What people call such rows."""
+        return NOUNS.get(self.measure, "rows")
+
+    def texts(self, column: str) -> list[str]:
+        """A column's cells (N,), in the order of the rows here."""
+        at = dict(zip(self.data.lines, self.data.texts(column), strict=True))
+        return [at[line] for line in self.lines]
+
+
+def measurements(
+    robot: RobotFile,
+    data: DataSet,
+    *,
+    measure: Kind | None = None,
+    model: ModelChoice = "auto",
+    artefact: Artefact | None = None,
+    use_distances: bool = True,
+    spacings: Sequence[Spacing] = (),
+    own: frozenset[str] = OWN_BASE,
+) -> Measurements:
+    """The usable rows of `data` as a task for `cellctl.calibration.fit`.
+
+    measure: the one kind to be used; by default each row's filled cells say what it is. artefact: for touches; its
+    certified distances are used unless `use_distances` is false. spacings: further known distances. own: what each
+    session has to itself, `base` and `tool`. Raises InputError where the columns do not allow it, or no row is left.
+    """
+    sieve, terms = Sieve(data), ModelTerms.parse(model)
+    kinds = kinds_of(sieve, measure)
+    check_columns(data, {measure} if measure else set(kinds), artefact)
+    readings = joint_readings(sieve, robot)
+    conditions = Conditions(sieve, robot, readings)
+    rows = _Rows(conditions, _read(sieve, robot, kinds, artefact), kinds, session_names(sieve), own)
+    sets = _sets(sieve)
+    found = rows.arranged(sieve.kept())
+    at, points = conditions.at(found.order), found.points
+    touched = any(kinds[row] == "sphere" for row in found.order)
+    known = {
+        "points": points.names,
+        "rough": rough_places(points, artefact),
+        "spacings": spacing_rows(points, artefact, spacings, use_artefact=use_distances),
+        "tolerances": tolerances_of(robot),
+        "sessions": found.sessions,
+        "candidates": terms.candidates(robot, at),
+    }
+    return Measurements(
+        task=_task(terms.model(robot, at, touched=touched), terms, found.blocks, known),
+        readings=readings[found.order],
+        lines=tuple(data.lines[row] for row in found.order),
+        sets=tuple(sets[row] for row in found.order),
+        kinds=tuple(kinds[row] for row in found.order),
+        rejected=tuple(sieve.rejected()),
+        data=data,
+        robot=robot,
+        own_sigma=has_own_sigma(data),
+    )
+
+
+def tolerances_of(robot: RobotFile) -> Tolerances:
+    """What the robot file says of how far its make may be from its table; the estimator's defaults for the rest."""
+    from cellctl.calibration import Tolerances
+
+    said = robot.tolerances.model_dump(exclude_none=True) if robot.tolerances else {}
+    return Tolerances(**said)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Arranged:
+    """Rows in the order in which the task counts them; points and sessions as it numbers them."""
+
+    order: list[int]
+    blocks: list[Measured]
+    points: Points
+    sessions: tuple[Session, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """What was read of all rows of a data set, usable or not. kinds, sessions (N); parts: the readings of each kind."""
+
+    conditions: Conditions
+    parts: Mapping[Kind, _Reading]
+    kinds: Sequence[Kind]
+    sessions: Sequence[str]
+    own: frozenset[str]
+
+    def arranged(self, kept: list[int]) -> _Arranged:
+        """Blocks of the rows `kept`, each of one session and kind."""
+        instrument = any(self.kinds[row] in ("pose", "position") for row in kept)
+        of_rows = [self.sessions[row] for row in kept]
+        sessions = sessions_of(of_rows, self.own, instrument=instrument)
+        points = Points.of([self._point(row) for row in kept], of_rows, apart=bool(self.own & OWN_BASE))
+        order: list[int] = []
+        blocks: list[Measured] = []
+        for number, session in enumerate(sessions):
+            mine = [row for row in kept if len(sessions) == 1 or self.sessions[row] == session.name]
+            for kind in KINDS:
+                rows = [row for row in mine if self.kinds[row] == kind]
+                if rows:
+                    order += rows
+                    blocks.append(self._block(kind, rows, number, points))
+        return _Arranged(order, blocks, points, sessions)
+
+    def _point(self, row: int) -> str:
+        part = self.parts[self.kinds[row]]
+        return part.names[row] if isinstance(part, Reaches | Sockets) else ""
+
+    def _block(self, kind: Kind, rows: list[int], session: int, points: Points) -> Measured:
+        import numpy as np
+
+        part, at = self.parts[kind], self.conditions.at(rows)
+        if isinstance(part, Positions | Poses):
+            return part.block(rows, at, session)
+        numbers = np.array([points.number(part.names[row], self.sessions[row]) for row in rows])
+        return part.block(rows, at, session, numbers)
+
+
+def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artefact | None) -> dict[Kind, _Reading]:
+    """The columns of each kind that there is."""
+    readers: dict[Kind, Callable[[set[int]], _Reading]] = {
+        "sphere": lambda rows: Reaches.of_touches(sieve, robot, rows, artefact),
+        "socket": lambda rows: Sockets.of(sieve, robot, rows),
+        "distance": lambda rows: Reaches.of_distances(sieve, robot, rows),
+        "pose": lambda rows: Poses.of(sieve, robot, rows),
+        "position": lambda rows: Positions.of(sieve, robot, rows),
+    }
+    rows = {kind: {row for row, of in enumerate(kinds) if of == kind} for kind in set(kinds)}
+    return {kind: readers[kind](rows[kind]) for kind in KINDS if kind in rows}
+
+
+def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], known: dict[str, Any]) -> Task:
+    from cellctl.calibration import Task
+
+    return Task(model, blocks, groups=terms.groups(), **known)  # type: ignore[arg-type]  # a task makes a mixture of them
+
+
+def _sets(sieve: Sieve) -> list[str]:
+    """The `set` column; once it is used, each row has to say `fit` or `test`."""
+    sets = sieve.data.texts("set")
+    if any(sets):
+        for row, value in enumerate(sets):
+            if value not in ("fit", "test"):
+                sieve.reject(row, f"set '{value}' is neither fit nor test")
+    return sets

@@ -1,0 +1,59 @@
+"""How much the rows scatter: as they say themselves, or as the robot repeats."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+from cellctl.formats.columns import Sieve
+from cellctl.formats.dataset import DataSet
+from cellctl.formats.robot import RobotFile
+
+if TYPE_CHECKING:
+    from cellctl.kinematics import Floats
+
+ROTATION_SIGMA_DEG = 0.005
+"""σ of a measured orientation about each axis where the data do not say; it grows with the residuals as all σ do."""
+
+SIGMAS = ("sX", "sY", "sZ")
+OF_DISTANCE = "sD"
+OF_ROTATION = "sR"
+
+
+def has_own_sigma(data: DataSet) -> bool:
+    """Whether any row says itself how much its position or distance scatters."""
+    return any(any(data.texts(name)) for name in (*SIGMAS, OF_DISTANCE))
+
+
+def place_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
+    """σ of each coordinate (N, 3), mm: sX, sY, sZ, or the robot's repeatability on one axis."""
+    import numpy as np
+
+    default = robot.repeatability / math.sqrt(3.0)
+    return np.array([_positive(sieve, name, rows, default) for name in SIGMAS]).T
+
+
+def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
+    """σ along the line measured (N, 1), mm: sD, or that of the place on one axis."""
+    import numpy as np
+
+    of_place = np.sqrt(np.mean(place_sigma(sieve, robot, rows) ** 2, axis=1))
+    own = np.array(_positive(sieve, OF_DISTANCE, rows, math.inf))
+    return np.where(np.isfinite(own), own, of_place)[:, None]
+
+
+def rotation_sigma(sieve: Sieve, rows: Collection[int]) -> Floats:
+    """σ about each axis (N, 3), rad: sR (deg)."""
+    import numpy as np
+
+    own = np.deg2rad(_positive(sieve, OF_ROTATION, rows, ROTATION_SIGMA_DEG))
+    return np.repeat(own[:, None], 3, axis=1)
+
+
+def _positive(sieve: Sieve, name: str, rows: Collection[int], default: float) -> list[float]:
+    values = sieve.numbers(name, missing=default, rows=rows)
+    for row, value in enumerate(values):
+        if value <= 0.0:
+            sieve.reject(row, f"{name} is {value:g}: a standard deviation is above 0")
+    return values

@@ -1,0 +1,69 @@
+"""An older model gone on from: an update, or partial work with only named groups free."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cellctl.files import InputError, Problem
+from cellctl.formats.measurements import Measurements
+from cellctl.formats.model import ModelFile
+from cellctl.formats.robot import RobotFile
+
+if TYPE_CHECKING:
+    from cellctl.calibration import RobotModel
+
+GROUPS = ("zeros", "links", "geometry", "tool", "base", "points")
+"""Groups that every model has; its effects are groups of their own."""
+
+
+def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] = (), file: str = "") -> Measurements:
+    """The same rows for `prior` in place of nominal. free: groups that alone may change, with nothing known of them;
+    none named: everything that the older model was not sure of. file: names the model in errors.
+
+    Raises InputError where it is another robot's model, or has no such group.
+    """
+    import numpy as np
+
+    problems = _another_robot(prior.robot, measured.robot, file)
+    problems += _unknown_groups(prior.robot_model(), free)
+    if problems:
+        raise InputError(problems)
+    model, groups = prior.robot_model(), frozenset(free) or None
+    if groups and "tool" in groups and measured.robot.tool != prior.robot.tool:
+        model = model.on(model.chain.base_now, measured.robot.chain().tool)
+    task = replace(measured.task, model=model, prior=np.array(prior.covariance), groups=groups, candidates=None)
+    return replace(measured, task=task)
+
+
+def only(measured: Measurements, free: Collection[str]) -> Measurements:
+    """The same rows, with these groups alone free about nominal. Raises InputError for an unknown group."""
+    problems = _unknown_groups(measured.task.model, free)
+    if problems:
+        raise InputError(problems)
+    return replace(measured, task=replace(measured.task, groups=frozenset(free), candidates=None))
+
+
+def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:
+    """What of the two robot files cannot be the same robot's; tool, base and limits may differ."""
+    pairs = [
+        ("convention", older.convention, robot.convention),
+        ("link table", (older.links, older.screws, older.home), (robot.links, robot.screws, robot.home)),
+        ("joint signs and offsets", _joints(older), _joints(robot)),
+    ]
+    differ = [name for name, theirs, ours in pairs if theirs != ours]
+    if not differ:
+        return []
+    what = f"is a model of '{older.name}' with another {' and '.join(differ)} than '{robot.name}' has"
+    return [Problem(file or "--prior", 0, 0, what, "give the robot file that the model was made with")]
+
+
+def _joints(robot: RobotFile) -> list[tuple[int, float]]:
+    return [(joint.sign, joint.offset) for joint in robot.joints]
+
+
+def _unknown_groups(model: RobotModel, free: Collection[str]) -> list[Problem]:
+    known = (*GROUPS, *dict.fromkeys(effect.group for effect in model.effects))
+    unknown = [group for group in free if group not in known]
+    return [Problem("--free", 0, 0, f"no group '{group}' in this model", ", ".join(known)) for group in unknown]
