@@ -1,0 +1,218 @@
+"""Set-up mistakes: whether nominal is too far from the rows for any robot, and which supposition brings it back.
+
+Nothing is repaired. A healthy set costs one registration: suppositions are looked at only where nominal, registered, is
+further from the nearest 60 % of its rows than three times what tolerances foresee, and those with an angle to fit only
+from six times on. One counts when what it leaves is at most three times what is foreseen, and at most a quarter of what
+there was.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cellctl.calibration.mistakes.case import Case
+from cellctl.calibration.mistakes.columns import other_unit, swapped_columns
+from cellctl.calibration.mistakes.joints import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
+from cellctl.calibration.mistakes.measured import other_hand, other_length, other_spheres
+from cellctl.calibration.mistakes.misfit import CORE, EXPLAINED, SUSPICIOUS, Misfit, misfit, rms, row_errors, steps_of
+from cellctl.calibration.mistakes.order import out_of_step, put_in_step, wild_rows
+from cellctl.calibration.mistakes.supposition import Change, Supposition
+from cellctl.calibration.mistakes.table import metres, other_convention
+from cellctl.calibration.mistakes.turns import other_turns
+from cellctl.calibration.task import Task
+from cellctl.kinematics import Floats, JointMap
+
+Stage: TypeAlias = Callable[[Case], Iterator[Supposition]]
+"""Poses suppositions about a case."""
+
+SAMPLE = 150
+"""Rows that judge a supposition."""
+
+SCREEN = 60
+"""Rows that say which suppositions are worth judging."""
+
+BETTER = 4.0
+"""A supposition has to bring nominal this many times nearer to its rows."""
+
+EQUAL = 1.5
+"""Suppositions that leave up to this many times what the best one leaves are as good: nothing in these rows decides."""
+
+SAME_DEG = 2.0
+"""Offsets nearer than this to each other are one."""
+
+PROMISING = 8
+NAMED = 4
+
+ROWS_AT_LEAST = 8
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Changes that, made together, bring nominal to the rows; RMS over the nearest rows before and after.
+
+    unit: `mm`, or `°` where orientations are what was wrong.
+    """
+
+    changes: tuple[Change, ...]
+    before: float
+    after: float
+    unit: str
+
+    @property
+    def evidence(self) -> str:
+        """`RMS 214 → 0.9 mm`."""
+        return f"RMS {_figure(self.before)} → {_figure(self.after)} {self.unit}".replace(" °", "°")
+
+    def words(self, name: Callable[[int], str] = "row {}".format) -> str:
+        """`A3 reversed: RMS 214 → 0.9 mm`; rows are called by `name`."""
+        return f"{', '.join(change.words(name) for change in self.changes)}: {self.evidence}"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SetUp:
+    """What was found. implausible: whether nominal is too far from the rows for any robot of its kind; rms_mm,
+    foreseen_mm: how far, and what tolerances foresee. mistakes: explanations, best first; any one of them explains all.
+    """
+
+    implausible: bool
+    rms_mm: float
+    foreseen_mm: float
+    mistakes: tuple[Mistake, ...] = ()
+
+
+def find_mistakes(task: Task, joints: JointMap, readings: Floats) -> SetUp:
+    """Mistakes of set-up in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
+
+    Where several explanations leave as little, all are named: the rows cannot tell which it is.
+    """
+    case = Case(task, joints, np.asarray(readings, float))
+    if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:
+        return SetUp(False, 0.0, 0.0)
+    few = case.thinned(SAMPLE)
+    nominal = misfit(few).foreseen(few)
+    found = _explained(case, nominal) if nominal.suspicious else list(_single_rows(case, nominal))
+    return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found))
+
+
+def _explained(case: Case, nominal: Misfit) -> list[Mistake]:
+    """What explains all rows at once; two or three joints only where nothing simpler does."""
+    few = case.thinned(SAMPLE)
+    stages: tuple[Stage, ...] = (_simple, out_of_step)
+    if not nominal.far_mm(SUSPICIOUS):
+        stages = (_orientations,)
+    elif nominal.implausible:
+        stages += (offset_joint, _two_kinds, two_joints, three_joints)
+    for stage in stages:
+        source = case if stage is out_of_step else few
+        judged = [_judged(supposed) for supposed in _screened(stage(source), nominal)]
+        right = [
+            (s, after) for s, after in judged if after.times <= EXPLAINED and nominal.times >= BETTER * after.times
+        ]
+        if right:
+            return [_mistake(s, nominal, after) for s, after in _equally_good(right)]
+    return []
+
+
+def _judged(supposed: Supposition) -> tuple[Supposition, Misfit]:
+    small = supposed.case.thinned(SAMPLE)
+    return supposed, misfit(small).foreseen(small)
+
+
+def _orientations(few: Case) -> Iterator[Supposition]:
+    """What leaves positions as they are."""
+    yield from other_turns(few)
+    yield from other_hand(few)
+
+
+def _simple(few: Case) -> Iterator[Supposition]:
+    for pose in (
+        other_unit, other_length, other_hand, other_spheres, other_convention, metres, swapped_columns, plain_joints,
+    ):  # fmt: skip
+        yield from pose(few)
+
+
+def _two_kinds(few: Case) -> Iterator[Supposition]:
+    """Two mistakes of different kinds: a unit, a hand, a convention, and another of these, or a joint."""
+    for first in _wholesale(few):
+        for second in (*_wholesale(first.case), *reversed_joint(first.case)):
+            if second.changes[0].key != first.changes[0].key:
+                changes = (*first.changes, *second.changes)
+                yield Supposition(changes, second.case, 20 + first.oddity + second.oddity)
+
+
+def _wholesale(case: Case) -> Iterator[Supposition]:
+    for pose in (other_unit, other_length, other_hand, other_spheres, other_convention, metres):
+        yield from pose(case)
+
+
+def _screened(supposed: Iterable[Supposition], nominal: Misfit) -> list[Supposition]:
+    """Those that leave least at a few rows, of all that leave clearly less than there was."""
+    sized = []
+    for one in supposed:
+        size = misfit(one.case.thinned(SCREEN), rounds=2).size
+        if size < nominal.size / 2.0:
+            sized.append((size, one))
+    steps = steps_of(np.array([size for size, _ in sized]))
+    order = sorted(range(len(sized)), key=lambda place: (steps[place], sized[place][1].oddity, place))
+    return [sized[place][1] for place in order[:PROMISING]]
+
+
+def _equally_good(right: list[tuple[Supposition, Misfit]]) -> list[tuple[Supposition, Misfit]]:
+    """Those that nothing tells from the best, the least odd first; in one file, none with more changes than another."""
+    best = min(after.size for _, after in right)
+    equal = sorted(
+        [(s, after) for s, after in right if after.size <= EQUAL * best],
+        key=lambda pair: (pair[0].oddity, pair[1].size),
+    )
+    kept: list[tuple[Supposition, Misfit]] = []
+    for supposed, after in equal:
+        sources = {change.source for change in supposed.changes}
+        simpler = any(
+            {change.source for change in other.changes} <= sources and len(other.changes) < len(supposed.changes)
+            for other, _ in kept
+        )
+        if not simpler and not any(_same(supposed, other) for other, _ in kept):
+            kept.append((supposed, after))
+    return kept[:NAMED]
+
+
+def _same(one: Supposition, other: Supposition) -> bool:
+    """Whether two suppositions say the same, but for how exactly an angle was worked out."""
+    if [change.key for change in one.changes] != [change.key for change in other.changes]:
+        return False
+    apart = np.abs((one.case.joints.offset - other.case.joints.offset + 180.0) % 360.0 - 180.0)
+    named = [re.sub(r"[\d.]+°", "", change.what) for change in one.changes]
+    return named == [re.sub(r"[\d.]+°", "", change.what) for change in other.changes] and bool(np.all(apart < SAME_DEG))
+
+
+def _mistake(supposed: Supposition, before: Misfit, after: Misfit) -> Mistake:
+    turned = before.mm < BETTER * after.mm
+    if turned:
+        return Mistake(supposed.changes, before.deg, after.deg, "°")
+    return Mistake(supposed.changes, before.mm, after.mm, "mm")
+
+
+def _single_rows(case: Case, nominal: Misfit) -> Iterator[Mistake]:
+    """Rows out of step, or exchanged, in a set-up that is right but for them: RMS over these rows."""
+    if wild_rows(case, nominal) < 2:
+        return
+    for supposed in put_in_step(case, nominal):
+        moved = np.flatnonzero(np.any(supposed.case.readings != case.readings, axis=1))
+        before, after = (_distances(one, nominal)[moved] for one in (case, supposed.case))
+        yield Mistake(supposed.changes, rms(before), rms(np.sort(after)[: max(int(CORE * len(after)), 1)]), "mm")
+
+
+def _distances(case: Case, nominal: Misfit) -> Floats:
+    return np.concatenate([mm for mm, _ in row_errors(case.task, nominal.state)])
+
+
+def _figure(value: float) -> str:
+    """Two significant figures at least, three for large ones, no exponent."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.2g}"

@@ -1,0 +1,106 @@
+"""Thousands of suppositions about joints at once, roughly: how far each leaves nominal from a few rows.
+
+For an instrument's rows base and tool are found by a linear problem in which the base may be any affine map (see
+`placing`); points are found by linear problems anyway. Each is solved for all suppositions in one batch, and a second
+time on the rows that fitted best.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellctl.calibration.mistakes.case import Case
+from cellctl.calibration.mistakes.misfit import CORE
+from cellctl.calibration.mistakes.placing import PLACED
+from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.kinematics import Floats
+
+ROWS = 40
+CHUNK = 256
+RIDGE = 1e-10
+"""Of the largest diagonal element: enough to solve where base and tool cannot be told apart."""
+
+
+def rough_sizes(case: Case, sign: Floats, offset: Floats) -> Floats:
+    """RMS over the nearest rows (C,), mm, were joints reversed as `sign` (C, n), ±1, and off by `offset` (C, n), deg.
+
+    At the rows of the case, all of them: thin it before.
+    """
+    parts = [np.s_[start : start + CHUNK] for start in range(0, len(sign), CHUNK)]
+    return np.concatenate([np.zeros(0), *(_sizes(case, sign[part], offset[part]) for part in parts)])
+
+
+def _sizes(case: Case, sign: Floats, offset: Floats) -> Floats:
+    signs, offsets = sign * case.joints.sign, offset + case.joints.offset
+    q = np.deg2rad(signs[:, None] * case.readings + offsets[:, None])
+    squares, start = [], 0
+    for block in case.task.rows.blocks:
+        squares.append(_squares(case, block, q[:, start : start + len(block)]))
+        start += len(block)
+    return np.asarray(np.sqrt(np.concatenate(squares, axis=1).mean(axis=1)))
+
+
+def _squares(case: Case, block: Measured, q: Floats) -> Floats:
+    """Squared distances (C, K) of a block's nearest rows."""
+    chain = case.task.model.chain
+    if isinstance(block, TouchRows | SocketRows):
+        tips = chain.forward(q)[..., :3, 3]
+        groups = [np.flatnonzero(block.point == index) for index in np.unique(block.point)]
+        found = [
+            _of_point(tips[:, mine], block.reach[mine] if isinstance(block, TouchRows) else None) for mine in groups
+        ]
+        return _nearest(np.concatenate(found, axis=1))
+    assert isinstance(block, PositionRows | PoseRows)
+    if case.task.partial and case.task.registered != PLACED:
+        return _nearest(np.sum((chain.forward(q)[..., :3, 3] - block.xyz) ** 2, axis=-1))
+    return _of_instrument(chain.with_base(np.eye(4)).forward_flange(q), block.xyz)
+
+
+def _of_point(tips: Floats, reach: Floats | None) -> Floats:
+    """Squared distances (C, N) from a socket, or from a sphere's surface, where `tips` (C, N, 3) want it."""
+    away = tips - tips.mean(axis=1, keepdims=True)
+    if reach is None or tips.shape[1] < 5:
+        return np.asarray(np.sum(away**2, axis=-1))
+    lines = np.concatenate([2.0 * away, np.ones((*away.shape[:2], 1))], axis=-1)
+    right = np.sum(away**2, axis=-1) - reach**2
+    centre = _solved(lines, right)[..., :3]
+    return np.asarray((np.linalg.norm(away - centre[:, None], axis=-1) - reach) ** 2)
+
+
+def _of_instrument(flange: Floats, xyz: Floats) -> Floats:
+    """Squared distances (C, K) of the nearest rows, base relaxed."""
+    middle = xyz - xyz.mean(axis=0)
+    middle = middle / max(float(np.abs(middle).max()), 1e-9)
+    lines = np.zeros((*flange.shape[:2], 3, 15))
+    for axis in range(3):
+        lines[:, :, axis, 3 * axis : 3 * axis + 3] = middle
+        lines[:, :, axis, 9 + axis] = 1.0
+    lines[..., 12:] = -flange[..., :3, :3]
+    right = flange[..., :3, 3]
+    squares = _left(lines, right, lines, right)
+    kept = np.argsort(squares, axis=1)[:, : int(np.ceil(CORE * len(xyz)))]
+    near = np.take_along_axis(lines, kept[:, :, None, None], axis=1)
+    return _nearest(_left(near, np.take_along_axis(right, kept[:, :, None], axis=1), lines, right))
+
+
+def _left(lines: Floats, right: Floats, all_lines: Floats, all_right: Floats) -> Floats:
+    """Squared distances (C, N) that a solution from `lines` leaves of all."""
+    count = len(lines)
+    found = _solved(lines.reshape(count, -1, 15), right.reshape(count, -1))
+    left = np.matmul(all_lines, found[:, None, :, None])[..., 0] - all_right
+    return np.asarray(np.sum(left**2, axis=-1))
+
+
+def _solved(lines: Floats, right: Floats) -> Floats:
+    """Least squares (C, k) of batches (C, M, k) and (C, M), by normal equations, slightly held."""
+    turned = lines.swapaxes(-1, -2)
+    normal = np.matmul(turned, lines)
+    largest = np.diagonal(normal, axis1=-2, axis2=-1).max(axis=-1)
+    held: Any = normal + RIDGE * largest[:, None, None] * np.eye(normal.shape[-1])
+    return np.asarray(np.linalg.solve(held, np.matmul(turned, right[..., None]))[..., 0])
+
+
+def _nearest(squares: Floats) -> Floats:
+    return np.sort(squares, axis=1)[:, : int(np.ceil(CORE * squares.shape[1]))]

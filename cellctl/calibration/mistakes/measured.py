@@ -1,0 +1,97 @@
+"""Measured numbers in another unit, a frame that is left-handed, spheres of another size."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from cellctl.calibration.mistakes.case import Case
+from cellctl.calibration.mistakes.supposition import Change, Supposition
+from cellctl.calibration.rows import Measured, PoseRows, PositionRows, TouchRows
+from cellctl.kinematics import Floats
+
+UNITS = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}
+
+
+def other_length(case: Case) -> Iterator[Supposition]:
+    """X, Y, Z in another unit."""
+    if case.task.rows.kinds & {PositionRows, PoseRows}:
+        for unit, factor in UNITS.items():
+            change = Change(f"X, Y, Z are {unit}", "data", "write X, Y, Z in mm", ("X", "Y", "Z"))
+            yield Supposition((change,), _moved(case, partial(np.multiply, factor)))
+
+
+def other_hand(case: Case) -> Iterator[Supposition]:
+    """A left-handed frame. For positions every mirror is as good as any other: the base turns to suit."""
+    if PoseRows in case.task.rows.kinds:
+        yield from _mirrored_poses(case)
+    elif PositionRows in case.task.rows.kinds:
+        cure = "reverse one of X, Y, Z, or exchange two of them: the instrument's export says which"
+        change = Change("the measuring frame is left-handed", "data", cure, ("X", "Y", "Z"))
+        yield Supposition((change,), _moved(case, partial(_turned, np.diag([1.0, -1.0, 1.0]))))
+
+
+def _mirrored_poses(case: Case) -> Iterator[Supposition]:
+    """Positions alone mirrored, where the orientations tell which axis; or both."""
+    for axis, name in enumerate("XYZ"):
+        mirror = np.eye(3)
+        mirror[axis, axis] = -1.0
+        what = f"the measuring frame is left-handed: {name} is reversed"
+        change = Change(what, "data", f"reverse the sign of {name}", (name,))
+        yield Supposition((change,), _moved(case, partial(_turned, mirror)))
+        change = Change("the measuring frame is left-handed, orientations too", "data", "export a right-handed frame")
+        yield Supposition((change,), case.with_blocks(partial(_mirrored, mirror)), 1 + axis)
+    for first, second in itertools.combinations(range(3), 2):
+        exchange = np.eye(3)
+        exchange[[first, second]] = exchange[[second, first]]
+        names = ("XYZ"[first], "XYZ"[second])
+        what = f"the measuring frame is left-handed: {names[0]} and {names[1]} are swapped"
+        change = Change(what, "data", f"exchange the names of columns {names[0]} and {names[1]}", names)
+        yield Supposition((change,), _moved(case, partial(_turned, exchange)))
+
+
+def other_spheres(case: Case) -> Iterator[Supposition]:
+    """Spheres whose radius is in another unit, or is their diameter, or half of it."""
+    if TouchRows not in case.task.rows.kinds:
+        return
+    named = {f"radii are {unit}": factor for unit, factor in UNITS.items()}
+    named |= {"diameters stand where radii belong": 0.5, "radii stand where diameters belong": 2.0}
+    for what, factor in named.items():
+        change = Change(f"spheres: {what}", "artefact", "write radii, or diameters, as asked, in mm", ("radius",))
+        yield Supposition((change,), case.with_blocks(partial(_larger, factor)), 1)
+
+
+def _moved(case: Case, change: Callable[[Floats], Floats]) -> Case:
+    """The case with its measured positions changed."""
+
+    def moved(block: Measured) -> Measured:
+        if isinstance(block, PositionRows):
+            return replace(block, xyz=change(block.xyz))
+        if isinstance(block, PoseRows):
+            poses = block.poses.copy()
+            poses[:, :3, 3] = change(block.xyz)
+            return replace(block, poses=poses)
+        return block
+
+    return case.with_blocks(moved)
+
+
+def _turned(by: Floats, xyz: Floats) -> Floats:
+    return np.asarray(xyz @ by.T)
+
+
+def _mirrored(mirror: Floats, block: Measured) -> Measured:
+    if not isinstance(block, PoseRows):
+        return block
+    poses = block.poses.copy()
+    poses[:, :3, 3] = block.xyz @ mirror.T
+    poses[:, :3, :3] = mirror @ poses[:, :3, :3] @ mirror
+    return replace(block, poses=poses)
+
+
+def _larger(factor: float, block: Measured) -> Measured:
+    return replace(block, reach=factor * block.reach) if isinstance(block, TouchRows) else block

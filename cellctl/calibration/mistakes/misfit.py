@@ -1,0 +1,149 @@
+"""How far nominal, registered, is from the rows, and how far tolerances let a robot of its kind be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.mistakes.case import Case
+from cellctl.calibration.mistakes.placing import placed
+from cellctl.calibration.rows import PoseRows
+from cellctl.calibration.task import Task
+from cellctl.calibration.unknowns import State
+from cellctl.kinematics import Floats
+
+CORE = 0.6
+"""The share of each block's rows, the nearest, that speak for all: up to 40 % wild rows accuse no robot."""
+
+ROUNDS = 4
+
+SUSPICIOUS = 3.0
+"""Times as far from the rows as tolerances foresee (RMS): a robot three times as bad as its tolerances, or a mistake that
+these rows hardly show. Only mistakes without a number to fit (signs, units, columns, order) are then looked for."""
+
+IMPLAUSIBLE = 6.0
+"""Times as far: no robot of its kind. Drawn from the tolerances, robots reach 1.5."""
+
+EXPLAINED = 3.0
+"""Up to this, what remains under a supposition is what robots do."""
+
+LEAST_MM = 2.0
+LEAST_DEG = 0.5
+"""Nothing smaller is a mistake of set-up, however tight the tolerances are."""
+
+FLOOR_MM = 0.3
+FLOOR_DEG = 0.03
+"""Foreseen is never less: an older model may be surer of itself than a set-up is."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """Nominal registered on the rows that are nearest to it. mm, deg: RMS over these (deg: of poses, else 0).
+
+    kept: these rows, by block. foreseen_mm, foreseen_deg: what tolerances and noise let that be.
+    """
+
+    state: State
+    kept: tuple[Any, ...]
+    mm: float
+    deg: float
+    foreseen_mm: float = FLOOR_MM
+    foreseen_deg: float = FLOOR_DEG
+
+    @property
+    def times(self) -> float:
+        """How many times as far as foreseen."""
+        return max(self.mm / self.foreseen_mm, self.deg / self.foreseen_deg)
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether a mistake is worth looking for."""
+        return self.far_mm(SUSPICIOUS) or self.deg > max(SUSPICIOUS * self.foreseen_deg, LEAST_DEG)
+
+    @property
+    def implausible(self) -> bool:
+        """Whether no robot of this kind is so far from its table."""
+        return self.far_mm(IMPLAUSIBLE) or self.deg > max(IMPLAUSIBLE * self.foreseen_deg, LEAST_DEG)
+
+    def far_mm(self, times: float) -> bool:
+        """Whether positions alone are more than `times` as far as foreseen."""
+        return self.mm > max(times * self.foreseen_mm, LEAST_MM)
+
+    @property
+    def size(self) -> float:
+        """One number to compare suppositions by: what tolerances call large in either quantity."""
+        return float(np.hypot(self.mm / 1.0, self.deg / 0.1))
+
+    def foreseen(self, case: Case) -> Self:
+        """With what the tolerances foresee here."""
+        mm, deg = _foreseen(case.task, self.state, self.kept)
+        return replace(self, foreseen_mm=mm, foreseen_deg=deg)
+
+
+def misfit(case: Case, rounds: int = ROUNDS) -> Misfit:
+    """Nominal registered on all rows, then on those nearest to it, `rounds` times or until they stay the same."""
+    task = case.task
+    kept = [np.arange(len(block)) for block in task.rows.blocks]
+    for _ in range(rounds):
+        state, before = placed(task, kept), kept
+        kept = [_nearest(errors[0]) for errors in row_errors(task, state)]
+        if all(np.array_equal(now, then) for now, then in zip(kept, before, strict=True)):
+            break
+    errors = row_errors(task, state)
+    mm = np.concatenate([one[0][which] for one, which in zip(errors, kept, strict=True)])
+    deg = [one[1][which] for one, which in zip(errors, kept, strict=True) if one[1] is not None]
+    return Misfit(state, tuple(kept), rms(mm), rms(np.concatenate([np.zeros(0), *deg])))
+
+
+def row_errors(task: Task, state: State) -> list[tuple[Floats, Floats | None]]:
+    """For each block the rows' distances (N,), mm, and turns (N,), deg, None where nothing measured them."""
+    result: list[tuple[Floats, Floats | None]] = []
+    for block in task.rows.blocks:
+        if isinstance(block, PoseRows):
+            residual = block.residual(state)
+            turns = np.rad2deg(np.linalg.norm(residual[:, 3:], axis=1))
+            result.append((np.linalg.norm(residual[:, :3], axis=1), turns))
+        else:
+            result.append((block.errors(state), None))
+    return result
+
+
+def rms(values: Any) -> float:
+    """Root mean square; 0 of nothing."""
+    array = np.asarray(values, float)
+    return float(np.sqrt(np.mean(array**2))) if array.size else 0.0
+
+
+def steps_of(sizes: Floats) -> Floats:
+    """Sizes in steps of half as much again, from the least: those within a step are equals."""
+    least = max(float(np.min(sizes, initial=np.inf)), 1e-9)
+    return np.asarray(np.floor(np.log(np.maximum(sizes, least) / least) / np.log(1.5)))
+
+
+def _nearest(errors: Floats) -> Any:
+    return np.sort(np.argsort(errors, kind="stable")[: int(np.ceil(CORE * len(errors)))])
+
+
+def _foreseen(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, float]:
+    """RMS distance, mm, and turn, deg, at the rows `kept` of robots drawn from the tolerances, once registered."""
+    unknowns = task.unknowns(state)
+    known = np.diag(unknowns.sigma**2) if unknowns.prior is None else unknowns.prior
+    values, vectors = np.linalg.eigh(known)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    blocks = [block.pick(which) for block, which in zip(task.rows.blocks, kept, strict=True)]
+    sigma = np.concatenate([block.sigma.ravel() for block in blocks])
+    jacobian = np.concatenate([block.jacobian(state).reshape(-1, state.width) for block in blocks]) / sigma[:, None]
+    free = task.registration(unknowns)
+    u, s, _ = np.linalg.svd(jacobian[:, free] * np.sqrt(np.diag(known))[free], full_matrices=False)
+    tied = u[:, s > 1e-10 * s.max(initial=0.0)]
+    root[free] = 0.0
+    spread = jacobian @ root
+    left = (spread - tied @ (tied.T @ spread)) * sigma[:, None]
+    squares = np.sum(left**2, axis=1) + sigma**2
+    turns = np.concatenate([np.tile(np.array(block.quantities) == "rotation", len(block)) for block in blocks])
+    poses = max(int(np.count_nonzero(turns)) // 3, 1)
+    mm = float(np.sqrt(np.sum(squares[~turns]) / sum(map(len, blocks))))
+    return max(mm, FLOOR_MM), max(float(np.rad2deg(np.sqrt(np.sum(squares[turns]) / poses))), FLOOR_DEG)

@@ -1,0 +1,67 @@
+"""Mistakes of set-up end `cellctl fit` before anything is fitted: named with place, evidence and cure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cellctl.files import Document, InputError, Problem, load_yaml
+
+if TYPE_CHECKING:
+    from cellctl.calibration.mistakes import Change, Mistake
+    from cellctl.formats import Measurements
+
+
+def refuse_mistakes(robot: Path, data: Path, measured: Measurements, artefact: Path | None = None) -> None:
+    """Nothing, where `measured` goes together with the robot file; else raises InputError.
+
+    One Problem for each mistake, at its place in the robot file, the data set or the artefact's file, with the evidence
+    ("A3 reversed: RMS 214 → 0.9 mm") and the cure. Where the rows cannot tell between explanations, all are there.
+    """
+    from cellctl.calibration.mistakes import find_mistakes
+    from cellctl.formats import RobotFile
+
+    document = load_yaml(robot)
+    joints = RobotFile.from_document(document).joint_map()
+    found = find_mistakes(measured.task, joints, measured.readings).mistakes
+    files = {"data": str(data), "artefact": str(artefact or data)}
+    several = len(found) > 1
+    problems = [
+        _problem(document, files, measured, mistake, change, _others(found, mistake) if several else "")
+        for mistake in found
+        for change in mistake.changes
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _problem(
+    document: Document, files: dict[str, str], measured: Measurements, mistake: Mistake, change: Change, others: str
+) -> Problem:
+    """The change at its place, with what it explains, alone or together with others."""
+    what = f"{change.words(lambda row: _line(measured, row))}: {mistake.evidence}"
+    together = [other.words(lambda row: _line(measured, row)) for other in mistake.changes if other is not change]
+    if together:
+        what += f", together with: {'; '.join(together[:5])}{' …' if len(together) > 5 else ''}"
+    cure = f"{change.cure}{_in(document, files, change)}{others}"
+    if change.source == "robot":
+        return document.problem(change.key, what, cure)
+    line = measured.lines[change.rows[0]] if change.rows else 1
+    if change.source == "artefact" and files["artefact"] != files["data"]:
+        line = 0
+    return Problem(files[change.source], line, 0, what, cure)
+
+
+def _in(document: Document, files: dict[str, str], change: Change) -> str:
+    """Where the cure goes, when it is a key."""
+    return f" in {document.file if change.source == 'robot' else files[change.source]}" if change.key else ""
+
+
+def _others(found: tuple[Mistake, ...], mistake: Mistake) -> str:
+    """What explains as much, in a few words: one of them is true."""
+    others = ["; ".join(change.what for change in other.changes) for other in found if other is not mistake]
+    return f"; or else: {'; or: '.join(others)} (these rows cannot tell)"
+
+
+def _line(measured: Measurements, row: int) -> str:
+    return f"line {measured.lines[row]}"
