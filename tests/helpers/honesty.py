@@ -1,0 +1,247 @@
+"""How honest an identification is about itself, judged by a truth that it does not know.
+
+NEES: δᵀ C⁻¹ δ, the squared error in the fit's own standard deviations. Over k numbers it is χ² with k degrees of
+freedom where C is right: its mean is k, and 95 % of all draws lie below the χ²'s quantile. *All* free parameters are in
+it, the registered ones (base, tool, spheres' centres, with a flat prior) as well: the data determine these given the
+rest, so their errors have the covariance that C says although no prior drew them; without them their correlations with
+the others, which carry most of what a prediction says, would stay unproved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from fitted import Fitted, fitted
+from own_arm import Floats, OwnArm
+from own_posterior import Unknown, deviations_between, scipys_optimum
+from scipy.stats import chi2
+from simulated_setups import PRIOR, Draw
+
+QUANTILE_DRAWS = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Honesty:
+    """One draw's figures.
+
+    nees, freedom: over all free parameters. inside: truth in their 95 % region. place_nees (M,), 3 degrees of freedom
+    each: tool centre points where the robot is asked; place_inside: the first of them in its 95 % ellipsoid. rms,
+    scipy_rms, said_rms: of the volumetric error over all of them, mm; volume_inside: rms² is below the 95 % quantile of
+    what the fit's covariance says of it. off_scipy: greatest difference from SciPy's optimum in σ. strangest: greatest
+    deviation found in σ of its prior, of what has one. left_out: of `rows` that were all clean; growth: of their σ;
+    loosened: of the tolerances, by group.
+    """
+
+    nees: float
+    freedom: int
+    inside: bool
+    place_nees: Floats
+    place_inside: bool
+    rms: float
+    scipy_rms: float
+    said_rms: float
+    volume_inside: bool
+    off_scipy: float
+    strangest: float
+    left_out: int
+    rows: int
+    growth: float
+    loosened: Mapping[str, float]
+    converged: bool
+
+
+def honesty(draw: Draw, *, compared: bool = True) -> Honesty:
+    """Identify `draw` by cellctl and, where it is to be `compared`, by SciPy, and judge both by the truth."""
+    fit = fitted(draw)
+    names, start, arm = fit.unknown.names, fit.unknown.start, fit.unknown.arm(fit.found)
+    truth = deviations_between(names, start, draw.truth, fit.unknown.centres, draw.centres)
+    nees = squared(fit.found - truth, fit.covariance)
+    columns = fit.unknown.columns(fit.found, draw.asked)
+    error = arm.points(draw.asked) - draw.truth.points(draw.asked)
+    places = np.array([squared(e, c @ fit.covariance @ c.T) for e, c in zip(error, columns, strict=True)])
+    volume = Volume.of(draw, arm, columns, fit.covariance)
+    scipy_rms, off_scipy = _against_scipy(draw, fit, volume) if compared else (np.nan, np.nan)
+    return Honesty(
+        nees=nees,
+        freedom=len(names),
+        inside=bool(nees <= chi2.ppf(0.95, len(names))),
+        place_nees=places,
+        place_inside=bool(places[0] <= chi2.ppf(0.95, 3)),
+        rms=volume.rms_of(error),
+        scipy_rms=scipy_rms,
+        said_rms=volume.said_rms,
+        volume_inside=bool(volume.rms_of(error) ** 2 <= volume.quantile(0.95)),
+        off_scipy=off_scipy,
+        strangest=_strangest(draw, fit),
+        left_out=fit.left_out,
+        rows=len(draw.rows.q),
+        growth=fit.growth,
+        loosened=fit.loosened,
+        converged=fit.converged,
+    )
+
+
+def _against_scipy(draw: Draw, fit: Fitted, volume: Volume) -> tuple[float, float]:
+    """Volumetric RMS of SciPy's optimum, mm, and the greatest difference of a parameter from it, σ."""
+    own, found = own_optimum(draw)
+    arm = own.arm(found)
+    same = deviations_between(fit.unknown.names, fit.unknown.start, arm, fit.unknown.centres, own.centres_at(found))
+    off = np.abs(fit.found - same) / np.sqrt(np.diag(fit.covariance))
+    return volume.rms_of(arm.points(draw.asked) - draw.truth.points(draw.asked)), float(off.max())
+
+
+def _strangest(draw: Draw, fit: Fitted) -> float:
+    known = [index for index, name in enumerate(fit.unknown.names) if not name.startswith(draw.flat)]
+    expected = np.array([PRIOR.sigma(fit.unknown.names[index], draw.flat) for index in known])
+    return float(np.max(np.abs(fit.found[known]) / expected))
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Predictions at some angles: RMS of the error found and said, mm; NEES per degree of freedom; whether the first of
+    them lies in its 95 % ellipsoid; whether the fit converged.
+    """
+
+    rms: float
+    said_rms: float
+    nees: float
+    inside: bool
+    converged: bool
+
+
+def elsewhere(draw: Draw, others: Floats) -> tuple[Elsewhere, Elsewhere]:
+    """How good predictions are at `draw.asked` and at `others` (M, n), where the fit saw nothing of the kind."""
+    fit = fitted(draw)
+
+    def at(q: Floats) -> Elsewhere:
+        points, sigma = fit.predicted(q)
+        error, columns = points - draw.truth.points(q), fit.unknown.columns(fit.found, q)
+        places = [squared(e, c @ fit.covariance @ c.T) for e, c in zip(error, columns, strict=True)]
+        return Elsewhere(
+            rms=float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+            said_rms=float(np.sqrt(np.mean(sigma**2))),
+            nees=float(np.mean(places) / 3.0),
+            inside=bool(places[0] <= chi2.ppf(0.95, 3)),
+            converged=fit.converged,
+        )
+
+    return at(draw.asked), at(others)
+
+
+def own_optimum(draw: Draw) -> tuple[Unknown, Floats]:
+    """SciPy's optimum of the posterior, started where somebody would say that everything is; no bend upwards."""
+    own = _unknown(draw, draw.free)
+    found = scipys_optimum(own, draw.rows)
+    if own.arm(found).bend >= 0.0:
+        return own, found
+    own = _unknown(draw, tuple(name for name in draw.free if name != "tool_deflection"))
+    return own, scipys_optimum(own, draw.rows)
+
+
+def _unknown(draw: Draw, names: tuple[str, ...]) -> Unknown:
+    sigma = np.array([PRIOR.sigma(name, draw.flat) for name in names])
+    return Unknown(names, sigma, draw.rough, draw.rough_centres)
+
+
+def squared(error: Floats, covariance: Floats) -> float:
+    """δᵀ C⁻¹ δ, worked out in units of σ."""
+    sigma = np.sqrt(np.diag(covariance))
+    scaled = error / sigma
+    return float(scaled @ np.linalg.solve(covariance / np.outer(sigma, sigma), scaled))
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """The volumetric error at asked angles: 3-D, of all points (3 M,), without what nobody can see.
+
+    With an instrument all of it is seen. Touches on spheres see neither the robot's heading nor its height: what moves
+    all points as one body is taken out (`kept`, orthonormal, (3 M, 6) of it), to first order.
+    """
+
+    kept: Floats
+    factor: Floats
+
+    @classmethod
+    def of(cls, draw: Draw, arm: OwnArm, columns: Floats, covariance: Floats) -> Volume:
+        together = rigid_motions(arm.points(draw.asked)) if len(draw.centres) else np.zeros((3 * len(columns), 0))
+        root = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
+        spread = columns.reshape(-1, columns.shape[-1]) @ root
+        return cls(together, spread - together @ (together.T @ spread))
+
+    def rms_of(self, error: Floats) -> float:
+        flat = error.ravel()
+        left = flat - self.kept @ (self.kept.T @ flat)
+        return float(np.sqrt(left @ left / len(error)))
+
+    @property
+    def said_rms(self) -> float:
+        return float(np.sqrt(3.0 * np.sum(self.factor**2) / len(self.factor)))
+
+    def quantile(self, share: float) -> float:
+        """Of the mean squared error: a weighted sum of χ², by draws with a fixed seed."""
+        weights = np.linalg.svd(self.factor, compute_uv=False) ** 2 * 3.0 / len(self.factor)
+        drawn = np.random.default_rng(0).standard_normal((QUANTILE_DRAWS, len(weights))) ** 2 @ weights
+        return float(np.quantile(drawn, share))
+
+
+def rigid_motions(points: Floats) -> Floats:
+    """Orthonormal basis (3 M, 6) of how points (M, 3) move as one body."""
+    arms = points - points.mean(axis=0)
+    moves = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)] + [
+        np.cross(axis, arms) / 1e3 for axis in np.eye(3)
+    ]
+    basis, _ = np.linalg.qr(np.stack([move.ravel() for move in moves], axis=1))
+    return np.asarray(basis)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of many draws of one set-up: shares over draws, means over draws, and counts."""
+
+    draws: int
+    nees: float
+    place_nees: float
+    coverage: float
+    place_coverage: float
+    volume_coverage: float
+    rms: float
+    ratio: float
+    said: float
+    off_scipy: float
+    left_out_per_1000: float
+    grown: int
+    loosened: int
+    unconverged: int
+
+    @property
+    def as_promised(self) -> bool:
+        """NEES per degree of freedom 0.9 … 1.1, places and volumetric RMS in their 95 % regions in 92 … 98 % of the
+        draws, no more than 2 % worse than SciPy's optimum.
+        """
+        nees = (self.nees, self.place_nees)
+        shares = (self.place_coverage, self.volume_coverage)
+        return all(0.9 <= n <= 1.1 for n in nees) and all(0.92 <= s <= 0.98 for s in shares) and self.ratio <= 1.02
+
+    @classmethod
+    def of(cls, all_of: list[Honesty]) -> Summary:
+        """NEES per degree of freedom; coverages by draws; ratio: our volumetric RMS over SciPy's, same draws."""
+        ours, scipys = (np.array([getattr(one, which) for one in all_of]) for which in ("rms", "scipy_rms"))
+        said = np.array([one.said_rms for one in all_of])
+        return cls(
+            draws=len(all_of),
+            nees=float(np.sum([one.nees for one in all_of]) / np.sum([one.freedom for one in all_of])),
+            place_nees=float(np.mean([one.place_nees for one in all_of]) / 3.0),
+            coverage=float(np.mean([one.inside for one in all_of])),
+            place_coverage=float(np.mean([one.place_inside for one in all_of])),
+            volume_coverage=float(np.mean([one.volume_inside for one in all_of])),
+            rms=float(np.sqrt(np.mean(ours**2))),
+            ratio=float(np.sqrt(np.mean(ours**2) / np.mean(scipys**2))),
+            said=float(np.sqrt(np.mean(said**2))),
+            off_scipy=max(one.off_scipy for one in all_of),
+            left_out_per_1000=1000.0 * sum(one.left_out for one in all_of) / sum(one.rows for one in all_of),
+            grown=sum(one.growth > 1.0 for one in all_of),
+            loosened=sum(bool(one.loosened) for one in all_of),
+            unconverged=sum(not one.converged for one in all_of),
+        )

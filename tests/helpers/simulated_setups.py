@@ -1,0 +1,154 @@
+"""Three set-ups of a study, drawn: a robot from the prior, what is measured of it, and where it is asked afterwards.
+
+SPH: the KR5 touches three spheres of certified spacing. Positions: a tracker sees a reflector on a UR10. Poses: a
+tracker sees a six-dimensional target on a KR5. Where instrument and target are, nobody knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from own_arm import Floats, OwnArm, kr5, pose_of, small_motion, ur10
+from own_posterior import OwnPrior
+from own_rows import OwnPoses, OwnPositions, OwnRows, OwnTouches, between
+from scipy.spatial.transform import Rotation
+
+SIGMA_MM = 0.03
+SIGMA_RAD = 1e-4
+PRIOR = OwnPrior()
+SPHERES = np.array([[950.0, -350.0, 250.0], [950.0, 350.0, 250.0], [1150.0, 0.0, 400.0]])
+REACH = 61.4 / 2 + 0.6
+ROWS = 50
+ASKED = 40
+NOTHING: Mapping[str, float] = MappingProxyType({})
+
+KR5_SIGNS = np.array([-1, 1, 1, -1, 1, -1])
+KR5_REGION = np.radians([[-90, -110, 40, -90, -80, -120], [90, -40, 120, 90, 80, 120]])
+UR10_REGION = np.radians([[-120, -130, 30, -150, -140, -170], [120, -30, 120, 0, -30, 170]])
+TOUCHED_REGION = np.radians([[-40, -110, 40, -90, 10, -90], [40, -40, 120, 90, 90, 90]])
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """nominal: what the fit is told; truth: what was measured, at `rows`. free: names of all that is unknown, those
+    that begin with one of `flat` quite so. centres, rough_centres (S, 3): of the spheres. rough: nominal where somebody
+    would say that base and tool are. asked (M, n): angles at which the robot is asked afterwards.
+    """
+
+    nominal: OwnArm
+    truth: OwnArm
+    rough: OwnArm
+    rows: OwnRows
+    free: tuple[str, ...]
+    flat: tuple[str, ...]
+    asked: Floats
+    centres: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    rough_centres: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+def sph(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
+    """50 touches on three spheres by a KR5 that stands where it stands; its tool is taught, the centres are unknown.
+
+    added: errors (mm, rad) beyond those that the prior draws; so below.
+    """
+    rng = np.random.default_rng([seed, 1])
+    nominal = kr5()
+    names = (*nominal.link_names, "tool_x", "tool_y", "tool_z", "tool_deflection")
+    truth = erroneous(rng, nominal, names, added)
+    centres = SPHERES + rng.normal(0.0, 3.0, SPHERES.shape)
+    sphere = np.arange(ROWS) % len(SPHERES)
+    q = _touching(rng, truth, centres[sphere])
+    certified = between(centres) + rng.normal(0.0, 0.01, 3)
+    rows = OwnTouches(q, sphere, REACH, SIGMA_MM, certified, 0.01)
+    free = (*names, *(f"S{number}_{axis}" for number in (1, 2, 3) for axis in "xyz"))
+    asked = _within(rng, TOUCHED_REGION, ASKED) * KR5_SIGNS
+    return Draw(nominal, truth, nominal, rows, free, ("S",), asked, centres, SPHERES)
+
+
+def positions(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
+    """50 points of a reflector on a UR10."""
+    rng = np.random.default_rng([seed, 2])
+    q = _within(rng, UR10_REGION, ROWS)
+    return seen_by_tracker(rng, ur10(), q, _within(rng, UR10_REGION, ASKED), added=added)
+
+
+def poses(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
+    """50 poses of a target on a KR5."""
+    rng = np.random.default_rng([seed, 3])
+    q = _within(rng, KR5_REGION, ROWS)
+    return seen_by_tracker(rng, kr5(), q, _within(rng, KR5_REGION, ASKED), added=added, whole_poses=True)
+
+
+SETUPS: dict[str, Callable[..., Draw]] = {"SPH": sph, "positions": positions, "poses": poses}
+
+OUTSIDE: dict[str, dict[str, float]] = {
+    "joint zeros by 1°": {"theta2": np.radians(1.0), "theta3": -np.radians(1.0), "theta5": np.radians(1.0)},
+    "links by 3 mm": {"a2": 3.0, "d4": -3.0},
+}
+"""Errors far beyond the prior's 0.05° and 0.5 mm: a lost mastering; a robot of another series."""
+
+
+def erroneous(
+    rng: np.random.Generator, nominal: OwnArm, names: tuple[str, ...], added: Mapping[str, float] = NOTHING
+) -> OwnArm:
+    """`nominal` with errors from the prior and those `added`; a bend is never upwards."""
+    errors = rng.normal(0.0, [PRIOR.sigma(name, ()) for name in names])
+    down = np.array([name == "tool_deflection" for name in names])
+    return nominal.moved(names, np.where(down, np.abs(errors), errors)).moved(list(added), list(added.values()))
+
+
+def seen_by_tracker(
+    rng: np.random.Generator,
+    nominal: OwnArm,
+    q: Floats,
+    asked: Floats,
+    *,
+    added: Mapping[str, float] = NOTHING,
+    whole_poses: bool = False,
+) -> Draw:
+    """What a tracker that stands anywhere sees of a target anywhere on the flange of a robot with errors."""
+    place = pose_of(Rotation.random(random_state=rng), rng.uniform(-2000.0, 2000.0, 3))
+    target = nominal.tool @ small_motion(np.concatenate([rng.uniform(-60, 60, 3), rng.uniform(-0.5, 0.5, 3)]))
+    truth = replace(erroneous(rng, nominal, nominal.link_names, added), base=place, tool=target)
+    roughly = [small_motion(rng.normal(0.0, [3.0] * 3 + [0.003] * 3)) for _ in range(2)]
+    rough = replace(nominal, base=place @ roughly[0], tool=target @ roughly[1])
+    xyz = truth.points(q) + rng.normal(0.0, SIGMA_MM, (len(q), 3))
+    base, tool = (tuple(f"{frame}_{letter}" for letter in "xyzabc") for frame in ("base", "tool"))
+    free = (*base, *nominal.link_names, *(tool if whole_poses else tool[:3]))
+    rows: OwnRows = OwnPositions(q, xyz, SIGMA_MM)
+    if whole_poses:
+        rows = OwnPoses(q, _noisily_turned(rng, truth.poses(q), xyz), SIGMA_MM, SIGMA_RAD)
+    return Draw(nominal, truth, rough, rows, free, ("base_", "tool_"), asked)
+
+
+def _within(rng: np.random.Generator, region: Floats, count: int) -> Floats:
+    return rng.uniform(region[0], region[1], (count, 6))
+
+
+def _noisily_turned(rng: np.random.Generator, exact: Floats, xyz: Floats) -> Floats:
+    noise = Rotation.from_rotvec(rng.normal(0.0, SIGMA_RAD, (len(exact), 3)))
+    result = np.tile(np.eye(4), (len(exact), 1, 1))
+    result[:, :3, :3], result[:, :3, 3] = noise.as_matrix() @ exact[:, :3, :3], xyz
+    return result
+
+
+def _touching(rng: np.random.Generator, truth: OwnArm, centres: Floats) -> Floats:
+    """Angles (N, 6) at which the tip is REACH ± noise from its centre, on the side away from the table."""
+    q = np.zeros((len(centres), 6))
+    left = np.arange(len(centres))
+    while left.size:
+        away = rng.normal(size=(left.size, 3))
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        away[:, 2] = np.where(away[:, 2] < -0.3, -away[:, 2], away[:, 2])
+        goal = centres[left] + (REACH + rng.normal(0.0, SIGMA_MM, (left.size, 1))) * away
+        shaken = rng.uniform(-25, 25, (left.size, 6)) * [1, 1, 1, 3, 1, 4]
+        start = KR5_SIGNS * np.radians(np.array([0.0, -70.0, 80.0, 0.0, 60.0, 0.0]) + shaken)
+        found = truth.reaching(goal, start)
+        close = np.linalg.norm(truth.points(found) - goal, axis=1) < 1e-9
+        good = close & (np.abs(found[:, :3] - start[:, :3]) < 1.5).all(axis=1)
+        q[left[good]] = found[good]
+        left = left[~good]
+    return q

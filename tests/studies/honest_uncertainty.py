@@ -1,0 +1,159 @@
+"""Whether the estimator's own σ is the error that is found: robots drawn from the prior, and from far outside it.
+
+    uv run python tests/studies/honest_uncertainty.py [--seeds 200] [--first 0] [--write docs/reference/how-sure.md]
+
+Three tables, about four minutes on one core. 1: touches on spheres, positions and poses of robots drawn from the prior
+that the fit is told, against the truth and against SciPy's optimum of the same posterior by finite differences. 2:
+joint zeros or links far outside the prior. 3: positions in one or two orientations of the tool only. What the figures
+are is said in `docs/reference/how-sure.md`; with --write the tables between the marks there are replaced. Exit code 1:
+a figure of the first table lies outside what is promised.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+
+from fixed_orientations import TILTED, UPRIGHT, fixed
+from honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
+from simulated_setups import OUTSIDE, SETUPS
+
+BEGIN, END = "<!-- how-sure figures:", "<!-- end of how-sure figures -->"
+FEWER = 10
+"""The second and third table take one seed where the first takes this many."""
+
+
+def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
+    """The first table, and whether all its figures are as promised."""
+    lines = [
+        "| set-up | seeds | NEES per degree of freedom: parameters | places asked "
+        "| truth in the 95 % region: place asked | volumetric RMS | all parameters | volumetric RMS (mm) | said "
+        "| over SciPy's | farthest from SciPy's (σ) | clean rows left out, of 1000 | σ grew | tolerances grew "
+        "| not converged |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    kept = True
+    for name, draw in SETUPS.items():
+        found = Summary.of([honesty(draw(seed)) for seed in seeds])
+        kept = kept and found.as_promised
+        cells = (
+            f"{found.nees:.3f}",
+            f"{found.place_nees:.3f}",
+            *(f"{100.0 * share:.1f} %" for share in (found.place_coverage, found.volume_coverage, found.coverage)),
+            f"{found.rms:.4f}",
+            f"{found.said:.4f}",
+            f"{found.ratio:.4f}",
+            f"{found.off_scipy:.3f}",
+            f"{found.left_out_per_1000:.2f}",
+            str(found.grown),
+            str(found.loosened),
+            str(found.unconverged),
+        )
+        lines.append(_line(name, found.draws, *cells))
+    return lines, kept
+
+
+def outside_the_prior(seeds: range) -> list[str]:
+    """The second table."""
+    lines = [
+        "| set-up | what lies outside | seeds | NEES per degree of freedom | truth in the 95 % region: volumetric RMS "
+        "| volumetric RMS (mm) | said | over SciPy's | found (σ of the prior) | σ grew by | tolerances grew by "
+        "| not converged |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for (what, errors), (name, draw) in ((case, setup) for case in OUTSIDE.items() for setup in SETUPS.items()):
+        all_of = [honesty(draw(seed, errors)) for seed in seeds]
+        found = Summary.of(all_of)
+        cells = (
+            f"{found.nees:.2f}",
+            f"{100.0 * found.volume_coverage:.0f} %",
+            f"{found.rms:.3f}",
+            f"{found.said:.3f}",
+            f"{found.ratio:.3f}",
+            _span(one.strangest for one in all_of),
+            _span(one.growth for one in all_of),
+            _loosened(all_of),
+            str(found.unconverged),
+        )
+        lines.append(_line(name, what, found.draws, *cells))
+    return lines
+
+
+def fixed_orientations(seeds: range) -> list[str]:
+    """The third table."""
+    lines = [
+        "| orientations of the tool | asked | seeds | error found, RMS (mm) | said | NEES per degree of freedom "
+        "| place asked in its 95 % region | not converged |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for what, turns in {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}.items():
+        pairs = [elsewhere(*fixed(seed, turns)) for seed in seeds]
+        for where, all_of in zip(("at the same", "at others"), zip(*pairs, strict=True), strict=True):
+            lines.append(_line(what, where, len(all_of), *_figures(all_of)))
+    return lines
+
+
+def _figures(all_of: Iterable[Elsewhere]) -> tuple[str, ...]:
+    found = list(all_of)
+    rms, said = (float(np.sqrt(np.mean([getattr(one, which) ** 2 for one in found]))) for which in ("rms", "said_rms"))
+    nees, inside = np.mean([one.nees for one in found]), np.mean([one.inside for one in found])
+    apart = sum(not one.converged for one in found)
+    return f"{rms:.3f}", f"{said:.3f}", f"{nees:.2f}", f"{100.0 * inside:.0f} %", str(apart)
+
+
+def _loosened(all_of: list[Honesty]) -> str:
+    groups = dict.fromkeys(group for one in all_of for group in one.loosened)
+    return ", ".join(f"{group} {_span(one.loosened.get(group, 1.0) for one in all_of)}" for group in groups) or "–"
+
+
+def _span(values: Iterable[float]) -> str:
+    found = sorted(values)
+    return f"{found[0]:.1f}" if found[0] == found[-1] else f"{found[0]:.1f} … {found[-1]:.1f}"
+
+
+def _line(*cells: object) -> str:
+    line = "| " + " | ".join(str(cell) for cell in cells) + " |"
+    print(line, file=sys.stderr, flush=True)
+    return line
+
+
+def write_into(document: Path, text: str) -> None:
+    """Replace what stands between the marks."""
+    before, begin, rest = document.read_text(encoding="utf-8").partition(BEGIN)
+    mark, _, _ = rest.partition("\n")
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise RuntimeError(f"{document} has no place for the figures")
+    document.write_text(f"{before}{begin}{mark}\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description="Whether the estimator's own σ is the error that is found.")
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--write", type=Path)
+    asked = parser.parse_args()
+    seeds = range(asked.first, asked.first + asked.seeds)
+    fewer = range(asked.first, asked.first + max(asked.seeds // FEWER, 2))
+    first, kept = drawn_from_the_prior(seeds)
+    parts = {
+        "Robots drawn from the prior": first,
+        "Robots from outside the prior": outside_the_prior(fewer),
+        "One or two orientations only": fixed_orientations(fewer),
+    }
+    text = "\n\n".join(f"### {title}\n\n" + "\n".join(lines) for title, lines in parts.items())
+    print(text)
+    if asked.write:
+        write_into(asked.write, text)
+    return 0 if kept else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
