@@ -15,6 +15,7 @@ import numpy as np
 from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.identify import Identification
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
@@ -26,7 +27,7 @@ from cellctl.kinematics import Bools, Floats
 def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
     unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
-    nominal = _settled(task, by.nominal, rows, unseen)
+    nominal = task.as_kept(_settled(task, by.nominal, rows, unseen))
     identified = _settled(task, by.identified, rows, unseen)
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
     noisy = rows.noisier(by.noise)
@@ -52,7 +53,7 @@ def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -
 def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:
     """The nominal and the identified robot as held-out `rows` are judged by: with what only these can tell fitted."""
     unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
-    return _settled(task, by.nominal, rows, unseen), _settled(task, by.identified, rows, unseen)
+    return task.as_kept(_settled(task, by.nominal, rows, unseen)), _settled(task, by.identified, rows, unseen)
 
 
 def unseen_by(task: Task, unknowns: Unknowns, used: Mixture, rows: Mixture) -> Bools:
@@ -88,11 +89,24 @@ def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
     """Where to look for what is unseen: as `task` would begin with nothing but `rows`."""
     state, afresh = found.state, task.start(rows)
     models = [
-        model.on(new.chain.base_now, new.chain.tool_now) if unseen[columns].any() else model
+        _placed_anew(model, new, unseen[columns[: len(model.parameters)]])
         for model, new, columns in zip(state.models, afresh.models, state.columns, strict=True)
     ]
     points = np.where(unseen[state.points_at :].reshape(-1, 3), afresh.points, state.points)
     return replace(state, models=tuple(models), points=points)
+
+
+def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotModel:
+    """`model` with base and tool of `new`, each only if it is unseen: the tool is mostly known from other sessions."""
+    chain, groups = (
+        model.chain,
+        {name.partition("_")[0] for name, is_new in zip(model.parameters, unseen, strict=True) if is_new},
+    )
+    if "base" in groups:
+        chain = chain.with_base(new.chain.base_now)
+    if "tool" in groups:
+        chain = chain.with_tool(new.chain.tool_now)
+    return replace(model, chain=chain)
 
 
 def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | None]:
@@ -103,4 +117,4 @@ def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | Non
     flat, _ = np.linalg.qr(np.concatenate([part.reshape(-1, part.shape[-1]) for part in columns]))
     cuts = np.cumsum([part.shape[0] * part.shape[1] for part in columns])[:-1]
     pieces = np.split(flat, cuts)
-    return [piece.reshape(*part.shape[:2], -1) for piece, part in zip(pieces, columns, strict=True)]
+    return [piece.reshape(*part.shape[:2], flat.shape[1]) for piece, part in zip(pieces, columns, strict=True)]

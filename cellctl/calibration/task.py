@@ -123,6 +123,14 @@ class Task:
         assert known is not None
         return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
 
+    def as_kept(self, nominal: State) -> State:
+        """What a new tool, or a new place of the robot, is compared with: the older model as it is, not where the rows
+        put it to begin with. Else `nominal`.
+        """
+        if not self.partial or self.registered or len(self.sessions) > 1:
+            return nominal
+        return replace(nominal, models=(self.model,))
+
     def start(self, rows: Mixture) -> State:
         """Where to begin, from the model and `rows` alone."""
         models = self._placed(rows)

@@ -51,7 +51,7 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
 
     found = result.identification.identified
     unknowns, model = found.unknowns, found.state.model
-    sigma = np.sqrt(np.diag(found.covariance))
+    sigma, tolerances = np.sqrt(np.diag(found.covariance)), result.identification.nominal.unknowns.sigma
     lengths = {"mm": 1000.0, "rad": 1.0}  # of a thousand millimetres or a radian nothing was known
     return [
         {"name": name, "value": value, "unit": unit, "sigma": float(after), "tolerance": float(before)}
@@ -61,7 +61,7 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
             model.parameter_units,
             unknowns.groups,
             unknowns.free,
-            unknowns.sigma,
+            tolerances,
             sigma,
             strict=False,
         )
@@ -78,21 +78,14 @@ def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]
     """
     import numpy as np
 
+    from cellctl.calibration.mastering import zero_changes
+
     freed = measured.task.freed
     if "zeros" not in freed or freed & {"links", "geometry"}:
         return []
-    found = result.identification.identified
-    model, before = found.state.model, measured.task.model
-    sigma = np.sqrt(np.diag(found.covariance))
-    rows = []
-    for number, joint in enumerate(measured.robot.joints, 1):
-        at = model.parameters.index(f"theta{number}")
-        change = model.deviations[at] - before.deviations[at]
-        rows.append(
-            {
-                "joint": f"A{number}",
-                "offset_deg": float(np.rad2deg(joint.sign * change)),
-                "sigma_deg": float(np.rad2deg(sigma[at])),
-            }
-        )
-    return rows
+    change, sigma = zero_changes(measured.task, result.identification.identified)
+    offsets = np.rad2deg(measured.robot.joint_map().sign * change)
+    return [
+        {"joint": f"A{number}", "offset_deg": offset, "sigma_deg": spread}
+        for number, (offset, spread) in enumerate(zip(offsets.tolist(), np.rad2deg(sigma).tolist(), strict=True), 1)
+    ]

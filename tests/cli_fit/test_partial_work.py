@@ -1,0 +1,130 @@
+"""Partial work: after a crash, with a new tool, where the robot has been set up anew, with ten rows each."""
+
+import csv
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
+
+from cellctl.cli import ends
+from cellctl.cli.main import app
+
+NOISE_MM = 0.02 / math.sqrt(3)
+ARM = ElbowArm()
+
+
+def cellctl(*words):
+    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+
+
+def measured(arm, count, seed):
+    rng = np.random.default_rng(seed)
+    readings = drawn(rng, count)
+    return csv_text(joints_and_places(readings, arm.tip(readings) + rng.normal(0, NOISE_MM, (count, 3))))
+
+
+@pytest.fixture(scope="module")
+def older(tmp_path_factory):
+    """A folder with the robot file and `model.json`, identified from 60 positions before anything happened."""
+    folder = tmp_path_factory.mktemp("older")
+    (folder / "robot.yaml").write_text(ROBOT)
+    (folder / "before.csv").write_text(measured(ARM, 60, 1))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert cellctl("fit", "robot.yaml", "before.csv", "--model", "geometry", "--out", "model.json") == 0
+    return folder
+
+
+@pytest.fixture
+def folder(older, monkeypatch):
+    monkeypatch.chdir(older)
+    return older
+
+
+def afterwards(folder, arm, *options, rows=10, code=0):
+    """The result of a fit of a few rows of `arm` with the older model as prior; the new model is `new.json`."""
+    (folder / "few.csv").write_text(measured(arm, rows, 2))
+    words = ["fit", "robot.yaml", "few.csv", "--prior", "model.json", "--out", "new.json", "--json", "r.json"]
+    assert cellctl(*words, *options) == code
+    return json.loads((folder / "r.json").read_text())
+
+
+def errors_of(folder, model, arm, readings, said=None):
+    """How far predictions of `model` at `said` (default the same readings) are from where the arm is at `readings`."""
+    joints = readings if said is None else said
+    (folder / "asked.csv").write_text(csv_text({f"A{j + 1}": joints[:, j] for j in range(3)}))
+    assert cellctl("predict", model, "asked.csv", "-o", "tcp.csv") == 0
+    rows = list(csv.DictReader((folder / "tcp.csv").open()))
+    places = np.array([[float(row[name]) for name in "XYZ"] for row in rows])
+    return np.linalg.norm(places - arm.tip(readings), axis=1)
+
+
+def test_lost_mastering_comes_back_as_what_has_to_be_added_to_the_controllers_readings(folder, capsys):
+    lost = (0.4, -1.2, 0.7)
+    result = afterwards(folder, replace(ARM, lost_deg=lost), "--free", "zeros")
+    found = result["mastering"]
+    assert [row["joint"] for row in found] == ["A1", "A2", "A3"]
+    for row, true in zip(found, lost, strict=True):
+        assert abs(row["offset_deg"] - true) < max(4 * row["sigma_deg"], 0.002)
+        assert row["sigma_deg"] < 0.02
+    assert result["groups"] == ["zeros"]
+    assert "A2  -1.2" in capsys.readouterr().out
+
+
+def test_with_the_offsets_entered_the_older_model_holds_again(folder):
+    crashed = replace(ARM, lost_deg=(0.4, -1.2, 0.7))
+    offsets = [row["offset_deg"] for row in afterwards(folder, crashed, "--free", "zeros")["mastering"]]
+    readings = drawn(np.random.default_rng(3), 40)
+    assert errors_of(folder, "model.json", crashed, readings).min() > 2.0
+    assert errors_of(folder, "model.json", crashed, readings, readings + offsets).max() < 0.1
+
+
+def test_a_new_tool_in_ten_rows(folder):
+    retooled = replace(ARM, tool=(12.0, -7.0, 30.0))
+    result = afterwards(folder, retooled, "--free", "tool")
+    assert result["verdict"] == "better"
+    assert result["mastering"] == []
+    assert errors_of(folder, "new.json", retooled, drawn(np.random.default_rng(3), 40)).max() < 0.1
+
+
+def test_a_robot_set_up_anew_in_ten_rows(folder):
+    moved = replace(ARM, at=(300.0, -250.0, 90.0), turn_deg=35.0)
+    result = afterwards(folder, moved, "--free", "base")
+    assert result["verdict"] == "better"
+    assert errors_of(folder, "new.json", moved, drawn(np.random.default_rng(3), 40)).max() < 0.1
+
+
+def test_an_update_is_surer_than_the_older_model_and_has_seen_what_that_saw(folder):
+    afterwards(folder, ARM, rows=30, code=1)
+    older, newer = (json.loads((folder / name).read_text()) for name in ("model.json", "new.json"))
+    sigma = [{row["name"]: row["sigma"] for row in model["parameters"]} for model in (older, newer)]
+    assert sigma[1]["a2"] < sigma[0]["a2"]
+    assert all(new <= old for old, new in zip(older["joint_region"]["min"], newer["joint_region"]["min"], strict=True))
+    assert errors_of(folder, "new.json", ARM, drawn(np.random.default_rng(3), 40)).max() < 0.1
+    assert newer["provenance"]["prior_sha256"]
+
+
+def test_the_sentence_compares_with_the_older_model_not_with_nominal(folder, capsys):
+    result = afterwards(folder, ARM, "--free", "tool", code=1)
+    assert "older model" in result["sentence"]
+    assert "nominal" not in result["sentence"]
+    assert "held out, older model" in capsys.readouterr().out
+
+
+def test_another_robots_model_is_refused_as_prior(folder, capsys):
+    (folder / "other.yaml").write_text(ROBOT.replace("a: 500,", "a: 501,").replace("sign: -1", "sign: 1"))
+    assert cellctl("fit", "other.yaml", "before.csv", "--prior", "model.json") == 2
+    said = capsys.readouterr().err
+    assert "link table" in said
+    assert "signs" in said
+
+
+def test_freed_groups_alone_change_about_nominal_too(folder):
+    (folder / "few.csv").write_text(measured(replace(ARM, tool=(12.0, -7.0, 30.0)), 20, 2))
+    assert cellctl("fit", "robot.yaml", "few.csv", "--free", "zeros", "--json", "r.json") in (0, 1)
+    result = json.loads((folder / "r.json").read_text())
+    assert "links" not in result["groups"]
+    assert [row["joint"] for row in result["mastering"]] == ["A1", "A2", "A3"]
