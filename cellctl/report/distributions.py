@@ -59,12 +59,16 @@ def _histogram(axes: Axes, sets: Sets, what: str) -> None:
 
 
 def _cumulative(axes: Axes, sets: Sets, what: str) -> None:
+    highest = max(float(np.median(errors)) for _, errors, *_ in sets)
     for label, errors, colour, _ in sets:
         steps = np.arange(len(errors) + 1) / len(errors) * 100.0
         at, median = np.concatenate([[errors.min()], np.sort(errors)]), float(np.median(errors))
         axes.step(at, steps, where="post", color=colour, linewidth=1.6, label=label)
         axes.plot(median, 50.0, "o", color=colour, markersize=4)
-        place: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+        aside: dict[str, Any] = {"xytext": (-6, 0), "ha": "right"}
+        if len(sets) > 1 and median == highest:
+            aside = {"xytext": (6, 0), "ha": "left"}
+        place = {**aside, "textcoords": "offset points", "va": "center"}
         axes.annotate(f"median {median:.3f}", (median, 50.0), fontsize=7, color=INK, **place)
     axes.set_xscale("log")
     millimetres(axes)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from matplotlib.typing import RcKeyType
 
-ACCENT, BEFORE, INK, FAINT = "#0b5394", "#8c8c8c", "#222222", "#d9d9d9"
+ACCENT, BEFORE, INK, FAINT, HELD_OUT = "#0b5394", "#8c8c8c", "#222222", "#d9d9d9", "#d1780b"
 DIVERGING = matplotlib.colormaps["RdBu_r"].resampled(31)
 """Few enough colours for its scale to be drawn, not embedded as an image."""
 WIDTH = 7.2

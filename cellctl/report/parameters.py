@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from typing import final
@@ -10,10 +9,9 @@ from typing import final
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.formats.model import Parameter
 from cellctl.report.numbers import MINUS, significant, with_sigma
+from cellctl.report.symbols import shown_unit, symbol
 
-_SYMBOLS = {"theta": "θ", "alpha": "α", "beta": "β"}
-_FRAME = {"x": "X", "y": "Y", "z": "Z", "a": "A", "b": "B", "c": "C"}
-_UNITS = {"mm": "mm", "rad": "°", "1/(N m^2)": "1/(N·m²)"}
+_FRAME = ("x", "y", "z", "a", "b", "c")
 
 
 @final
@@ -51,24 +49,13 @@ def held(model: ModelFile) -> list[str]:
     return [symbol(parameter.name) for parameter in model.parameters if parameter.prior_sigma <= 0.0]
 
 
-def symbol(name: str) -> str:
-    """`theta2` → `θ2`, `tool_x` → `tool X`, `tool_deflection` → `tool deflection c_t`."""
-    if name == "tool_deflection":
-        return "tool deflection c_t"
-    frame, _, axis = name.partition("_")
-    if axis in _FRAME:
-        return f"{frame} {_FRAME[axis]}"
-    kind, number = _link(name)
-    return f"{_SYMBOLS.get(kind, kind)}{number}"
-
-
 def _row(robot: RobotFile, parameter: Parameter) -> ParameterRow:
-    factor = math.degrees(1.0) if parameter.unit == "rad" else 1.0
+    unit, factor = shown_unit(parameter.unit)
     sigma = parameter.sigma * factor
     return ParameterRow(
         symbol=symbol(parameter.name),
-        unit=_UNITS[parameter.unit],
-        nominal=f"{_nominal(robot, parameter.name):.8g}".replace("-", MINUS),
+        unit=unit,
+        nominal=f"{table_value(robot, parameter.name):.8g}".replace("-", MINUS),
         deviation=with_sigma(parameter.value * factor, sigma),
         tolerance=significant(parameter.prior_sigma * factor),
         prior_share=(parameter.sigma / parameter.prior_sigma) ** 2,
@@ -76,18 +63,12 @@ def _row(robot: RobotFile, parameter: Parameter) -> ParameterRow:
     )
 
 
-def _nominal(robot: RobotFile, name: str) -> float:
-    """The robot file's value, mm or degrees; 0 for what it does not hold."""
+def table_value(robot: RobotFile, name: str) -> float:
+    """What the robot file says of a parameter, mm or degrees; 0 for what it does not hold (an effect, an axis)."""
     frame, _, axis = name.partition("_")
-    if axis in _FRAME:
+    if frame in ("base", "tool") and axis in _FRAME:
         place = robot.tool if frame == "tool" else robot.base
-        return (*place.xyz, *place.abc)["xyzabc".index(axis)]
-    if name == "tool_deflection":
-        return 0.0
-    kind, number = _link(name)
-    return float(getattr(robot.links[number - 1], kind) or 0.0)
-
-
-def _link(name: str) -> tuple[str, int]:
-    found = re.fullmatch(r"([a-z]+)(\d+)", name)
-    return (found[1], int(found[2])) if found else (name, 0)
+        return (*place.xyz, *place.abc)[_FRAME.index(axis)]
+    found = re.fullmatch(r"(theta|d|a|alpha|beta)(\d+)", name)
+    number = int(found[2]) if found else 0
+    return float(getattr(robot.links[number - 1], found[1]) or 0.0) if found and number <= len(robot.links) else 0.0

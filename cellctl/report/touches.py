@@ -47,14 +47,15 @@ class TouchErrors:
 
     def figures(self) -> tuple[ErrorFigures, ErrorFigures]:
         """Mean, RMS and greatest distance before and after, mm, on the held-out touches."""
-        return tuple(ErrorFigures.of(np.abs(errors[self.held_out])) for errors in (self.before, self.after))  # type: ignore[return-value]  # there are two
+        before, after = (ErrorFigures.of(np.abs(errors[self.held_out])) for errors in (self.before, self.after))
+        return before, after
 
 
 def touch_errors(model: ModelFile, data: DataSet, artefact: Artefact | None) -> TouchErrors:
     """The errors of all usable touches of `data`. Raises InputError where the data set does not belong to the model."""
     bends = model.parameters[-1].name == "tool_deflection"
     choice = "auto" if bends else "geometry"
-    measured = measurements(model.robot, data, measure="sphere", model=choice, artefact=artefact)  # type: ignore[arg-type]  # narrowed to str
+    measured = measurements(model.robot, data, measure="sphere", model=choice, artefact=artefact)
     rows = measured.task.rows.only
     assert isinstance(rows, TouchRows)
     centres = {centre.id: centre.xyz for centre in model.centres}

@@ -7,15 +7,15 @@ import re
 from cellctl.report.numbers import fixed, with_sigma
 
 _WITH_CENTRES = (
-    "The robot as a whole turns or shifts at its base and the spheres go with it: no touch changes. It is where the "
-    "robot stands, not what shape it is."
+    "The robot as a whole turns or shifts at its base and all that was measured goes with it: no row changes. It is "
+    "where the robot stands, not what shape it is."
 )
 _AT_TOOL = (
     "The last link and the tool frame are bolted together: what one gains the other loses, and the tool centre point "
     "stays where it is. Only their sum moves the tip, and the sum is seen."
 )
 OTHERWISE = (
-    "The touches of this run do not tell these parameters apart. What is not seen stays at its nominal value, within "
+    "The rows of the fit do not tell these parameters apart. What is not seen stays at its nominal value, within "
     "its tolerance; its share is in every σ of this report."
 )
 

@@ -1,0 +1,98 @@
+"""The head of a fit's page: verdict, figures, set-up, and the models that were tried."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cellctl.calibration import ErrorFigures, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.report.fit.story import FitStory
+from cellctl.report.numbers import fixed, with_sigma
+from cellctl.report.words import mean_with_uncertainty
+
+Section = dict[str, Any]
+
+_KINDS = {PositionRows: "positions", PoseRows: "poses", TouchRows: "distances", SocketRows: "socket visits"}
+_SINGULAR = {PositionRows: "position", PoseRows: "pose", TouchRows: "distance", SocketRows: "socket visit"}
+
+
+def head(story: FitStory) -> Section:
+    """Sentence and figures."""
+    result = story.result
+    return {
+        "robot": story.robot.name,
+        "model": result.model,
+        "verdict": result.verdict,
+        "sentence": str(story.said.get("sentence") or ""),
+        "held_out": [_held_out(story)] if result.n_test else [],
+        "fit": figures("rows of the fit", result.n_fit, result.fit),
+        "converged": story.found.converged,
+        "ended": story.found.ended,
+        "judged": _judged(story),
+        "setup": setup(story),
+        "ladder": ladder(story),
+    }
+
+
+def figures(what: str, count: int, errors: ErrorFigures) -> Section:
+    """Mean with its uncertainty, RMS and greatest, as texts."""
+    mean = mean_with_uncertainty(errors.mean, errors.rms, count)
+    return {"what": what, "count": count, "mean": mean, "rms": fixed(errors.rms), "max": fixed(errors.max)}
+
+
+def _held_out(story: FitStory) -> Section:
+    result = story.result
+    before = figures("held-out rows", result.n_test, result.nominal)
+    return {"before": before, "after": figures("held-out rows", result.n_test, result.test),
+            "predicted": fixed(result.predicted_test_rms)}  # fmt: skip
+
+
+def _judged(story: FitStory) -> str:
+    """How the held-out rows came to be."""
+    if not story.result.n_test:
+        return "No row was held out."
+    if len(story.held_out):
+        return "No held-out row had a say in the model."
+    parts = len(story.split.judged)
+    return (
+        f"The model is made from all rows. Each of {parts} parts of them was judged by a model made from the others: "
+        "the held-out figures are of those models, the residuals below of the final one."
+    )
+
+
+def setup(story: FitStory) -> list[tuple[str, str]]:
+    """Robot, rows by kind, sessions, what was freed: name and text."""
+    result, task = story.result, story.task
+    noise = float(result.identification.noise.max())
+    pairs = [
+        ("robot", f"{story.robot.name}, {story.robot.n} joints, {story.robot.convention}"),
+        ("rows", ", ".join(_counted(story))),
+        ("points", f"{len(task.points)} spheres or sockets" if len(task.points) > 3 else ", ".join(task.points)),
+        ("certified distances", str(len(task.spacings)) if task.spacings is not None else ""),
+        ("sessions", ", ".join(story.sessions) if len(task.sessions) > 1 else ""),
+        ("model", f"{result.model}: {result.n_parameters} free parameters, {result.observability.rank} seen"),
+        ("went on from", "an older model" if task.prior is not None else ""),
+        ("scatter", "as foreseen" if noise <= 1.0 else f"{noise:.1f} times what was foreseen; every σ allows for it"),
+        ("ended", story.found.ended),
+        *story.sources.items(),
+    ]
+    return [(name, text) for name, text in pairs if text]
+
+
+def _counted(story: FitStory) -> list[str]:
+    counts: dict[type, int] = {}
+    for block in story.task.rows.blocks:
+        counts[type(block)] = counts.get(type(block), 0) + len(block)
+    return [f"{count} {(_KINDS if count > 1 else _SINGULAR)[kind]}" for kind, count in counts.items() if count]
+
+
+def ladder(story: FitStory) -> list[Section]:
+    """The models that were tried, one upon another; empty where there was nothing to choose."""
+    return [
+        {
+            "model": step.model,
+            "gain": "" if step.untried else with_sigma(step.gain_mm, step.standard_error_mm),
+            "outcome": step.untried or ("kept" if step.kept else "not kept"),
+            "kept": step.kept,
+        }
+        for step in story.result.ladder
+    ]

@@ -1,0 +1,71 @@
+"""Where things turned out to be: base and tool where an instrument had to say it, spheres and sockets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellctl.kinematics import Floats, abc_from_rotation
+from cellctl.report.fit.story import FitStory
+from cellctl.report.fit.table import found_anew
+from cellctl.report.numbers import fixed, significant
+
+Section = dict[str, Any]
+
+MANY = 24
+"""More points than this are folded away until somebody asks for them."""
+
+
+def points(story: FitStory) -> list[Section]:
+    """Each sphere or socket with its σ; those that no row of the fit visited say so."""
+    found = story.found
+    sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.points_at :], 0.0)).reshape(-1, 3)
+    visits = _visits(story)
+    return [
+        {
+            "name": name,
+            "visits": int(visits[index]),
+            "xyz": [fixed(float(value), 3) for value in found.state.points[index]],
+            "sigma": [significant(float(value)) if visits[index] else "" for value in sigma[index]],
+        }
+        for index, name in enumerate(story.task.points)
+    ]
+
+
+def _visits(story: FitStory) -> Any:
+    blocks = story.task.rows.pick(story.used).blocks
+    numbers = [block.point for block in blocks if hasattr(block, "point")]
+    visited = np.concatenate([np.zeros(0, int), *numbers]).astype(int)
+    return np.bincount(visited, minlength=len(story.task.points))
+
+
+def placements(story: FitStory) -> list[Section]:
+    """Base and tool of each session, where they were found and not known: pose, σ of place and of turn."""
+    found, anew = story.found, found_anew(story) & story.found.unknowns.free
+    names = story.found.state.model.parameters
+    rows, shown = [], set()
+    for number, model in enumerate(found.state.models):
+        columns = found.state.columns[number]
+        for frame, pose in (("base", model.chain.base_now), ("tool", model.chain.tool_now)):
+            own = [column for column, name in zip(columns, names, strict=True) if name.partition("_")[0] == frame]
+            if anew[own].any() and tuple(own) not in shown:
+                shown.add(tuple(own))
+                session = story.sessions[number] if len(found.state.models) > 1 else ""
+                rows.append(_placement(session, frame, pose, found.covariance[np.ix_(own, own)]))
+    return rows
+
+
+def _placement(session: str, frame: str, pose: Floats, covariance: Floats) -> Section:
+    """Slides turned from the frame's own axes, along which they are parameters, to those that its place is told in."""
+    turn = pose[:3, :3]
+    place = np.sqrt(np.maximum(np.diag(turn @ covariance[:3, :3] @ turn.T), 0.0))
+    turned = float(np.rad2deg(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))))
+    return {
+        "session": session,
+        "frame": frame,
+        "xyz": [fixed(float(value), 3) for value in pose[:3, 3]],
+        "sigma": [significant(float(value)) for value in place],
+        "abc": [fixed(float(value), 3) for value in np.atleast_1d(abc_from_rotation(turn))],
+        "turned": significant(turned) if turned else "",
+    }

@@ -1,0 +1,71 @@
+"""Whether what is left is as large as foreseen: residuals in their foreseen standard deviations, and coverage."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cellctl.kinematics import Floats
+from cellctl.report.drawing import ACCENT, HELD_OUT, INK, svg_of
+from cellctl.report.fit.residuals import Residuals
+
+_EDGES = np.linspace(-4.0, 4.0, 33)
+
+
+def scaled_numbers(rows: Residuals) -> tuple[Floats, Floats]:
+    """The numbers of the fit's rows and of the held-out ones (M,), in their foreseen standard deviations."""
+    parts = (rows.scaled[rows.fitted], rows.scaled[rows.held_out])
+    return tuple(part[np.isfinite(part)] for part in parts)  # type: ignore[return-value]  # there are two
+
+
+def scaled_picture(rows: Residuals) -> str:
+    """Histogram of the scaled numbers against the normal curve; found against foreseen shares."""
+    fit, held_out = scaled_numbers(rows)
+
+    def draw(figure: Figure) -> None:
+        left, right = figure.subplots(1, 2)
+        _histogram(left, [("fit", fit, ACCENT), ("held out", held_out, HELD_OUT)])
+        _shares(right, rows, fit)
+
+    return svg_of(
+        draw, "scaled", 2.3, "Residuals in their foreseen standard deviations, and how many lie where foreseen"
+    )
+
+
+def _histogram(axes: Axes, sets: list[tuple[str, Floats, str]]) -> None:
+    at = np.linspace(-4.0, 4.0, 81)
+    axes.plot(at, np.exp(-(at**2) / 2.0) / np.sqrt(2.0 * np.pi), color=INK, linewidth=1.0, label="as foreseen")
+    for label, values, colour in sets:
+        if values.size:
+            clipped = np.clip(values, -3.999, 3.999)
+            axes.hist(clipped, _EDGES.tolist(), density=True, histtype="step", color=colour, linewidth=1.2, label=label)
+    axes.set(xlabel="residual / foreseen σ", ylabel="density", xlim=(-4.0, 4.0))
+    axes.legend(loc="upper left", fontsize=6.5)
+
+
+def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
+    from scipy.stats import norm
+
+    axes.plot([0, 100], [0, 100], color=INK, linewidth=0.6)
+    foreseen = np.linspace(0.0, 1.0, 101)
+    for label, chance, colour in (
+        ("numbers of the fit", 2.0 * norm.sf(np.abs(fit)), ACCENT),
+        ("held-out rows", rows.chance[np.isfinite(rows.chance)], HELD_OUT),
+    ):
+        if chance.size:
+            found = np.searchsorted(np.sort(1.0 - chance), foreseen, side="right") / chance.size
+            axes.plot(100.0 * foreseen, 100.0 * found, color=colour, linewidth=1.4, label=label)
+    axes.axvline(95.0, color="#bbbbbb", linewidth=0.6, linestyle="--")
+    axes.set(xlabel="region foreseen to hold, %", ylabel="found to hold, %", xlim=(0, 100), ylim=(0, 101))
+    axes.legend(loc="upper left", fontsize=6.5)
+
+
+def coverage(rows: Residuals) -> tuple[float | None, float | None]:
+    """Share of the fit's numbers within ±1.96 σ, and of held-out rows in their 95 % region; None without any."""
+    fit, _ = scaled_numbers(rows)
+    chance = rows.chance[np.isfinite(rows.chance)]
+    return (
+        float(np.mean(np.abs(fit) <= 1.96)) if fit.size else None,
+        float(np.mean(chance >= 0.05)) if chance.size else None,
+    )

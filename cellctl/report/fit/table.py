@@ -1,0 +1,128 @@
+"""The parameters as a table: nominal, deviation, σ and tolerance, and what each is in the other's terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from cellctl.kinematics import Bools, Floats
+from cellctl.report.fit.story import FitStory
+from cellctl.report.numbers import DASH, MINUS, fixed, significant, with_sigma
+from cellctl.report.parameters import table_value
+from cellctl.report.symbols import shown_unit, symbol
+
+LONG = 20
+"""A group of more parameters than this is folded away until somebody asks for it."""
+
+_TITLES = {
+    "base": "Base",
+    "tool": "Tool",
+    "zeros": "Joint zeros",
+    "links": "Links",
+    "deflection": "Bending of the tool",
+    "compliance": "Joints under weight",
+    "harmonics": "Waves of the joints",
+    "backlash": "Play",
+    "growth": "Growth with temperature",
+}
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One parameter, as texts. in_tolerances, in_sigmas: its deviation in what was, and in what is, its 1 σ.
+
+    share: 1 − σ²/tolerance², how much of what is known about it the rows told. wide: more than three tolerances off.
+    """
+
+    symbol: str
+    unit: str
+    nominal: str
+    deviation: str
+    tolerance: str
+    in_tolerances: str
+    in_sigmas: str
+    share: float
+    wide: bool
+
+    @property
+    def teller(self) -> str:
+        """Who determined it."""
+        return "data" if self.share > 0.9 else "both" if self.share > 0.1 else "tolerance"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Parameters of one kind."""
+
+    title: str
+    lines: tuple[Line, ...]
+
+    @property
+    def folded(self) -> bool:
+        """Whether there are too many to show unasked."""
+        return len(self.lines) > LONG
+
+
+def known_before(story: FitStory) -> Floats:
+    """1 σ of each parameter (P,) before the rows."""
+    unknowns = story.found.unknowns
+    return unknowns.sigma if unknowns.prior is None else np.sqrt(np.diag(unknowns.prior))
+
+
+def found_anew(story: FitStory) -> Bools:
+    """Which parameters (P,) nobody knew anything of before: points, and base and tool in an instrument's frame."""
+    unknowns, tolerances = story.found.unknowns, story.task.tolerances
+    place = unknowns.among(frozenset({"base", "tool", "points"}))
+    return np.asarray(place & (known_before(story) >= min(tolerances.flat_rad, tolerances.flat_mm)))
+
+
+def groups(story: FitStory) -> list[Group]:
+    """The free parameters of the robot in its first session, by kind; what had no tolerance is left to the places."""
+    unknowns = story.found.unknowns
+    shown = unknowns.free & ~found_anew(story) & (np.arange(len(unknowns.names)) < unknowns.robot)
+    kinds = dict.fromkeys(unknowns.groups[index] for index in np.flatnonzero(shown))
+    lines = {kind: [int(index) for index in np.flatnonzero(shown) if unknowns.groups[index] == kind] for kind in kinds}
+    ordered = sorted(kinds, key=lambda kind: list(_TITLES).index(kind) if kind in _TITLES else len(_TITLES))
+    return [
+        Group(_TITLES.get(kind, kind), tuple(_line(story, int(index)) for index in lines[kind])) for kind in ordered
+    ]
+
+
+def held(story: FitStory) -> list[str]:
+    """The robot's parameters that were held."""
+    unknowns = story.found.unknowns
+    return [symbol(unknowns.names[index]) for index in np.flatnonzero(~unknowns.free) if index < unknowns.robot]
+
+
+def _line(story: FitStory, index: int) -> Line:
+    found, model = story.found, story.found.state.model
+    name = found.unknowns.names[index]
+    unit, factor = shown_unit(model.parameter_units[index])
+    before = _before(story, name)
+    change = (float(model.deviations[index]) - before) * factor
+    sigma = float(np.sqrt(max(found.covariance[index, index], 0.0))) * factor
+    tolerance = float(known_before(story)[index]) * factor
+    return Line(
+        symbol=symbol(name),
+        unit=unit,
+        nominal=f"{table_value(story.robot, name) + before * factor:.8g}".replace("-", MINUS),
+        deviation=with_sigma(change, sigma),
+        tolerance=significant(tolerance),
+        in_tolerances=_times(change, tolerance),
+        in_sigmas=_times(change, sigma),
+        share=1.0 - (sigma / tolerance) ** 2 if tolerance else 0.0,
+        wide=abs(change) > 3.0 * tolerance,
+    )
+
+
+def _before(story: FitStory, name: str) -> float:
+    """What the model that was gone on from already had of this parameter, in its own unit."""
+    return story.task.model.amount(name) or 0.0
+
+
+def _times(change: float, sigma: float) -> str:
+    return fixed(change / sigma, 1) if sigma > 0.0 else DASH
