@@ -17,7 +17,7 @@ import numpy as np
 
 from cellctl.calibration.estimate import Estimate, prior_inverse
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows import Rows, SocketRows
 from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Floats
 
@@ -140,7 +140,7 @@ class _System:
             for quantity in dict.fromkeys(block.quantities if len(block) else ()):
                 mine = np.array(block.quantities) == quantity
                 numbers["noise", own.start + int(np.argmax(mine))] = _Normal.of(columns[:, mine], away[:, mine])
-        loose = loosenable(unknowns)
+        loose = tuple(group for group in loosenable(unknowns) if group != "links" or _measures_length(rows, certain))
         place = {group: number for number, group in enumerate(loose)}
         known = np.eye(free.size) if unknowns.prior is None else prior_inverse(unknowns, free)
         return cls(
@@ -175,9 +175,27 @@ class _System:
             square, pull = square + weight * normal.square, pull + weight * normal.pull
             rest, value = rest + weight * normal.rest, value - normal.count * log
         tolerances = np.array([*(logs.get(factor, 0.0) for factor in self.loose), 0.0])[self.groups]
-        root = np.linalg.cholesky(square + self.known * np.exp(-tolerances - tolerances[:, None]))
+        root = _root(square + self.known * np.exp(-tolerances - tolerances[:, None]))
         half = np.linalg.solve(root, pull)
         return float(value - tolerances.sum() - 0.5 * (rest - half @ half) - np.log(np.diag(root)).sum())
+
+
+def _root(square: Floats) -> Floats:
+    """Cholesky factor (F, F); where rounding leaves none, as of a tolerance far too wide, of the nearest that has."""
+    try:
+        root = np.linalg.cholesky(square)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(square)
+        least = 2.0 * np.finfo(float).eps * len(values) * float(values[-1])
+        root = np.linalg.cholesky((vectors * np.maximum(values, least)) @ vectors.T + 0.5 * least * np.eye(len(values)))
+    return np.asarray(root, float)
+
+
+def _measures_length(rows: Mixture, certain: Sequence[Rows]) -> bool:
+    """Whether anything here is a length. Sockets alone are not: a robot of no size would be in all of them at once, and
+    nothing but the tolerances of its links keeps it from shrinking.
+    """
+    return any(map(len, certain)) or any(len(block) and not isinstance(block, SocketRows) for block in rows.blocks)
 
 
 def _beyond(squares: float, count: float) -> bool:

@@ -39,6 +39,7 @@ def fit(
     free: Annotated[
         str | None, typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points or effects.")
     ] = None,
+    check: Annotated[bool, typer.Option(help="Look for mistakes of set-up first: units, signs, order of rows.")] = True,
     holdout: Annotated[float | None, typer.Option(help="Share of the rows to hold out, at random.")] = None,
     folds: Annotated[int | None, typer.Option(help="Judge by K folds. Default: column set, else 5.")] = None,
     column: Annotated[str | None, typer.Option(help="The column that says fit or test: set.")] = None,
@@ -65,11 +66,14 @@ def fit(
     from cellctl.calibration import fit as fitted
     from cellctl.cli.fit_split import split_of
     from cellctl.cli.fit_words import name_rows, say
+    from cellctl.cli.mistakes import refuse_mistakes
     from cellctl.cli.results import write_json
     from cellctl.formats import ModelFile, fit_report
 
     files = _Files.of(robot, data, asked)
     measured = _measured(files, asked)
+    if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
+        refuse_mistakes(robot, data, measured, artefact)
     split, labels = split_of(measured, judging)
     result = fitted(measured.task, split)
     report = fit_report(measured, result, labels)
