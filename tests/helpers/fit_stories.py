@@ -66,8 +66,8 @@ def at_points(count: int, away: float, seed: int = 0):
     start[:, 0] += np.arctan2(CENTRES[point, 1], CENTRES[point, 0])
     normal = rng.normal(size=(4 * count, 3)) * 0.6 + [0.0, 0.0, 0.8]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    goal = CENTRES[point] + (away + rng.normal(0.0, SIGMA, (4 * count, 1))) * normal
-    q, there = led_to(truth(), start, goal if away else goal + rng.normal(0.0, SIGMA, goal.shape))
+    noise = rng.normal(0.0, SIGMA, (4 * count, 1)) * normal if away else rng.normal(0.0, SIGMA, (4 * count, 3))
+    q, there = led_to(truth(), start, CENTRES[point] + away * normal + noise)
     chosen = np.flatnonzero(there)[:count]
     return q[chosen], point[chosen]
 

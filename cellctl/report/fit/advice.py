@@ -102,6 +102,8 @@ def narrows(names: tuple[str, ...], narrowed: Floats) -> str:
     """The parameters (P,) whose σ falls the most, with by how much: `θ4 by 31 %, tool Z by 12 %`."""
     order = np.argsort(narrowed, kind="stable")[:_NAMED]
     named = [
-        f"{symbol(names[at])} by {100.0 * (1.0 - narrowed[at]):.0f} %" for at in order if narrowed[at] <= _NARROWED
+        f"{symbol(names[at])} by {100.0 * (1.0 - narrowed[at]):.0f}\N{NO-BREAK SPACE}%"
+        for at in order
+        if narrowed[at] <= _NARROWED
     ]
     return ", ".join(named) or "many a little"

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, svg_of
 from cellctl.report.fit.residuals import Residuals
-from cellctl.report.fit.trends import bins_of, draw_trend, thinned
+from cellctl.report.fit.trends import bins_of, dots, draw_trend, thinned
 
 ABREAST = 7
 """Joints side by side; more go in a further picture."""
@@ -27,13 +27,15 @@ def joint_pictures(rows: Residuals, readings: Floats, joints: list[str]) -> list
 
 
 def _picture(rows: Residuals, readings: Floats, joints: list[str], group: range) -> str:
+    rows, readings = rows.pick(~rows.outlying), readings[~rows.outlying]
+
     def draw(figure: Figure) -> None:
         grid = figure.subplots(2, len(group), sharex="col", sharey="row", squeeze=False)
         for row, values, label, colour in zip(grid, rows.joined, ("before", "after"), (BEFORE, ACCENT), strict=True):
             greatest = 0.0
             for axes, joint in zip(row, group, strict=True):
                 _panel(axes, readings[:, joint], values[:, joint], rows.held_out, colour)
-                greatest = max(greatest, float(np.abs(values[~rows.outlying, joint]).max(initial=0.0)))
+                greatest = max(greatest, float(np.abs(values[:, joint]).max(initial=0.0)))
             row[0].set_ylabel(f"{label}, mm")
             row[0].set_ylim(-1.08 * (greatest or 1e-3), 1.08 * (greatest or 1e-3))
         for axes, joint in zip(grid[1], group, strict=True):
@@ -47,7 +49,7 @@ def _panel(axes: Axes, readings: Floats, values: Floats, held_out: Bools, colour
     for mine, marker, look in ((~held_out, "o", colour), (held_out, "D", HELD_OUT)):
         if mine.any():
             shown = np.flatnonzero(mine)[thinned(np.abs(values[mine]), _DRAWN // (2 if held_out.any() else 1))]
-            axes.plot(readings[shown], values[shown], marker, color=look, markersize=1.6, alpha=0.7, markeredgewidth=0)
+            axes.plot(readings[shown], values[shown], marker, color=look, **dots(len(values)))
     draw_trend(axes, readings, values)
 
 

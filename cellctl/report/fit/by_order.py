@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.drawing import ACCENT, HELD_OUT, INK, svg_of
 from cellctl.report.fit.residuals import Residuals
-from cellctl.report.fit.trends import draw_trend, thinned
+from cellctl.report.fit.trends import dots, draw_trend, thinned
 
 _DRAWN = 500
 _ENOUGH = 20
@@ -80,7 +80,7 @@ def _panel(axes: Axes, order: Floats, values: Floats, held_out: Bools, outlying:
     for mine, marker, colour in ((~held_out, "o", ACCENT), (held_out, "D", HELD_OUT)):
         chosen = np.flatnonzero(mine & there & ~outlying)
         shown = chosen[thinned(np.abs(values[chosen]), _DRAWN)]
-        axes.plot(order[shown], values[shown], marker, color=colour, markersize=1.7, alpha=0.75, markeredgewidth=0)
+        axes.plot(order[shown], values[shown], marker, color=colour, **dots(int(there.sum())))
     draw_trend(axes, order[there & ~outlying], values[there & ~outlying])
 
 

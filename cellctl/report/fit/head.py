@@ -28,6 +28,7 @@ def head(story: FitStory) -> Section:
         "converged": story.found.converged,
         "ended": story.found.ended,
         "judged": _judged(story),
+        "before": "older model" if story.task.prior is not None else "nominal robot",
         "setup": setup(story),
         "ladder": ladder(story),
     }

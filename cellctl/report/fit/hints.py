@@ -21,9 +21,9 @@ _PER_POINT = 6
 def hints(story: FitStory) -> list[str]:
     """Advice in sentences, most telling first; perhaps none."""
     return [
+        *_length(story),
         *_still_joints(story),
         *_orientation(story),
-        *_length(story),
         *_rarely_visited(story),
         *_sides(story),
         *_counts(story),

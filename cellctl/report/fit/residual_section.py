@@ -43,7 +43,8 @@ def by_joint(story: FitStory, rows: Residuals) -> Section:
         f"{story.joints[joint]} ({fixed(size)} mm RMS, {percent(share)} of the variance along its way)"
         for joint, share, size in found[:_NAMED]
     ]
-    return {"pictures": joint_pictures(rows, readings, story.joints), "explained": words}
+    pictures = joint_pictures(rows, readings, story.joints)
+    return {"pictures": pictures, "explained": words, "wild": int(rows.outlying.sum())}
 
 
 def by_place(story: FitStory, rows: Residuals) -> Section:

@@ -21,7 +21,8 @@ LEAST_VARIANCE = 1e-6
 class Residuals:
     """N rows: those of the fit, those left out of it, and those held out; in the order of the task's rows.
 
-    index (N,): into the task's rows. held_out, outlying (N,). session (N,), point (N,): numbers; point −1 where none.
+    index (N,): into the task's rows. held_out (N,). outlying (N,): left out of the fit, or held out and wild: they are
+    not drawn, as they would set every scale. session (N,), point (N,): numbers; point −1 where none.
     tips (N, 3): tool centre points by the identified robot, mm, in the measuring frame; at_base: the same in the
     robot's base frame. before, after (N, 3): model less measurement in the measuring frame, mm; of a distance, along
     the line to the tip. signed (2, N), normals (N, 3): of distances, before and after, and those lines; NaN of others.
@@ -67,7 +68,8 @@ class Residuals:
         index = np.concatenate([in_fit, held_out])
         judged = np.isin(index, held_out)
         chance = np.concatenate([np.full(len(in_fit), np.nan), _chances(story, held_out)])
-        result = cls(index=index, held_out=judged, outlying=np.isin(index, left_out), chance=chance, **columns)
+        wild = np.isin(index, [*left_out, *story.result.unforeseen]) & ~np.isin(index, story.used)
+        result = cls(index=index, held_out=judged, outlying=wild, chance=chance, **columns)
         return result.pick(np.argsort(index, kind="stable"))
 
     def pick(self, which: Any) -> Self:

@@ -10,7 +10,8 @@ from cellctl.kinematics import Floats
 from cellctl.report.drawing import ACCENT, HELD_OUT, INK, svg_of
 from cellctl.report.fit.residuals import Residuals
 
-_EDGES = np.linspace(-4.0, 4.0, 33)
+_MANY = 500
+"""Numbers from which on the histogram has narrow bins."""
 
 
 def scaled_numbers(rows: Residuals) -> tuple[Floats, Floats]:
@@ -38,8 +39,9 @@ def _histogram(axes: Axes, sets: list[tuple[str, Floats, str]]) -> None:
     axes.plot(at, np.exp(-(at**2) / 2.0) / np.sqrt(2.0 * np.pi), color=INK, linewidth=1.0, label="as foreseen")
     for label, values, colour in sets:
         if values.size:
+            edges = np.linspace(-4.0, 4.0, 33 if values.size >= _MANY else 13)
             clipped = np.clip(values, -3.999, 3.999)
-            axes.hist(clipped, _EDGES.tolist(), density=True, histtype="step", color=colour, linewidth=1.2, label=label)
+            axes.hist(clipped, edges.tolist(), density=True, histtype="step", color=colour, linewidth=1.2, label=label)
     axes.set(xlabel="residual / foreseen σ", ylabel="density", xlim=(-4.0, 4.0))
     axes.legend(loc="upper left", fontsize=6.5)
 

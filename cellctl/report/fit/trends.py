@@ -40,6 +40,11 @@ def draw_trend(axes: Axes, x: Floats, y: Floats, colour: str = INK) -> None:
         axes.plot(at, mean, color=colour, linewidth=1.1)
 
 
+def dots(count: int) -> dict[str, Any]:
+    """How `count` points are drawn: the fewer, the larger."""
+    return {"markersize": 3.0 if count < 150 else 2.2 if count < 500 else 1.6, "alpha": 0.75, "markeredgewidth": 0}
+
+
 def thinned(sizes: Floats, most: int) -> Any:
     """Indices of at most `most` rows, in order: a tenth of them the largest by `sizes` (N,), others evenly."""
     if len(sizes) <= most:
