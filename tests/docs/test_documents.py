@@ -16,7 +16,7 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
-from cellctl.formats import RobotFile
+from cellctl.formats import RobotFile, load_artefact
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -89,6 +89,7 @@ def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: P
 def test_the_programs_of_a_document_run(block: Block, tmp_path: Path) -> None:
     _write_tracker_file(tmp_path / "measurements_grid.csv", 3900)
     _write_table(tmp_path)
+    _write_socket_files(tmp_path / "iiwa14_sockets")
     done = subprocess.run(
         [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
@@ -108,6 +109,9 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
         case {"convention": _}:
             file.write_text(block.text)
             RobotFile.load(file)
+        case {"sockets": _}:
+            file.write_text(block.text)
+            load_artefact(file)
         case {"model": _}:
             file.write_text(block.text)
             assert Cell.load(file, DriverRegistry()).addresses.keys() == {"robot", "probe"}
@@ -169,6 +173,14 @@ def _write_table(folder: Path) -> None:
     )
     done = cellctl(*made)
     assert done.returncode == 0, done.stderr
+
+
+def _write_socket_files(folder: Path) -> None:
+    """Joints of a few visits for each socket and place."""
+    for place in ("front", "left_back", "raised_left"):
+        (folder / place).mkdir(parents=True)
+        for hole in (0, 1):
+            (folder / place / f"hole_{hole}.csv").write_text("0.1,0.2,0.3,0.4,0.5,0.6,0.7\n" * 3)
 
 
 def _write_tracker_file(path: Path, rows: int) -> None:
