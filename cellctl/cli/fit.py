@@ -46,6 +46,7 @@ def fit(
     by: Annotated[str | None, typer.Option(help="Hold out each value of this column in turn: session.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is held out at random.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Write the model to this file.")] = None,
+    page: Annotated[Path | None, typer.Option("--report", help="Write pictures and figures to this HTML file.")] = None,
     json_: Annotated[
         str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
     ] = None,
@@ -79,6 +80,11 @@ def fit(
     report = fit_report(measured, result, labels)
     if out:
         ModelFile.of(files.robot, measured, result, files.hashes, files.prior).save(out)
+    if page:
+        from cellctl.report.fit import FitStory, write_fit_page
+
+        sources = {"robot file": robot.name, "data set": f"{data.name}, SHA-256 {files.data.sha256[:12]}…"}
+        write_fit_page(page, FitStory.of(measured, result, split, report, sources))
     if json_ != "-":
         say(report, prior=prior is not None)
     name_rows(report)

@@ -223,3 +223,12 @@ def test_predicted_points_among_themselves_are_surer_than_in_a_frame_that_nobody
     (files / "three.csv").write_text("\n".join((files / "touches.csv").read_text().splitlines()[:4]))
     assert cellctl("predict", "model.json", "three.csv", "-o", "tcp.csv") == 0
     assert {row["sigma_among"] for row in csv.DictReader((files / "tcp.csv").open())} == {""}
+
+
+def test_a_page_is_written_where_it_is_asked_for(cellctl, files):
+    result = fitted(cellctl, files, "--report", "fit.html")
+    page = (files / "fit.html").read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert result["sentence"] in page
+    assert "What to measure next" in page
+    assert "positions.csv, SHA-256" in page
