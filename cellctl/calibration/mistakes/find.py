@@ -19,11 +19,22 @@ from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.columns import other_unit, swapped_columns
 from cellctl.calibration.mistakes.joints import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
 from cellctl.calibration.mistakes.measured import other_hand, other_length, other_spheres
-from cellctl.calibration.mistakes.misfit import CORE, EXPLAINED, SUSPICIOUS, Misfit, misfit, rms, row_errors, steps_of
+from cellctl.calibration.mistakes.misfit import (
+    CORE,
+    EXPLAINED,
+    LEAST_MM,
+    SUSPICIOUS,
+    Misfit,
+    misfit,
+    rms,
+    row_errors,
+    steps_of,
+)
 from cellctl.calibration.mistakes.order import out_of_step, put_in_step, wild_rows
 from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.mistakes.table import metres, other_convention
 from cellctl.calibration.mistakes.turns import other_turns
+from cellctl.calibration.rows import PoseRows, PositionRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats, JointMap
 
@@ -49,6 +60,9 @@ PROMISING = 8
 NAMED = 4
 
 ROWS_AT_LEAST = 8
+
+MISPLACED_MM = 100.0
+"""Spheres that are found further than this from where they roughly are raise the question of the readings' unit."""
 
 
 @final
@@ -97,18 +111,26 @@ def find_mistakes(task: Task, joints: JointMap, readings: Floats) -> SetUp:
         return SetUp(False, 0.0, 0.0)
     few = case.thinned(SAMPLE)
     nominal = misfit(few).foreseen(few)
-    found = _explained(case, nominal) if nominal.suspicious else list(_single_rows(case, nominal))
-    return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found))
+    stages = _stages(case, nominal)
+    found = _explained(case, nominal, stages) if stages else list(_single_rows(case, nominal))
+    return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found or _misplaced(few, nominal)))
 
 
-def _explained(case: Case, nominal: Misfit) -> list[Mistake]:
+def _stages(case: Case, nominal: Misfit) -> tuple[Stage, ...]:
+    """What is worth supposing, simple things first; nothing of a healthy set."""
+    if nominal.implausible and nominal.far_mm(SUSPICIOUS):
+        return _simple, out_of_step, offset_joint, _two_kinds, two_joints, three_joints
+    if nominal.far_mm(SUSPICIOUS):
+        return _simple, out_of_step
+    if nominal.suspicious:
+        return (_orientations,)
+    # a sphere of another size, seen from one side, is much the same sphere elsewhere
+    return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in case.task.rows.kinds else ()
+
+
+def _explained(case: Case, nominal: Misfit, stages: tuple[Stage, ...]) -> list[Mistake]:
     """What explains all rows at once; two or three joints only where nothing simpler does."""
     few = case.thinned(SAMPLE)
-    stages: tuple[Stage, ...] = (_simple, out_of_step)
-    if not nominal.far_mm(SUSPICIOUS):
-        stages = (_orientations,)
-    elif nominal.implausible:
-        stages += (offset_joint, _two_kinds, two_joints, three_joints)
     for stage in stages:
         source = case if stage is out_of_step else few
         judged = [_judged(supposed) for supposed in _screened(stage(source), nominal)]
@@ -174,8 +196,10 @@ def _equally_good(right: list[tuple[Supposition, Misfit]]) -> list[tuple[Supposi
     kept: list[tuple[Supposition, Misfit]] = []
     for supposed, after in equal:
         sources = {change.source for change in supposed.changes}
+        keys = [change.key for change in supposed.changes]
         simpler = any(
-            {change.source for change in other.changes} <= sources and len(other.changes) < len(supposed.changes)
+            ({change.source for change in other.changes} <= sources and len(other.changes) < len(supposed.changes))
+            or ([change.key for change in other.changes] == keys and other.oddity < supposed.oddity)
             for other, _ in kept
         )
         if not simpler and not any(_same(supposed, other) for other, _ in kept):
@@ -207,6 +231,21 @@ def _single_rows(case: Case, nominal: Misfit) -> Iterator[Mistake]:
         moved = np.flatnonzero(np.any(supposed.case.readings != case.readings, axis=1))
         before, after = (_distances(one, nominal)[moved] for one in (case, supposed.case))
         yield Mistake(supposed.changes, rms(before), rms(np.sort(after)[: max(int(CORE * len(after)), 1)]), "mm")
+
+
+def _misplaced(few: Case, nominal: Misfit) -> Iterator[Mistake]:
+    """Readings in another unit where points are all that is measured: tips that hardly move lie on spheres of any size,
+    but not where these roughly are. RMS of how far the points are from there.
+    """
+    rough = few.task.rough
+    if rough is None or not np.all(np.isfinite(rough)) or few.task.rows.kinds & {PositionRows, PoseRows}:
+        return
+    before = rms(np.linalg.norm(nominal.state.points - rough, axis=1))
+    for supposed in other_unit(few) if before > MISPLACED_MM else ():
+        after = misfit(supposed.case).foreseen(supposed.case)
+        nearer = rms(np.linalg.norm(after.state.points - rough, axis=1))
+        if after.times <= EXPLAINED and before >= BETTER * nearer:
+            yield Mistake(supposed.changes, before, nearer, "mm")
 
 
 def _distances(case: Case, nominal: Misfit) -> Floats:

@@ -111,19 +111,19 @@ def offset_joint(case: Case) -> Iterator[Supposition]:
 
 def two_joints(case: Case) -> Iterator[Supposition]:
     """Two joints off by any angle, reversed besides or not."""
-    yield from _worked_out(case, _best(case, _doubles(case, _ways()))[:REFINED])
+    yield from _worked_out(case, _by_joints(case, _doubles(case, _ways()))[: 2 * REFINED])
 
 
 def three_joints(case: Case) -> Iterator[Supposition]:
     """A third joint besides the best pairs."""
-    pairs = _best(case, _doubles(case, _ways()))[:BREADTH]
+    pairs = _by_joints(case, _doubles(case, _ways()))[:BREADTH]
     threes = [
         pair.and_with(joint, *way)
         for pair in pairs
         for joint in sorted(set(range(case.n)) - set(pair.changed().tolist()))
         for way in _ways()
     ]
-    yield from _worked_out(case, _best(case, threes)[:REFINED])
+    yield from _worked_out(case, _by_joints(case, threes)[: 2 * REFINED])
 
 
 def _ways() -> list[tuple[float, float]]:
@@ -162,10 +162,23 @@ def _registered(case: Case) -> frozenset[str]:
 
 def _best(case: Case, many: list[_Joints]) -> list[_Joints]:
     """By how near they bring nominal to a few rows, roughly; the simplest of equals first."""
-    few = case.thinned(ROWS)
-    sizes = rough_sizes(few, np.array([joints.sign for joints in many]), np.array([joints.offset for joints in many]))
+    sizes = _sizes(case, many)
     odd = np.array([joints.oddity for joints in many])
     return [many[place] for place in np.lexsort((sizes, odd, steps_of(sizes)))]
+
+
+def _by_joints(case: Case, many: list[_Joints]) -> list[_Joints]:
+    """For each set of joints and signs the nearest, the nearest of these first: the grid is too coarse for more."""
+    best: dict[tuple[int, ...], _Joints] = {}
+    for place in np.argsort(_sizes(case, many), kind="stable"):
+        joints = many[place]
+        best.setdefault((*joints.sign.astype(int).tolist(), *joints.changed().tolist()), joints)
+    return list(best.values())
+
+
+def _sizes(case: Case, many: list[_Joints]) -> Floats:
+    signs, offsets = (np.array([getattr(joints, part) for joints in many]) for part in ("sign", "offset"))
+    return rough_sizes(case.thinned(ROWS), signs, offsets)
 
 
 def _worked_out(case: Case, rough: list[_Joints]) -> Iterator[Supposition]:

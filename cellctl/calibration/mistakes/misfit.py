@@ -20,8 +20,9 @@ CORE = 0.6
 ROUNDS = 4
 
 SUSPICIOUS = 3.0
-"""Times as far from the rows as tolerances foresee (RMS): a robot three times as bad as its tolerances, or a mistake that
-these rows hardly show. Only mistakes without a number to fit (signs, units, columns, order) are then looked for."""
+"""Times as far from the rows as tolerances foresee (RMS): a robot three times as bad as its tolerances, or a mistake
+that these rows hardly show. Only mistakes without a number to fit (signs, units, columns, order) are then looked for.
+"""
 
 IMPLAUSIBLE = 6.0
 """Times as far: no robot of its kind. Drawn from the tolerances, robots reach 1.5."""
@@ -140,6 +141,8 @@ def _foreseen(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, f
     u, s, _ = np.linalg.svd(jacobian[:, free] * np.sqrt(np.diag(known))[free], full_matrices=False)
     tied = u[:, s > 1e-10 * s.max(initial=0.0)]
     root[free] = 0.0
+    if unknowns.prior is None:
+        root[unknowns.among(frozenset({"base"}))] = 0.0  # where nothing ties it to an instrument it moves all alike
     spread = jacobian @ root
     left = (spread - tied @ (tied.T @ spread)) * sigma[:, None]
     squares = np.sum(left**2, axis=1) + sigma**2

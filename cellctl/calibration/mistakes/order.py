@@ -75,7 +75,8 @@ def put_in_step(case: Case, nominal: Misfit, only: int | None = None) -> Iterato
                 changes.append(_exchange(start + first, start + second))
         start += len(block)
     if changes:
-        yield Supposition(tuple(changes), case.with_readings(case.readings[order]), 5 * len(changes))
+        inside = sum("to {1}" in change.what for change in changes)
+        yield Supposition(tuple(changes), case.with_readings(case.readings[order]), 5 * len(changes) + inside)
 
 
 class _Block:

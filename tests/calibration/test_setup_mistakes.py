@@ -1,0 +1,420 @@
+"""Mistakes of set-up planted in simulated and real measurements are named first; robots without are never accused.
+
+The robots are 4×4 products written here, wrong by what their makers allow; nothing of cellctl's chain is in them.
+"""
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from cellctl.calibration import PoseRows, PositionRows, SocketRows, Task
+from cellctl.calibration.mistakes import find_mistakes
+from cellctl.formats import RobotFile, nominal_model
+from cellctl.kinematics import Link, SerialChain
+
+ROOT = Path(__file__).parents[2]
+KR5 = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")
+UR10 = RobotFile.load(ROOT / "procedures" / "robots" / "ur10.yaml")
+TRACKER = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
+
+KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
+UR10_TABLE = [(0, 127.3, 0, 90), (0, 0, -612, 0), (0, 0, -572.3, 0), (0, 163.941, 0, 90), (0, 115.7, 0, -90),
+              (0, 92.2, 0, 0)]  # fmt: skip
+KR5_SIGNS, UR10_SIGNS = np.array([-1, 1, 1, -1, 1, -1]), np.ones(6)
+
+
+def flanges(table, angles_deg):
+    """Flange poses (N, 4, 4) of a table (theta, d, a, alpha) in deg and mm, joint first."""
+    reached = np.tile(np.eye(4), (len(angles_deg), 1, 1))
+    for (theta, d, a, alpha), angle in zip(table, angles_deg.T, strict=True):
+        step = np.tile(np.eye(4), (len(angles_deg), 1, 1))
+        turn = Rotation.from_rotvec(np.outer(angle + theta, [0, 0, 1]), degrees=True)
+        step[:, :3, :3] = (turn * Rotation.from_euler("x", alpha, degrees=True)).as_matrix()
+        step[:, :3, 3] = turn.apply([a, 0, d])
+        reached = reached @ step
+    return reached
+
+
+class Measured:
+    """Readings (N, 6), deg, and what a tracker says of a reflector on the flange: points and turns in its own frame."""
+
+    def __init__(self, seed, count, robot=KR5, wild=0, wrong=1.0, still=False):
+        rng = np.random.default_rng(seed)
+        table, signs = (KR5_TABLE, KR5_SIGNS) if robot is KR5 else (UR10_TABLE, UR10_SIGNS)
+        low, high = [-90, -110, 40, -90, -80, -120], [90, -40, 120, 90, 80, 120]
+        self.robot = robot
+        self.readings = rng.uniform(low, high, (count, 6))
+        if still:  # the flange keeps level: its orientation hardly changes
+            self.readings[:, 3:] = [0, 60, 0]
+            self.readings[:, 4] = 90 - self.readings[:, 1] - self.readings[:, 2]
+        true = np.array(table) + wrong * rng.normal(0, [0.03, 0.4, 0.4, 0.04], (6, 4))
+        reached = flanges(true, signs * self.readings)
+        stand = Rotation.from_quat(rng.normal(size=4))
+        reflector = rng.normal([60, 50, 300], 60)
+        points = reached[:, :3, :3] @ reflector + reached[:, :3, 3]
+        self.xyz = stand.apply(points) + rng.normal([2100, -900, 40], 0.03, (count, 3))
+        self.xyz[rng.permutation(count)[:wild]] += rng.normal(0, 100, (wild, 3))
+        self.turns = stand * Rotation.from_matrix(reached[:, :3, :3]) * Rotation.from_euler("y", 40, degrees=True)
+
+
+def positions(robot, readings, xyz):
+    return Task(
+        nominal_model(robot, deflection=False), PositionRows(model_angles(robot, readings), xyz, 0.02 + 0 * xyz)
+    )
+
+
+def poses(robot, readings, xyz, turns):
+    measured = np.tile(np.eye(4), (len(xyz), 1, 1))
+    measured[:, :3, :3], measured[:, :3, 3] = turns.as_matrix(), xyz
+    sigma = np.tile([0.02] * 3 + [1e-4] * 3, (len(xyz), 1))
+    return Task(nominal_model(robot, deflection=False), PoseRows(model_angles(robot, readings), measured, sigma))
+
+
+def model_angles(robot, readings):
+    return robot.joint_map().model(readings)
+
+
+def found(task, robot, readings):
+    return find_mistakes(task, robot.joint_map(), readings).mistakes
+
+
+def named(task, robot, readings):
+    """What is named first, and what as good as it, in words without their figures."""
+    return [[change.what for change in mistake.changes] for mistake in found(task, robot, readings)]
+
+
+@pytest.fixture(scope="module")
+def kuka():
+    return Measured(11, 90)
+
+
+@pytest.fixture(scope="module")
+def universal():
+    return Measured(12, 90, robot=UR10)
+
+
+@pytest.fixture(scope="module")
+def tracker():
+    """250 real rows of a UR10: readings, deg; points, mm; orientations, Euler XYZ."""
+    if not TRACKER.exists():
+        pytest.skip(f"the UR10 measurements are not at {TRACKER}")
+    with TRACKER.open(newline="") as source:
+        rows = list(csv.DictReader(source, delimiter=";"))[::47][:250]
+
+    def columns(*names):
+        return np.array([[float(row[name].replace(",", ".")) for name in names] for row in rows])
+
+    joints = [f"{part}_joint" for part in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
+    real = Measured(0, 8, robot=UR10)
+    real.readings, real.xyz = np.rad2deg(columns(*joints)), columns(*(f"measurement_{axis}" for axis in "xyz"))
+    real.angles = columns(*(f"measurement_r{axis}" for axis in "xyz"))
+    return real
+
+
+@pytest.fixture(params=["kuka", "universal", "tracker"])
+def measured(request):
+    return request.getfixturevalue(request.param)
+
+
+def changed(readings, **by_joint):
+    result = readings.copy()
+    for name, change in by_joint.items():
+        result[:, int(name[1]) - 1] = change(result[:, int(name[1]) - 1])
+    return result
+
+
+def test_the_evidence_has_the_figures_before_and_after(kuka):
+    wrong = changed(kuka.readings, A3=np.negative)
+    (mistake,) = found(positions(KR5, wrong, kuka.xyz), KR5, wrong)
+    assert mistake.before > 300.0 > 2.0 > mistake.after
+    assert mistake.words() == f"A3 reversed: RMS {mistake.before:.0f} → {mistake.after:.2g} mm"
+    (change,) = mistake.changes
+    assert (change.source, change.key, change.cure) == ("robot", ("joints", 2, "sign"), "sign: -1 for joint 3")
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5])
+def test_a_reversed_joint_is_named(measured, joint):
+    wrong = changed(measured.readings, **{f"A{joint}": np.negative})
+    first, *_ = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    assert first == [f"A{joint} reversed"]
+
+
+@pytest.mark.parametrize(("joint", "by"), [(2, 90.0), (2, 37.0), (3, -12.0), (3, -90.0), (4, 180.0)])
+def test_a_joint_that_counts_from_another_zero_is_named_with_the_angle(measured, joint, by):
+    wrong = changed(measured.readings, **{f"A{joint}": lambda angle: angle + by})
+    first, *others = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    explained = [mistake for mistake in (first, *others) if mistake.changes[0].what.startswith(f"A{joint} off by")]
+    assert explained, "the planted mistake is neither first nor among its equals"
+    (change,) = explained[0].changes
+    assert change.key == ("joints", joint - 1, "offset")
+    assert abs(float(change.what.split()[-1].rstrip("°")) - abs(by)) < 0.5
+
+
+def test_no_zero_is_claimed_that_base_or_tool_take_up(measured):
+    """Another zero of A1 is another heading of the base; of A6, a turn of the tool."""
+    wrong = changed(measured.readings, A1=lambda angle: angle + 90, A6=lambda angle: angle - 45)
+    assert named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong) == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"A2": lambda a: a + 20, "A3": lambda a: a - 50}, ["A2 off by 20°", "A3 off by 50°"]),
+        ({"A2": np.negative, "A3": lambda a: a + 90}, ["A2 reversed", "A3 off by 90°"]),
+        ({"A2": np.negative, "A3": np.negative}, ["A2 reversed", "A3 reversed"]),
+    ],
+)
+def test_two_wrong_joints_are_named_together(measured, wrong, words):
+    readings = changed(measured.readings, **wrong)
+    first, *_ = named(positions(measured.robot, readings, measured.xyz), measured.robot, readings)
+    assert [re.sub(r"[\d.]+(?=°)", lambda angle: f"{float(angle[0]):.0f}", said) for said in first] == words
+
+
+def test_three_wrong_joints_are_named_together(kuka):
+    readings = changed(kuka.readings, A2=lambda a: a + 20, A3=lambda a: a - 50, A5=lambda a: a + 33)
+    first, *_ = named(positions(KR5, readings, kuka.xyz), KR5, readings)
+    assert [said.split()[0] for said in first] == ["A2", "A3", "A5"]
+
+
+def test_radians_in_columns_of_degrees_are_named(measured):
+    wrong = np.deg2rad(measured.readings)
+    first = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)[0]
+    assert first == ["joint readings are radians in columns of degrees"]
+
+
+def test_degrees_in_columns_of_radians_are_named(measured):
+    wrong = np.rad2deg(measured.readings)
+    first = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)[0]
+    assert first == ["joint readings are degrees in columns of radians"]
+
+
+@pytest.mark.parametrize(("unit", "mm"), [("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0)])
+def test_positions_in_another_unit_are_named(measured, unit, mm):
+    task = positions(measured.robot, measured.readings, measured.xyz / mm)
+    assert named(task, measured.robot, measured.readings) == [[f"X, Y, Z are {unit}"]]
+
+
+@pytest.mark.parametrize("hand", [np.diag([-1, 1, 1]), np.diag([1, 1, -1]), np.eye(3)[[1, 0, 2]]])
+def test_a_left_handed_frame_is_named(measured, hand):
+    task = positions(measured.robot, measured.readings, measured.xyz @ hand)
+    assert named(task, measured.robot, measured.readings)[0] == ["the measuring frame is left-handed"]
+
+
+def test_where_a_mirror_and_three_signs_explain_as_much_both_are_named(kuka):
+    """The KR5 is symmetric but for its tool: with all its signs 1, everything happens in a mirror."""
+    wrong = changed(kuka.readings, A1=np.negative, A4=np.negative, A6=np.negative)
+    assert named(positions(KR5, wrong, kuka.xyz), KR5, wrong) == [
+        ["the measuring frame is left-handed"],
+        ["A1 reversed", "A4 reversed", "A6 reversed"],
+    ]
+
+
+def test_swapped_columns_of_joints_are_named(measured):
+    wrong = measured.readings[:, [0, 2, 1, 3, 4, 5]]
+    first = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)[0]
+    assert first == ["columns A2 and A3 are swapped"]
+
+
+@pytest.mark.parametrize("by", [1, -3, 5])
+def test_measurements_out_of_step_in_all_rows_are_named(measured, by):
+    wrong = np.roll(measured.readings, by, axis=0)
+    ((what,), *_) = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    which = "the row" if abs(by) == 1 else f"{abs(by)} rows"
+    side = "after" if by > 0 else "before"
+    assert what == f"in all rows the measurements belong to the joints of {which} {side}"
+
+
+@pytest.mark.parametrize("share", [0.15, 0.4, 0.5, 0.8])
+def test_the_row_from_which_on_measurements_are_out_of_step_is_named(measured, share):
+    start = int(share * len(measured.readings))
+    wrong = measured.readings.copy()
+    wrong[start:] = measured.readings[start - 1 : -1]
+    (mistake, *_) = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    (change,) = mistake.changes
+    assert change.what == "from {0} on the measurements belong to the joints of the row after"
+    assert abs(change.rows[0] - start) <= 1
+    assert mistake.after < 2.0 < 20.0 < mistake.before
+
+
+def test_two_exchanged_rows_are_named(measured):
+    wrong = measured.readings.copy()
+    wrong[[12, 37]] = wrong[[37, 12]]
+    (mistake,) = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    assert mistake.changes[0].words("row {}".format) == "the measurements of row 12 and row 37 are exchanged"
+
+
+@pytest.mark.parametrize("sequence", ["XYZ", "xyz", "YZX"])
+def test_euler_angles_in_another_order_are_named(kuka, sequence):
+    read = Rotation.from_euler("ZYX", kuka.turns.as_euler(sequence, degrees=True), degrees=True)
+    first = named(poses(KR5, kuka.readings, kuka.xyz, read), KR5, kuka.readings)[0]
+    axes = "turned" if sequence.isupper() else "fixed"
+    assert first == [f"A, B, C are {sequence.upper()} angles, about the {axes} axes"]
+
+
+def test_the_order_of_real_euler_angles_is_found(tracker):
+    read = Rotation.from_euler("ZYX", tracker.angles, degrees=True)
+    mistakes = found(poses(UR10, tracker.readings, tracker.xyz, read), UR10, tracker.readings)
+    assert mistakes[0].unit == "°"
+    assert mistakes[0].changes[0].what.startswith("A, B, C are XYZ angles")
+
+
+def test_orientations_in_radians_as_rotation_vectors_or_inverse_are_named(kuka):
+    said = {
+        "A, B, C are radians": Rotation.from_euler("ZYX", kuka.turns.as_euler("ZYX"), degrees=True),
+        "A, B, C are a rotation vector in radians": Rotation.from_euler("ZYX", kuka.turns.as_rotvec(), degrees=True),
+        "orientations are inverse: from tool to frame": kuka.turns.inv(),
+    }
+    for words, read in said.items():
+        assert named(poses(KR5, kuka.readings, kuka.xyz, read), KR5, kuka.readings)[0] == [words]
+
+
+def test_of_poses_the_mirrored_axis_is_named(kuka):
+    swapped = poses(KR5, kuka.readings, kuka.xyz[:, [1, 0, 2]], kuka.turns)
+    mirrored = poses(KR5, kuka.readings, kuka.xyz * [1, 1, -1], kuka.turns)
+    assert named(swapped, KR5, kuka.readings)[0] == ["the measuring frame is left-handed: X and Y are swapped"]
+    assert named(mirrored, KR5, kuka.readings)[0] == ["the measuring frame is left-handed: Z is reversed"]
+
+
+def with_links(task, convention, scale=1.0):
+    chain = task.model.chain
+    links = [Link(row.theta, scale * row.d, scale * row.a, row.alpha, row.beta) for row in chain.table.links]
+    return replace(task, model=replace(task.model, chain=SerialChain.from_links(convention, links)))
+
+
+def test_a_table_in_the_other_convention_is_named(measured):
+    task = with_links(positions(measured.robot, measured.readings, measured.xyz), "dh-craig")
+    first = found(task, measured.robot, measured.readings)[0].changes[0]
+    assert first.what == "the link table is in standard DH and read as Craig's modified DH"
+    assert first.cure == "convention: mdh-hayati"
+
+
+def test_link_lengths_in_metres_are_named(measured):
+    task = with_links(positions(measured.robot, measured.readings, measured.xyz), "mdh-hayati", 0.001)
+    assert named(task, measured.robot, measured.readings) == [["link lengths are metres"]]
+
+
+def test_two_mistakes_of_different_kinds_are_named_together(kuka):
+    wrong = changed(kuka.readings, A2=np.negative)
+    assert named(positions(KR5, wrong, kuka.xyz / 1000), KR5, wrong)[0] == ["X, Y, Z are metres", "A2 reversed"]
+
+
+@pytest.mark.parametrize("wild", [3, 25])
+def test_wild_rows_hide_no_mistake(wild):
+    data = Measured(21, 80, wild=wild)
+    wrong = changed(data.readings, A3=np.negative)
+    assert named(positions(KR5, wrong, data.xyz), KR5, wrong)[0] == ["A3 reversed"]
+
+
+def test_twenty_rows_are_enough_for_a_sign():
+    data = Measured(22, 20)
+    wrong = changed(data.readings, A2=np.negative)
+    assert named(positions(KR5, wrong, data.xyz), KR5, wrong)[0] == ["A2 reversed"]
+
+
+@pytest.mark.parametrize("joint", [2, 3, 4])
+def test_touches_name_a_reversed_joint(touches, touch_task, joint):
+    wrong = replace(touches, readings=changed(touches.readings, **{f"A{joint}": np.negative}))
+    assert named(touch_task(wrong), KR5, wrong.readings)[0] == [f"A{joint} reversed"]
+
+
+def test_touches_name_radians(touches, touch_task):
+    """Tips that hardly move lie on a sphere of any size: it is the spheres' rough places that tell."""
+    wrong = replace(touches, readings=np.deg2rad(touches.readings))
+    first = named(touch_task(wrong), KR5, wrong.readings)[0]
+    assert first == ["joint readings are radians in columns of degrees"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (0.001, "radii are metres"),
+        (0.5, "radii stand where diameters belong"),
+        (2.0, "diameters stand where radii belong"),
+    ],
+)
+def test_touches_name_spheres_of_another_size(touches, touch_task, factor, words):
+    task = touch_task(touches)
+    other = replace(task, rows=replace(task.rows.only, reach=factor * task.rows.only.reach))
+    assert named(other, KR5, touches.readings)[0] == [f"spheres: {words}"]
+
+
+def test_healthy_robots_are_never_accused():
+    """60 robots, each by positions, by poses, in 20 rows, with wild rows, three times as wrong as tolerances allow."""
+    for seed in range(60):
+        usual, few = Measured(seed, 60), Measured(seed, 20)
+        wild, bad = Measured(seed, 60, wild=(2, 6, 18, 24)[seed % 4]), Measured(seed, 60, wrong=3.0, robot=UR10)
+        for data in (usual, few, wild, bad):
+            assert named(positions(data.robot, data.readings, data.xyz), data.robot, data.readings) == []
+        assert named(poses(KR5, usual.readings, usual.xyz, usual.turns), KR5, usual.readings) == []
+
+
+def test_robots_of_constant_orientation_are_never_accused():
+    for seed in range(50):
+        data = Measured(seed, 40, still=True)
+        assert named(positions(KR5, data.readings, data.xyz), KR5, data.readings) == []
+
+
+def test_real_robots_are_not_accused(tracker):
+    assert named(positions(UR10, tracker.readings, tracker.xyz), UR10, tracker.readings) == []
+    turns = Rotation.from_euler("XYZ", tracker.angles, degrees=True)
+    assert named(poses(UR10, tracker.readings, tracker.xyz, turns), UR10, tracker.readings) == []
+
+
+def test_touches_are_not_accused(touches, touch_task, draw):
+    assert named(touch_task(touches), KR5, touches.readings) == []
+    for seed in range(3):
+        one = draw(seed, 30, spheres=[[950.0, -350.0, 250.0]])
+        assert named(touch_task(one), KR5, one.readings) == []
+
+
+@pytest.fixture(scope="module")
+def socketed():
+    """Readings that put the tip of a KR5 with errors at one of two points, with many orientations, and which point."""
+    rng = np.random.default_rng(41)
+    true = np.array(KR5_TABLE) + rng.normal(0, [0.03, 0.4, 0.4, 0.04], (6, 4))
+    tool, points = np.array(KR5.tool.xyz), np.array([[950.0, -100.0, 250.0], [950.0, 100.0, 250.0]])
+
+    def tips(readings):
+        reached = flanges(true, KR5_SIGNS * readings)
+        return reached[:, :3, :3] @ tool + reached[:, :3, 3]
+
+    readings, which = [], np.arange(60) % 2
+    for index in which:
+        start = np.array([0.0, -70.0, 80.0, 0.0, 60.0, 0.0]) + rng.uniform(-25, 25, 6) * [1, 1, 1, 2, 1, 4]
+
+        def away(arm, wrist=start[3:], point=points[index]):
+            return tips(np.array([[*arm, *wrist]]))[0] - point
+
+        arm = least_squares(away, start[:3], xtol=1e-12).x
+        readings.append([*arm, *start[3:]])
+    rows = np.array(readings)
+    assert np.abs(tips(rows) - points[which]).max() < 1e-6
+    return rows, which
+
+
+def sockets(readings, which):
+    rows = SocketRows(model_angles(KR5, readings), which, np.full((len(which), 3), 0.03))
+    return Task(nominal_model(KR5, deflection=False), rows, ("left", "right"))
+
+
+def test_sockets_are_not_accused_and_name_a_reversed_or_offset_joint(socketed):
+    readings, which = socketed
+    assert named(sockets(readings, which), KR5, readings) == []
+    wrong = changed(readings, A3=np.negative)
+    assert named(sockets(wrong, which), KR5, wrong)[0] == ["A3 reversed"]
+    wrong = changed(readings, A5=lambda angle: angle + 90)
+    assert named(sockets(wrong, which), KR5, wrong)[0] == ["A5 off by 90.0°"]
+
+
+def test_random_numbers_are_no_set_up_mistake():
+    data = Measured(31, 60)
+    noise = np.random.default_rng(31).normal(0, 500, (60, 3))
+    setup = find_mistakes(positions(KR5, data.readings, noise), KR5.joint_map(), data.readings)
+    assert setup.implausible
+    assert setup.mistakes == ()

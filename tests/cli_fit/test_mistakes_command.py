@@ -1,0 +1,102 @@
+"""What a person is told of mistakes of set-up: where each stands, the evidence, the cure; of sound ones, nothing."""
+
+import csv
+from pathlib import Path
+
+from cellctl.cli.mistakes import refuse_mistakes
+from cellctl.files import InputError
+from cellctl.formats import DataSet, RobotFile, load_artefact, measurements
+
+
+def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):
+    """The problems that these files are refused with; none where they are not."""
+    robot, data = files / robot, files / data
+    spheres = load_artefact(files / artefact) if artefact else None
+    measured = measurements(RobotFile.load(robot), DataSet.load(data), artefact=spheres)
+    try:
+        refuse_mistakes(robot, data, measured, files / artefact if artefact else None)
+    except InputError as error:
+        return error.problems
+    return []
+
+
+def rewritten(files, change):
+    """`positions.csv` with each row (a dict of texts) as `change` makes it."""
+    with (files / "positions.csv").open(newline="") as source:
+        rows = list(csv.DictReader(source))
+    rows = change(rows)
+    with (files / "positions.csv").open("w", newline="") as target:
+        writer = csv.DictWriter(target, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def test_a_sound_set_up_is_let_through(files):
+    assert problems(files) == []
+    assert problems(files, data="touches.csv", artefact="artefact.yaml") == []
+
+
+def test_a_reversed_joint_is_told_at_its_line_in_the_robot_file(files):
+    text = (files / "robot.yaml").read_text()
+    joint = "  - {min: -180, max: 180, max_speed: 100}\n"
+    turned = text.replace(joint * 3, joint + joint.replace("{min", "{sign: -1, min") + joint)
+    (files / "robot.yaml").write_text(turned)
+    (problem,) = problems(files)
+    line = 1 + turned.splitlines().index(joint.replace("{min", "{sign: -1, min").rstrip())
+    assert (problem.file, problem.line) == (str(files / "robot.yaml"), line)
+    assert problem.column == 1 + turned.splitlines()[line - 1].index("-1,")
+    assert problem.what.startswith("A2 reversed: RMS ")
+    assert problem.what.endswith(" mm")
+    assert problem.cure == f"sign: 1 for joint 2 in {files / 'robot.yaml'}"
+
+
+def test_a_key_that_is_not_there_yet_is_told_at_its_joint(files):
+    rewritten(files, lambda rows: [row | {"A3": str(-float(row["A3"]))} for row in rows])
+    (problem,) = [problem for problem in problems(files) if problem.what.startswith("A3 reversed")]
+    lines = (files / "robot.yaml").read_text().splitlines()
+    assert problem.line == 1 + [number for number, text in enumerate(lines) if "max_speed" in text][2]
+    assert "sign: -1 for joint 3" in problem.cure
+
+
+def test_units_are_told_at_the_header_of_the_data_set(files):
+    rewritten(files, lambda rows: [row | {axis: str(float(row[axis]) / 1000) for axis in "XYZ"} for row in rows])
+    (problem,) = problems(files)
+    assert (problem.file, problem.line) == (str(files / "positions.csv"), 1)
+    assert problem.what.startswith("X, Y, Z are metres: RMS ")
+    assert problem.cure == f"write X, Y, Z in mm in {files / 'positions.csv'}"
+
+
+def test_rows_out_of_step_are_told_by_their_line(files):
+    def late(rows):
+        joints = [{name: row[name] for name in ("A1", "A2", "A3")} for row in rows]
+        return rows[:40] + [row | joints[number + 39] for number, row in enumerate(rows[40:])]
+
+    rewritten(files, late)
+    (problem,) = problems(files)
+    assert problem.line in (42, 43)  # the header is line 1; row 40 still has the joints of row 39 …
+    assert f"from line {problem.line} on the measurements belong to the joints of the row after" in problem.what
+
+
+def test_exchanged_rows_are_both_told(files):
+    def exchanged(rows):
+        for axis in "XYZ":
+            rows[4][axis], rows[20][axis] = rows[20][axis], rows[4][axis]
+        return rows
+
+    rewritten(files, exchanged)
+    (problem,) = problems(files)
+    assert "the measurements of line 6 and line 22 are exchanged: RMS " in problem.what
+
+
+def test_what_explains_as_much_is_told_as_the_other_possibility(files):
+    """A mirror turns this flat arm's A1 about: nobody can tell which of the two it was."""
+    rewritten(files, lambda rows: [row | {"A1": str(-float(row["A1"]))} for row in rows])
+    told = problems(files)
+    assert len(told) >= 2
+    assert all("these rows cannot tell" in problem.cure for problem in told)
+    assert {Path(problem.file).name for problem in told} == {"robot.yaml", "positions.csv"}
+
+
+def test_left_handed_positions_are_told_at_the_data_set(files):
+    rewritten(files, lambda rows: [row | {"Y": str(-float(row["Y"]))} for row in rows])
+    assert any(problem.what.startswith("the measuring frame is left-handed: RMS ") for problem in problems(files))
