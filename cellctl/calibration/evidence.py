@@ -70,13 +70,15 @@ def factors(found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequenc
     """
     system = _System.of(found, unknowns, rows, certain)
     chosen: dict[Factor, float] = {}
-    best = system.evidence(chosen)
+    best, slopes = system.evidence(chosen)
     while True:
-        wider = [_tuned(system, chosen, factor) for factor in system.possible if factor not in chosen]
+        promising = [factor for factor in system.possible if factor not in chosen and slopes[factor] > 0.0]
+        wider = [_tuned(system, chosen, factor) for factor in promising]
         evidence, tuned = max(wider, key=lambda pair: pair[0], default=(-np.inf, chosen))
         if evidence - best < PAYS:
             return {factor: float(np.exp(value)) for factor, value in chosen.items()}
-        best, chosen = evidence, {factor: value for factor, value in tuned.items() if value > 1e-6}
+        chosen = {factor: value for factor, value in tuned.items() if value > 1e-6}
+        best, slopes = system.evidence(chosen)
 
 
 def _tuned(system: _System, chosen: Mapping[Factor, float], factor: Factor) -> tuple[float, dict[Factor, float]]:
@@ -85,11 +87,12 @@ def _tuned(system: _System, chosen: Mapping[Factor, float], factor: Factor) -> t
 
     names = [*chosen, factor]
 
-    def improbable(logs: Floats) -> float:
-        return -system.evidence(dict(zip(names, logs.tolist(), strict=True)))
+    def improbable(logs: Floats) -> tuple[float, Floats]:
+        value, slopes = system.evidence(dict(zip(names, logs.tolist(), strict=True)))
+        return -value, -np.array([slopes[name] for name in names])
 
     start = np.array([*chosen.values(), system.guess(factor)])
-    found = minimize(improbable, start, bounds=[(0.0, 12.0)] * len(names), method="L-BFGS-B")
+    found = minimize(improbable, start, jac=True, bounds=[(0.0, 12.0)] * len(names), method="L-BFGS-B")
     return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
 
 
@@ -107,6 +110,11 @@ class _Normal:
     def of(cls, columns: Floats, away: Floats) -> Self:
         flat, residual = columns.reshape(-1, columns.shape[-1]), away.reshape(-1)
         return cls(flat.T @ flat, flat.T @ residual, float(residual @ residual), residual.size)
+
+    def slope(self, log: float, x: Floats, covariance: Floats) -> float:
+        """How fast the evidence rises with the logarithm of these rows' noise, at the optimum x and its covariance."""
+        squares = self.rest + 2.0 * self.pull @ x + x @ self.square @ x
+        return float(np.exp(-2.0 * log) * (squares + np.sum(self.square * covariance)) - self.count)
 
 
 @final
@@ -166,18 +174,36 @@ class _System:
         mine = self.groups == self.loose.index(factor)
         return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2)), 1.0))), 0.3)
 
-    def evidence(self, logs: Mapping[Factor, float]) -> float:
-        """Logarithm of the probability of the rows with these factors' logarithms, but for a constant."""
-        square, pull, rest, value = np.zeros_like(self.known), np.zeros_like(self.x), 0.0, 0.0
+    def evidence(self, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
+        """Logarithm of the probability of the rows with these factors' logarithms, but for a constant; and how fast it
+        rises with each possible factor's.
+        """
         certain = [(normal, 0.0) for normal in self.fixed]
-        for normal, log in [*certain, *((normal, logs.get(factor, 0.0)) for factor, normal in self.numbers.items())]:
+        weighed = [*certain, *((normal, logs.get(factor, 0.0)) for factor, normal in self.numbers.items())]
+        square, pull, rest, value = np.zeros_like(self.known), np.zeros_like(self.x), 0.0, 0.0
+        for normal, log in weighed:
             weight = float(np.exp(-2.0 * log))
             square, pull = square + weight * normal.square, pull + weight * normal.pull
             rest, value = rest + weight * normal.rest, value - normal.count * log
         tolerances = np.array([*(logs.get(factor, 0.0) for factor in self.loose), 0.0])[self.groups]
-        root = _root(square + self.known * np.exp(-tolerances - tolerances[:, None]))
-        half = np.linalg.solve(root, pull)
-        return float(value - tolerances.sum() - 0.5 * (rest - half @ half) - np.log(np.diag(root)).sum())
+        known = self.known * np.exp(-tolerances - tolerances[:, None])
+        covariance, volume = _inverse(square + known)
+        x = -covariance @ pull
+        value += -tolerances.sum() - 0.5 * (rest + pull @ x) - 0.5 * volume
+        slopes = {factor: normal.slope(logs.get(factor, 0.0), x, covariance) for factor, normal in self.numbers.items()}
+        own = np.diag(known) * (x**2 + np.diag(covariance)) - 1.0
+        slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
+        return float(value), slopes
+
+
+def _inverse(square: Floats) -> tuple[Floats, float]:
+    """Inverse of a positive definite matrix (F, F) whose unknowns may be seen a million times better one than another,
+    and the logarithm of its determinant.
+    """
+    scale = 1.0 / np.sqrt(np.diag(square))
+    root = _root(square * scale * scale[:, None])
+    half = np.linalg.solve(root, np.diag(scale))
+    return half.T @ half, float(2.0 * np.log(np.diag(root)).sum() - 2.0 * np.log(scale).sum())
 
 
 def _root(square: Floats) -> Floats:

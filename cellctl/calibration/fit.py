@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows
-from cellctl.calibration.identify import Identification, certain, identify
+from cellctl.calibration.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.observability import Observability, observability
@@ -94,8 +94,12 @@ class _Climbed:
 
     @classmethod
     def of(cls, task: Task, fit: Any) -> Self:
-        chosen, ladder = climb(task, fit)
-        return cls(chosen, identify(chosen, fit), ladder)
+        if task.candidates is None:
+            return cls(task, identify(task, fit), ())
+        rows = task.rows.pick(fit)
+        together = rows_together(replace(task, candidates=None), rows)
+        chosen, ladder = climb(task, rows.pick(together[0]))
+        return cls(chosen, identify(chosen, fit, together), ladder)
 
     def held_out(self, test: Any) -> HeldOut:
         return held_out_rows(self.task, self.identification, self.task.rows.pick(test))

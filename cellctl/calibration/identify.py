@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -63,39 +63,64 @@ class Identification:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Weighed:
-    """A fit, and by how much noise and tolerances had to grow for it."""
+class Weights:
+    """By how much noise is greater, and tolerances are wider, than said."""
 
-    found: Estimate
     noise: Floats
     loosened: Mapping[Group, float]
 
+    @classmethod
+    def as_said(cls, rows: Mixture) -> Self:
+        """Neither is."""
+        return cls(np.ones(len(rows.quantities)), {})
 
-def identify(task: Task, fit: Any = None) -> Identification:
+    def settled(self, before: Self) -> bool:
+        """Whether this is what was there `before`, or next to it."""
+        groups = {*before.loosened, *self.loosened}
+        change = [abs(np.log(self.loosened.get(group, 1.0) / before.loosened.get(group, 1.0))) for group in groups]
+        return bool(max([*change, *np.abs(np.log(self.noise / before.noise))]) < SETTLED)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A fit, and with which weights."""
+
+    found: Estimate
+    weights: Weights
+
+
+def identify(task: Task, fit: Any = None, together: tuple[Bools, int] | None = None) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
 
     Rows that do not belong to the others are left out. If the rest is clearly noisier than its σ says, or the robot
     further from nominal than the tolerances say, that grows which the evidence speaks for (`evidence`), kind by kind
-    and group by group; neither ever shrinks.
+    and group by group; neither ever shrinks. together: which rows belong together (`rows_together`), where known.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
-    kept, apart = rows_together(task, task.rows.pick(chosen))
+    kept, apart = rows_together(task, task.rows.pick(chosen)) if together is None else together
     nominal, weighed = identify_kept(task, task.rows.pick(chosen[kept]))
     return Identification(
         nominal=nominal,
         identified=weighed.found,
-        noise=weighed.noise,
-        loosened=weighed.loosened,
+        noise=weighed.weights.noise,
+        loosened=weighed.weights.loosened,
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
         apart=apart,
     )
 
 
-def identify_kept(task: Task, rows: Mixture) -> tuple[Estimate, Weighed]:
-    """Nominal registered on `rows`, and identified; every row is taken to belong to the others."""
+def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
+    """Nominal registered on `rows`, and identified; every row is taken to belong to the others.
+
+    weights: where they are known, as from a fit of more rows.
+    """
     nominal = _registered(task, rows)
-    return nominal, _weighed(_start_of(task, nominal), rows, certain(task))
+    start = _start_of(task, nominal)
+    if weights is None:
+        return nominal, _weighed(start, rows, certain(task))
+    return nominal, _fit_with(weights, start, rows, certain(task))
 
 
 def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
@@ -116,7 +141,7 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
     of_sample = rows.pick(sample)
     together = _belonging(task, of_sample)
     _, weighed = identify_kept(task, of_sample.pick(together))
-    found, blocks = weighed.found, rows.noisier(weighed.noise).blocks
+    found, blocks = weighed.found, rows.noisier(weighed.weights.noise).blocks
     chances = [foresee(found.state, found.covariance, block).chance for block in blocks]
     kept = np.asarray(np.concatenate(chances) >= OUTLYING)
     kept[sample] = together
@@ -169,7 +194,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
         if before is not None and np.array_equal(kept, before):
             break
         weighed = _weighed(start, rows.pick(kept), certain(task), deviations)
-        unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.noise
+        unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.weights.noise
         before = kept
     return kept
 
@@ -186,19 +211,26 @@ def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
     return nominal
 
 
-def _weighed(unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows], begin: Floats | None = None) -> Weighed:
+def _weighed(unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
     """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
-    result = Weighed(_fit(unknowns, [*rows.blocks, *certain], begin), np.ones(len(rows.quantities)), {})
+    result = _fit_with(Weights.as_said(rows), unknowns, rows, others, begin)
     if not unexpected(result.found, rows):
         return result
     for _ in range(WEIGHINGS):
-        before, grown = result, factors(result.found, unknowns, rows, certain)
-        noise, loosened = _noise(rows, grown), {group: value for (group, _), value in grown.items() if group != "noise"}
-        looser, noisier = unknowns.loosened(loosened), rows.noisier(noise).blocks
-        result = Weighed(_fit(looser, [*noisier, *certain], before.found.deviations), noise, loosened)
-        if _settled(before, result):
+        before, grown = result, factors(result.found, unknowns, rows, others)
+        loosened = {group: value for (group, _), value in grown.items() if group != "noise"}
+        weights = Weights(_noise(rows, grown), loosened)
+        result = _fit_with(weights, unknowns, rows, others, before.found.deviations)
+        if weights.settled(before.weights):
             break
     return result
+
+
+def _fit_with(
+    weights: Weights, unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None
+) -> Weighed:
+    blocks = [*rows.noisier(weights.noise).blocks, *others]
+    return Weighed(_fit(unknowns.loosened(weights.loosened), blocks, begin), weights)
 
 
 def _noise(rows: Mixture, grown: Mapping[Factor, float]) -> Floats:
@@ -209,12 +241,6 @@ def _noise(rows: Mixture, grown: Mapping[Factor, float]) -> Floats:
             mine = np.array(block.quantities) == quantity
             result[own][mine] = grown.get(("noise", own.start + int(np.argmax(mine))), 1.0)
     return result
-
-
-def _settled(before: Weighed, after: Weighed) -> bool:
-    groups = {*before.loosened, *after.loosened}
-    change = [abs(np.log(after.loosened.get(group, 1.0) / before.loosened.get(group, 1.0))) for group in groups]
-    return bool(max([*change, *np.abs(np.log(after.noise / before.noise))]) < SETTLED)
 
 
 def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
