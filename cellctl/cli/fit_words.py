@@ -68,7 +68,7 @@ def _steps(report: dict[str, Any]) -> Iterator[str]:
         if step["untried"]:
             yield f"  {step['model']}: not tried: {step['untried']}"
         else:
-            gain = f"{step['gain_mm']:+.4f} ± {step['standard_error_mm']:.4f} mm nearer to rows unseen by it"
+            gain = f"{step['gain_mm']:+.2g} ± {step['standard_error_mm']:.2g} mm nearer to rows unseen by it"
             yield f"  {step['model']}: {'kept' if step['kept'] else 'left out'}: {gain}"
 
 

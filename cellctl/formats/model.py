@@ -209,7 +209,7 @@ class ModelFile(BaseModel):
     def frame_of_points(self) -> bool:
         """Whether the model's frame is that of the points that it was tied to, as no instrument measured."""
         base = [parameter for parameter in self.parameters if parameter.name.startswith("base_")]
-        return bool(self.centres) and not any(parameter.prior_sigma > 0.0 for parameter in base)
+        return bool(self.centres) and not any(parameter.sigma > 0.0 for parameter in base)
 
     def predict(self, readings: Floats, at: At | None = None) -> Prediction:
         """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with the conditions of each.

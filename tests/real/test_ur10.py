@@ -49,6 +49,14 @@ def test_identified_geometry_halves_the_error_at_points_never_seen(result):
     assert result["verdict"] == "better"
 
 
+def test_auto_is_no_worse_and_says_what_it_kept(folder, result):
+    robot = ROOT / "procedures" / "robots" / "ur10.yaml"
+    assert cellctl("fit", robot, folder / "ur10.csv", "--measure", "position", "--json", folder / "a.json") == 0
+    auto = json.loads((folder / "a.json").read_text())
+    assert auto["test"]["mean"] <= result["test"]["mean"]
+    assert [step["model"] for step in auto["ladder"] if step["kept"]][:2] == ["geometry", "compliance"]
+
+
 def test_the_foretold_error_is_the_one_found(result):
     assert result["predicted_test_rms"] == pytest.approx(result["test"]["rms"], rel=0.05)
     assert 0.90 <= result["coverage_95"] <= 0.98
