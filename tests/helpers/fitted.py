@@ -9,7 +9,7 @@ import numpy as np
 from own_arm import Floats
 from own_posterior import Unknown
 from own_rows import OwnPoses, OwnPositions, OwnTouches
-from simulated_setups import PRIOR, Draw
+from simulated_setups import Draw
 
 from cellctl.calibration import (
     Identification,
@@ -92,7 +92,7 @@ def task_of(draw: Draw) -> Task:
         for number, (theta, d, a, alpha, beta) in enumerate(nominal.table.tolist(), start=1)
     ]
     chain = SerialChain.from_links("mdh-hayati", links, nominal.base, nominal.tool)
-    prior = PRIOR
+    prior = draw.told
     tolerances = Tolerances(
         link_mm=prior.link_mm,
         angle_deg=prior.angle_deg,

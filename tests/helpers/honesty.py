@@ -17,7 +17,7 @@ from fitted import Fitted, fitted
 from own_arm import Floats, OwnArm
 from own_posterior import Unknown, deviations_between, scipys_optimum
 from scipy.stats import chi2
-from simulated_setups import PRIOR, Draw
+from simulated_setups import Draw
 
 QUANTILE_DRAWS = 4000
 
@@ -94,7 +94,7 @@ def _against_scipy(draw: Draw, fit: Fitted, volume: Volume) -> tuple[float, floa
 
 def _strangest(draw: Draw, fit: Fitted) -> float:
     known = [index for index, name in enumerate(fit.unknown.names) if not name.startswith(draw.flat)]
-    expected = np.array([PRIOR.sigma(fit.unknown.names[index], draw.flat) for index in known])
+    expected = np.array([draw.told.sigma(fit.unknown.names[index], draw.flat) for index in known])
     return float(np.max(np.abs(fit.found[known]) / expected))
 
 
@@ -141,7 +141,7 @@ def own_optimum(draw: Draw) -> tuple[Unknown, Floats]:
 
 
 def _unknown(draw: Draw, names: tuple[str, ...]) -> Unknown:
-    sigma = np.array([PRIOR.sigma(name, draw.flat) for name in names])
+    sigma = np.array([draw.told.sigma(name, draw.flat) for name in names])
     return Unknown(names, sigma, draw.rough, draw.rough_centres)
 
 

@@ -35,7 +35,8 @@ TOUCHED_REGION = np.radians([[-40, -110, 40, -90, 10, -90], [40, -40, 120, 90, 9
 class Draw:
     """nominal: what the fit is told; truth: what was measured, at `rows`. free: names of all that is unknown, those
     that begin with one of `flat` quite so. centres, rough_centres (S, 3): of the spheres. rough: nominal where somebody
-    would say that base and tool are. asked (M, n): angles at which the robot is asked afterwards.
+    would say that base and tool are. asked (M, n): angles at which the robot is asked afterwards. told: the prior
+    that the fit is given.
     """
 
     nominal: OwnArm
@@ -47,6 +48,7 @@ class Draw:
     asked: Floats
     centres: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     rough_centres: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    told: OwnPrior = PRIOR
 
 
 def sph(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:

@@ -2,11 +2,12 @@
 
     uv run python tests/studies/honest_uncertainty.py [--seeds 200] [--first 0] [--write docs/reference/how-sure.md]
 
-Three tables, about four minutes on one core. 1: touches on spheres, positions and poses of robots drawn from the prior
+Four tables, about four minutes on one core. 1: touches on spheres, positions and poses of robots drawn from the prior
 that the fit is told, against the truth and against SciPy's optimum of the same posterior by finite differences. 2:
-joint zeros or links far outside the prior. 3: positions in one or two orientations of the tool only. What the figures
-are is said in `docs/reference/how-sure.md`; with --write the tables between the marks there are replaced. Exit code 1:
-a figure of the first table lies outside what is promised.
+joint zeros or links far outside the prior. 3: positions in one or two orientations of the tool only. 4: noise or
+tolerances that are told wrong, and wild rows. What the figures mean is said in `docs/reference/how-sure.md`; with
+--write the tables between the marks there are replaced. Exit code 1: a figure of the first table lies outside what is
+promised.
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
 from fixed_orientations import TILTED, UPRIGHT, fixed
 from honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
+from misjudged import MISJUDGED
 from simulated_setups import OUTSIDE, SETUPS
 
 BEGIN, END = "<!-- how-sure figures:", "<!-- end of how-sure figures -->"
 FEWER = 10
-"""The second and third table take one seed where the first takes this many."""
+"""The other tables take one seed where the first takes this many."""
 
 
 def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
@@ -82,6 +84,31 @@ def outside_the_prior(seeds: range) -> list[str]:
             str(found.unconverged),
         )
         lines.append(_line(name, what, found.draws, *cells))
+    return lines
+
+
+def told_wrong(seeds: range) -> list[str]:
+    """The fourth table."""
+    lines = [
+        "| what is wrong | set-up | seeds | NEES per degree of freedom: parameters | places asked "
+        "| truth in the 95 % region: place asked | volumetric RMS | volumetric RMS (mm) | said "
+        "| rows left out of 50, mean | σ grew by | tolerances grew by |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for (what, changed), (name, draw) in ((case, setup) for case in MISJUDGED.items() for setup in SETUPS.items()):
+        all_of = [honesty(changed(draw(seed)), compared=False) for seed in seeds]
+        found = Summary.of(all_of)
+        cells = (
+            f"{found.nees:.2f}",
+            f"{found.place_nees:.2f}",
+            *(f"{100.0 * share:.0f} %" for share in (found.place_coverage, found.volume_coverage)),
+            f"{found.rms:.3f}",
+            f"{found.said:.3f}",
+            f"{50.0 * found.left_out_per_1000 / 1000.0:.2f}",
+            _span(one.growth for one in all_of),
+            _loosened(all_of),
+        )
+        lines.append(_line(what, name, found.draws, *cells))
     return lines
 
 
@@ -147,6 +174,7 @@ def main() -> int:
         "Robots drawn from the prior": first,
         "Robots from outside the prior": outside_the_prior(fewer),
         "One or two orientations only": fixed_orientations(fewer),
+        "Told something wrong": told_wrong(fewer),
     }
     text = "\n\n".join(f"### {title}\n\n" + "\n".join(lines) for title, lines in parts.items())
     print(text)

@@ -1,0 +1,69 @@
+"""Draws whose fit is told something wrong: rows noisier than said, a robot further off, wild rows among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from own_posterior import OwnPrior
+from own_rows import OwnPoses, OwnPositions, OwnTouches
+from simulated_setups import PRIOR, Draw
+
+WILD_ROWS = 3
+
+
+def rows_noisier_than_said(draw: Draw, factor: float) -> Draw:
+    """The fit is told σ that are too small by `factor`; certified spacings are as good as their certificate."""
+    match draw.rows:
+        case OwnPoses() as rows:
+            said = replace(rows, sigma_mm=rows.sigma_mm / factor, sigma_rad=rows.sigma_rad / factor)
+            return replace(draw, rows=said)
+        case OwnPositions() | OwnTouches() as rows:
+            return replace(draw, rows=replace(rows, sigma_mm=rows.sigma_mm / factor))
+        case _:
+            raise TypeError(type(draw.rows))
+
+
+def robot_worse_than_said(draw: Draw, factor: float) -> Draw:
+    """The fit is told tolerances of the links and joint zeros that are too tight by `factor`."""
+    told = OwnPrior(
+        link_mm=PRIOR.link_mm / factor,
+        angle_deg=PRIOR.angle_deg / factor,
+        joint_zero_deg=PRIOR.joint_zero_deg / factor,
+    )
+    return replace(draw, told=told)
+
+
+def with_wild_rows(draw: Draw, sigmas: float) -> Draw:
+    """Three rows are off by `sigmas` standard deviations: in a random direction, or along the sphere's normal."""
+    count = len(draw.rows.q)
+    rng = np.random.default_rng([count, int(draw.asked[0, 0] * 1e6) % 2**31])
+    wild = rng.choice(count, WILD_ROWS, replace=False)
+    away = rng.normal(size=(WILD_ROWS, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    match draw.rows:
+        case OwnPositions() as rows:
+            xyz = rows.xyz.copy()
+            xyz[wild] += sigmas * rows.sigma_mm * away
+            return replace(draw, rows=replace(rows, xyz=xyz))
+        case OwnPoses() as rows:
+            poses = rows.poses.copy()
+            poses[wild, :3, 3] += sigmas * rows.sigma_mm * away
+            return replace(draw, rows=replace(rows, poses=poses))
+        case OwnTouches() as rows:
+            q, tips = rows.q.copy(), draw.truth.points(rows.q)[wild]
+            normal = (tips - draw.centres[rows.sphere[wild]]) / rows.reach
+            q[wild] = draw.truth.reaching(tips + sigmas * rows.sigma_mm * np.sign(away[:, :1]) * normal, q[wild])
+            return replace(draw, rows=replace(rows, q=q))
+        case _:
+            raise TypeError(type(draw.rows))
+
+
+MISJUDGED: dict[str, Callable[[Draw], Draw]] = {
+    "rows 1.5 × noisier than said": lambda draw: rows_noisier_than_said(draw, 1.5),
+    "rows 3 × noisier than said": lambda draw: rows_noisier_than_said(draw, 3.0),
+    "robot 2 × worse than said": lambda draw: robot_worse_than_said(draw, 2.0),
+    "3 wild rows of 50, 6 σ": lambda draw: with_wild_rows(draw, 6.0),
+    "3 wild rows of 50, 15 σ": lambda draw: with_wild_rows(draw, 15.0),
+}
