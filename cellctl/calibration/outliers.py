@@ -144,7 +144,7 @@ def _unsurprised(linear: Linear) -> tuple[Bools | None, float]:
     kept = np.ones(count, bool)
     surprise, x = linear.surprise(kept)
     while (wild := kept & (surprise > limit)).any():
-        worst = np.argsort(np.where(wild, -surprise, np.inf))[: max(1, count // 50)]
+        worst = np.argsort(np.where(wild, -surprise, np.inf))[: max(1, count // 50, np.count_nonzero(wild) // 10)]
         kept[worst[wild[worst]]] = False
         surprise, x = linear.surprise(kept)
         if np.count_nonzero(~kept) > most:
@@ -153,7 +153,8 @@ def _unsurprised(linear: Linear) -> tuple[Bools | None, float]:
         back = ~kept & (surprise <= limit)
         if not back.any():
             break
-        kept[np.argmin(np.where(back, surprise, np.inf))] = True
+        nearest = np.argsort(np.where(back, surprise, np.inf))[: max(1, np.count_nonzero(back) // 4)]
+        kept[nearest] = True
         surprise, x = linear.surprise(kept)
     return kept, _misfit(linear, kept, x)
 

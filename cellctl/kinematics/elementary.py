@@ -5,6 +5,7 @@ Every geometric parameter is the value of one such motion: its derivative is a u
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
@@ -26,14 +27,17 @@ Segment: TypeAlias = tuple[Floats, list[Motion]]
 """What lies between two joints: a fixed pose (4, 4), then motions."""
 
 
+_IDENTITY = np.eye(4)
+
+
 def motion_matrix(motion: Motion) -> Floats:
     """The 4×4 transform of one elementary motion."""
-    result = np.eye(4)
+    result = _IDENTITY.copy()
     if not motion.turns:
         result[motion.axis, 3] = motion.value
         return result
     i, j = (motion.axis + 1) % 3, (motion.axis + 2) % 3
-    cosine, sine = np.cos(motion.value), np.sin(motion.value)
+    cosine, sine = math.cos(motion.value), math.sin(motion.value)
     result[i, i] = result[j, j] = cosine
     result[i, j], result[j, i] = -sine, sine
     return result
@@ -43,7 +47,8 @@ def segment_matrix(segment: Segment) -> Floats:
     """The 4×4 transform of a whole segment."""
     matrix, motions = segment
     for motion in motions:
-        matrix = matrix @ motion_matrix(motion)
+        if motion.value:
+            matrix = matrix @ motion_matrix(motion)
     return matrix
 
 
