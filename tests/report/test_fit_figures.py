@@ -26,6 +26,7 @@ from fit_stories import (
 from cellctl.calibration import Backlash, PositionRows, Postures
 from cellctl.report.fit import by_joint, by_order, by_place, correlation, hints, places, table, trends
 from cellctl.report.fit.advice import advice, narrows
+from cellctl.report.fit.head import head
 from cellctl.report.fit.region import RegionSigma, along_joint
 from cellctl.report.fit.residuals import Residuals
 from cellctl.report.fit.scaled import coverage, scaled_numbers
@@ -358,3 +359,16 @@ def test_a_robot_of_two_joints_is_advised_too():
     robot = arm(2)
     story = told(measured(positions(60, robot=robot, region=region), robot), robot=robot)
     assert len(advice(story, RegionSigma.of(story))["rows"][0]["readings"]) == 2
+
+
+def test_tolerances_that_the_rows_widened_are_told_as_stated_with_the_factor():
+    """Link lengths of a robot 4 mm from its table: in tolerances, that is what was promised, not believed then."""
+    lengths = {name: 4.0 * (-1) ** at for at, name in enumerate(("a1", "a2", "a3", "d4", "a4", "d5"))}
+    true = truth(errors=lengths)
+    story = told(measured(positions(150, true=true)))
+    factor = story.result.identification.loosened["links"]
+    line = next(line for group in table.groups(story) for line in group.lines if line.symbol == "a2")
+    assert factor > 1.5
+    assert float(line.tolerance) == pytest.approx(0.5)
+    assert float(line.in_tolerances.replace("−", "-")) == pytest.approx(-8.0, abs=0.5)
+    assert f"links {factor:.1f} times as wide as stated" in dict(head(story)["setup"])["tolerances"]

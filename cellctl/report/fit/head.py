@@ -29,6 +29,7 @@ def head(story: FitStory) -> Section:
         "ended": story.found.ended,
         "judged": _judged(story),
         "before": "older model" if story.task.prior is not None else "nominal robot",
+        "widened": bool(_widened(story)),
         "setup": setup(story),
         "ladder": ladder(story),
     }
@@ -73,10 +74,18 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
         ("model", f"{result.model}: {result.n_parameters} free parameters, {result.observability.rank} seen"),
         ("went on from", "an older model" if task.prior is not None else ""),
         ("scatter", "as foreseen" if noise <= 1.0 else f"{noise:.1f} times what was foreseen; every σ allows for it"),
+        ("tolerances", _widened(story)),
         ("ended", story.found.ended),
         *story.sources.items(),
     ]
     return [(name, text) for name, text in pairs if text]
+
+
+def _widened(story: FitStory) -> str:
+    """Which groups of parameters deviate more than was stated, and by which factor."""
+    factors = story.result.identification.loosened.items()
+    words = [f"{group} {factor:.1f} times as wide as stated, say the rows" for group, factor in factors if factor > 1.0]
+    return ", ".join(words)
 
 
 def _counted(story: FitStory) -> list[str]:

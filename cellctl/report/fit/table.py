@@ -34,7 +34,8 @@ _TITLES = {
 class Line:
     """One parameter, as texts. in_tolerances, in_sigmas: its deviation in what was, and in what is, its 1 σ.
 
-    share: 1 − σ²/tolerance², how much of what is known about it the rows told. wide: more than three tolerances off.
+    share: 1 − σ²/tolerance², how much of what is known about it the rows told; tolerance there as widened, where the
+    rows said that the stated one is too narrow. wide: more than three tolerances off.
     """
 
     symbol: str
@@ -68,7 +69,7 @@ class Group:
 
 
 def known_before(story: FitStory) -> Floats:
-    """1 σ of each parameter (P,) before the rows."""
+    """1 σ of each parameter (P,) before the rows, widened where these said so."""
     unknowns = story.found.unknowns
     return unknowns.sigma if unknowns.prior is None else np.sqrt(np.diag(unknowns.prior))
 
@@ -105,7 +106,8 @@ def _line(story: FitStory, index: int) -> Line:
     before = _before(story, name)
     change = (float(model.deviations[index]) - before) * factor
     sigma = float(np.sqrt(max(found.covariance[index, index], 0.0))) * factor
-    tolerance = float(known_before(story)[index]) * factor
+    before_it = float(known_before(story)[index]) * factor
+    tolerance = before_it / story.result.identification.loosened.get(found.unknowns.groups[index], 1.0)
     return Line(
         symbol=symbol(name),
         unit=unit,
@@ -114,7 +116,7 @@ def _line(story: FitStory, index: int) -> Line:
         tolerance=significant(tolerance),
         in_tolerances=_times(change, tolerance),
         in_sigmas=_times(change, sigma),
-        share=1.0 - (sigma / tolerance) ** 2 if tolerance else 0.0,
+        share=1.0 - (sigma / before_it) ** 2 if before_it else 0.0,
         wide=abs(change) > 3.0 * tolerance,
     )
 
