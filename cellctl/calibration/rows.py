@@ -295,7 +295,7 @@ def _with_points(columns: Floats, of_point: Floats, point: Any, state: State, se
     result[..., state.columns[session]] = columns
     points = np.zeros((len(columns), columns.shape[1], len(state.points), 3))
     points[np.arange(len(columns)), :, point] = of_point
-    result[..., state.points_at :] = points.reshape(len(columns), columns.shape[1], -1)
+    result[..., state.points_at :] = points.reshape(*columns.shape[:2], 3 * len(state.points))
     return result
 
 

@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from fit_stories import arm, measured, pointed, poses, positions, sessions, sockets, told, touches
+from fit_stories import arm, measured, pointed, poses, positions, sessions, sockets, told, touches, truth
 from html_pages import Page
 
-from cellctl.calibration import Backlash, Growth, Harmonics, JointCompliance, Postures, Split
+from cellctl.calibration import Backlash, Growth, Harmonics, JointCompliance, Postures, Split, Task
 from cellctl.report.fit import FitStory, fit_page, write_fit_page
 
 HEADINGS = [
@@ -128,6 +128,23 @@ def test_two_sessions_are_told_apart_and_placed():
     assert "base tracker" in page.text
     assert "the robot's base frame" in page.text
     assert "could be measured in tracker" in page.text
+
+
+def test_a_socket_or_a_session_that_the_fit_never_saw_has_its_errors_on_the_page():
+    rows = sockets(45)
+    page = checked(fit_page(told(pointed(rows), split=Split.by_column(rows.point == 2))))
+    assert "not visited in the fit" in page.text
+    checked(fit_page(told(sessions(40), split=Split.by_column(np.arange(80) >= 40))))
+
+
+def test_partial_work_is_told_against_the_older_model():
+    older, task = truth(), measured(positions(20))
+    prior = np.diag(np.full(len(older.parameters), 1e-6))
+    partial = Task(older, task.rows, prior=prior, groups=frozenset({"zeros", "base"}))
+    page = checked(fit_page(told(partial)))
+    assert "before (older model)" in page.text
+    assert "Joint zeros (6)" in page.text
+    assert "Links (" not in page.text
 
 
 def test_hardly_any_rows_have_a_page():
