@@ -27,8 +27,7 @@ from cellctl.kinematics import Bools, Floats
 def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
     unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
-    nominal = task.as_kept(_settled(task, by.nominal, rows, unseen))
-    identified = _settled(task, by.identified, rows, unseen)
+    nominal, identified = settled(task, by, rows)
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
     noisy = rows.noisier(by.noise)
     hidden = _hidden(identified, noisy, unseen)

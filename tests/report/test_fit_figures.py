@@ -2,6 +2,7 @@
 
 import re
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from cellctl.report.fit import by_joint, by_order, by_place, correlation, hints,
 from cellctl.report.fit.advice import advice, narrows
 from cellctl.report.fit.head import head
 from cellctl.report.fit.region import RegionSigma, along_joint
-from cellctl.report.fit.residuals import Residuals
+from cellctl.report.fit.residuals import Residuals, _Sure
 from cellctl.report.fit.scaled import coverage, scaled_numbers
 from cellctl.report.symbols import shown_unit, symbol
 
@@ -105,6 +106,30 @@ def test_without_what_the_fit_bent_its_rows_would_look_too_good():
     bare = np.std(rows.after / story.task.rows.only.sigma)
     assert bare < 0.85
     assert scaled_numbers(rows)[0].std() == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("judging", [True, False])
+def test_foreseen_variance_is_that_of_many_fits_with_held_but_doubtful_parameters(judging):
+    """Four free and two held unknowns, forty numbers, a hundred thousand draws of all of them and of the noise."""
+    rng = np.random.default_rng(8)
+    rows, asked = rng.normal(size=(40, 6)), rng.normal(size=(10, 6))
+    noise, free = rng.uniform(0.5, 2.0, 40), np.array([True, True, False, True, False, True])
+    known = np.array([2.0, 0.5, 0.3, 1.0, 0.8, 3.0])
+    scaled, tried = rows / noise[:, None], 100_000
+    posterior = np.linalg.inv(scaled[:, free].T @ scaled[:, free] + np.diag(known[free] ** -2))
+    answer = posterior @ (scaled[:, free] / noise[:, None]).T
+    truths = rng.normal(size=(tried, 6)) * known
+    numbers = truths @ rows.T + rng.normal(size=(tried, 40)) * noise
+    found = numbers @ answer.T
+    errors = -truths.copy()
+    errors[:, free] += found
+    estimate = SimpleNamespace(covariance=np.cov(errors.T), unknowns=SimpleNamespace(free=free))
+    sure = _Sure.of(estimate, judging, False)
+    if judging:
+        seen, columns, of_noise = errors @ asked.T - rng.normal(size=(tried, 10)), asked, np.ones(10)
+    else:
+        seen, columns, of_noise = found @ rows[:, free].T - numbers, rows, noise**2
+    assert sure.variance(columns[:, None, :], of_noise[:, None])[:, 0] == pytest.approx(seen.var(axis=0), rel=0.03)
 
 
 def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():

@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration import Measured, Mixture, PoseRows, SocketRows, State, TouchRows
+from cellctl.calibration import Estimate, Measured, Mixture, PoseRows, SocketRows, State, TouchRows
 from cellctl.calibration.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.report.fit.story import FitStory
@@ -54,16 +54,15 @@ class Residuals:
         identification = story.result.identification
         left_out, held_out = np.array(identification.outliers, int), story.held_out
         in_fit = np.sort(np.concatenate([story.used, left_out]))
-        covariance = identification.identified.covariance
         parts: list[dict[str, Any]] = []
         for which, judging in ((in_fit, False), (held_out, True)):
             rows = story.task.rows.pick(which)
-            states = (identification.nominal.state, identification.identified.state)
+            states = (story.task.as_kept(identification.nominal.state), identification.identified.state)
             if judging and len(which):
                 states = settled(story.task, identification, rows)
-            known = None if judging and _settles(story, rows) else covariance
+            sure = _Sure.of(identification.identified, judging, judging and _settles(story, rows))
             blocks = [block for block in rows.noisier(identification.noise).blocks if len(block)]
-            parts += [_block(block, states, known, judging) for block in blocks]
+            parts += [_block(block, states, sure) for block in blocks]
         columns = {name: np.concatenate([part[name] for part in parts], axis=_axis(name)) for name in parts[0]}
         index = np.concatenate([in_fit, held_out])
         judged = np.isin(index, held_out)
@@ -106,7 +105,42 @@ def _settles(story: FitStory, rows: Mixture) -> bool:
     return bool(unseen_by(story.task, story.found.unknowns, used, rows).any())
 
 
-def _block(block: Measured, states: tuple[State, State], covariance: Floats | None, judging: bool) -> dict[str, Any]:
+@final
+@dataclass(frozen=True, eq=False)
+class _Sure:
+    """What is foreseen of residuals: covariance (P, P) of the parameters; own: that part of it which the free ones have
+    without what held ones are in doubt by. judging: of rows that the fit never saw.
+    """
+
+    covariance: Floats
+    own: Floats
+    judging: bool
+
+    @classmethod
+    def of(cls, found: Estimate, judging: bool, settles: bool) -> Self | None:
+        """Of a fit; None where the rows that judge it had to settle something themselves: nothing was foreseen."""
+        if settles:
+            return None
+        covariance, free = found.covariance, found.unknowns.free
+        doubted = ~free & (np.diag(covariance) > 0.0)
+        through, doubt = covariance[np.ix_(free, doubted)], covariance[np.ix_(doubted, doubted)]
+        own = np.zeros_like(covariance)
+        own[np.ix_(free, free)] = covariance[np.ix_(free, free)] - through @ np.linalg.pinv(doubt) @ through.T
+        return cls(covariance, own, judging)
+
+    def variance(self, columns: Floats, noise: Floats) -> Floats:
+        """Of residuals (N, k) with Jacobian (N, k, P) and variances `noise` (N, k) of the measurement.
+
+        σ² + JCJᵀ, less twice what the model bent towards rows that it was made from: σ² − JCJᵀ where none is in doubt.
+        """
+        unsure = np.sum((columns @ self.covariance) * columns, axis=-1)
+        if self.judging:
+            return np.asarray(noise + unsure)
+        bent = np.sum((columns @ self.own) * columns, axis=-1)
+        return np.asarray(np.maximum(noise + unsure - 2.0 * bent, LEAST_VARIANCE * noise))
+
+
+def _block(block: Measured, states: tuple[State, State], sure: _Sure | None) -> dict[str, Any]:
     """The columns of one block of rows, whose σ are those found."""
     model = states[1].models[block.session]
     tips = model.tip(block.postures)
@@ -126,7 +160,7 @@ def _block(block: Measured, states: tuple[State, State], covariance: Floats | No
         "normals": _normals(block, states[1]) if isinstance(block, TouchRows) else none,
         "turned": block.residual(states[1])[:, 3:] if isinstance(block, PoseRows) else none,
         "joined": np.stack([np.einsum("nr,nrj->nj", vector, ways) for vector in vectors]),
-        "scaled": _scaled(block, states[1], covariance, judging),
+        "scaled": _scaled(block, states[1], sure),
     }
 
 
@@ -140,16 +174,12 @@ def _normals(block: TouchRows, state: State) -> Floats:
     return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))
 
 
-def _scaled(block: Measured, state: State, covariance: Floats | None, judging: bool) -> Floats:
-    """Residuals (N, 6) in foreseen σ: σ² + JCJᵀ for rows that the fit never saw, σ² − JCJᵀ for those it bent to."""
+def _scaled(block: Measured, state: State, sure: _Sure | None) -> Floats:
+    """Residuals (N, 6) in their foreseen standard deviations; NaN where a row has fewer, or nothing was foreseen."""
     result = np.full((len(block), 6), np.nan)
-    if covariance is None:
-        return result
-    columns = block.jacobian(state)
-    bent = np.sum((columns @ covariance) * columns, axis=-1)
-    noise = block.sigma**2
-    variance = noise + bent if judging else np.maximum(noise - bent, LEAST_VARIANCE * noise)
-    result[:, : noise.shape[1]] = block.residual(state) / np.sqrt(variance)
+    if sure is not None:
+        variance = sure.variance(block.jacobian(state), block.sigma**2)
+        result[:, : block.sigma.shape[1]] = block.residual(state) / np.sqrt(variance)
     return result
 
 
