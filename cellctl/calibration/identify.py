@@ -151,7 +151,7 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
 def _registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
     unknowns = task.unknowns(task.start(rows))
-    return estimate(unknowns.masked(task.registration(unknowns)), rows.blocks)
+    return estimate(unknowns.masked(task.registration(unknowns)), [*rows.blocks, *certain(task)])
 
 
 def _start_of(task: Task, nominal: Estimate) -> Unknowns:
@@ -207,7 +207,8 @@ def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
         closest = np.sort(np.argsort(rows.errors(nominal.state), kind="stable")[:share])
         if np.array_equal(closest, before):
             break
-        nominal, before = estimate(nominal.unknowns, rows.pick(closest).blocks, nominal.deviations), closest
+        some = [*rows.pick(closest).blocks, *certain(task)]
+        nominal, before = estimate(nominal.unknowns, some, nominal.deviations), closest
     return nominal
 
 

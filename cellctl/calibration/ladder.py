@@ -27,6 +27,9 @@ JUDGING = 1000
 NUMBERS_EACH = 3
 """Measured numbers for each unknown, without which a step is not even tried."""
 
+WORTH = 0.005
+"""A gain of a smaller share of the distance before is not worth a term, however sure it is."""
+
 WAVES_AT_MOST = 30
 RIPPLE = "ripple"
 
@@ -134,7 +137,8 @@ def _tried(rung: Rung, name: str, rows: Mixture, before: Floats) -> tuple[Step, 
     errors = _unseen_errors(rung, rows, task)
     gain = before - errors
     standard_error = float(gain.std(ddof=1) / np.sqrt(gain.size))
-    return Step(name, float(gain.mean()), standard_error, bool(gain.mean() > standard_error)), errors
+    pays = gain.mean() > max(standard_error, WORTH * float(before.mean()))
+    return Step(name, float(gain.mean()), standard_error, bool(pays)), errors
 
 
 def _unseen_errors(rung: Rung, rows: Mixture, whole: Task) -> Floats:

@@ -22,7 +22,12 @@ from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
 
 OUTLYING = 1e-6
-"""A row is wild if the others would put it where it is less often than this."""
+"""A held-out row is named if what was identified would put it where it is less often than this."""
+
+WILD = 1e-5
+"""A row of the fit is wild if the others would put it where it is less often than this: hardly a clean row in a hundred
+thousand is lost by it, and most wild rows of ten standard deviations are found.
+"""
 
 WILD_AT_MOST = 0.45
 """No search beyond this share of wild rows: with half of them wild nobody could say which half it is."""
@@ -140,7 +145,7 @@ def belonging(linear: Linear) -> Belonging:
 def _unsurprised(linear: Linear) -> tuple[Bools | None, float]:
     """Rows none of which surprises the others, and their χ² with that of the unknowns; None where too few are left."""
     count = len(linear.away)
-    limit, most = chi2.isf(OUTLYING, linear.numbers), int(WILD_AT_MOST * count)
+    limit, most = chi2.isf(WILD, linear.numbers), int(WILD_AT_MOST * count)
     kept = np.ones(count, bool)
     surprise, x = linear.surprise(kept)
     while (wild := kept & (surprise > limit)).any():

@@ -19,6 +19,9 @@ UNLIKELY = 0.01
 FAR = 1.25
 """Found errors up to this many times those foreseen are of the size foreseen."""
 
+WORTH = 0.01
+"""A gain of less than this share of the mean distance changes nothing for anybody."""
+
 CLEAR = 4.0
 """Errors that fell by this factor are better whatever the model thought of them."""
 
@@ -100,6 +103,8 @@ def judge(rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] =
         return Judgement("no better", "; ".join(doubts))
     if verdict == "no better":
         return Judgement(verdict, "the difference is within its own scatter")
+    if rows.nominal.mean() - rows.identified.mean() < WORTH * rows.nominal.mean():
+        return Judgement("no better", "the gain is sure, and too small to matter")
     before, after = ErrorFigures.of(rows.nominal).rms, ErrorFigures.of(rows.identified).rms
     if after >= before:
         return Judgement("no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})")
