@@ -31,8 +31,9 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
     noisy = rows.noisier(by.noise)
     hidden = _hidden(identified, noisy, unseen)
+    taken = _taken(identified, noisy, hidden)
     foreseen = [
-        foresee(identified, covariance, block, own)
+        foresee(identified, covariance, block, own, taken)
         for block, own in zip(noisy.blocks, hidden, strict=True)
         if len(block)
     ]
@@ -106,6 +107,16 @@ def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotMode
     if "tool" in groups:
         chain = chain.with_tool(new.chain.tool_now)
     return replace(model, chain=chain)
+
+
+def _taken(state: State, rows: Mixture, hidden: Sequence[Floats | None]) -> Floats | None:
+    """What the fit to these rows took up of each parameter (H, P): their columns along the basis `hidden`."""
+    parts = [
+        np.einsum("nkh,nkp->hp", own, block.jacobian(state) / block.sigma[..., None])
+        for own, block in zip(hidden, rows.blocks, strict=True)
+        if own is not None
+    ]
+    return np.sum(parts, axis=0) if parts else None
 
 
 def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | None]:

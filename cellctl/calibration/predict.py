@@ -57,11 +57,14 @@ class Foreseen:
         return np.asarray(self.chance >= 0.05)
 
 
-def foresee(found: State, covariance: Floats, rows: Rows, hidden: Floats | None = None) -> Foreseen:
+def foresee(
+    found: State, covariance: Floats, rows: Rows, hidden: Floats | None = None, taken: Floats | None = None
+) -> Foreseen:
     """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
 
     hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
-    these very rows (a socket's place, a new session's base), and therefore cannot show in them.
+    these very rows (a socket's place, a new session's base), and therefore cannot show in them. taken (H, P): what it
+    took up of each parameter, over all rows: that cannot show in them either.
     """
     variance, chance = np.empty(len(rows)), np.empty(len(rows))
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
@@ -70,7 +73,10 @@ def foresee(found: State, covariance: Floats, rows: Rows, hidden: Floats | None 
         part = np.s_[start : start + BLOCK]
         block = rows.pick(part)
         residual = block.residual(found) / block.sigma
-        columns = np.matmul(block.jacobian(found), root) / block.sigma[..., None]
+        lines = block.jacobian(found) / block.sigma[..., None]
+        if hidden is not None and taken is not None:
+            lines = lines - np.matmul(hidden[part], taken)
+        columns = np.matmul(lines, root)
         spread = np.eye(residual.shape[1]) + np.zeros((len(block), 1, 1))
         if hidden is not None:
             own = hidden[part]
