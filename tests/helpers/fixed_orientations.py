@@ -28,12 +28,12 @@ def fixed(seed: int, turns: Sequence[Rotation]) -> tuple[Draw, Floats]:
 
 
 def _angles(rng: np.random.Generator, count: int, turns: Sequence[Rotation]) -> Floats:
-    arm = ur10()
+    arm, q, left = ur10(), np.zeros((count, 6)), np.arange(count)
     middle = arm.poses(DOWN[None])[0]
-    wanted = np.tile(middle, (count, 1, 1))
-    wanted[:, :3, 3] += rng.uniform(-300.0, 300.0, (count, 3))
-    wanted[:, :3, :3] = np.array([turns[i % len(turns)].as_matrix() @ middle[:3, :3] for i in range(count)])
-    q = arm.held(wanted, np.tile(DOWN, (count, 1)))
-    if not np.allclose(arm.poses(q), wanted, atol=1e-7):
-        raise RuntimeError("a place is out of the robot's reach")
+    while left.size:  # a place that is out of reach in its orientation is drawn again
+        wanted = np.tile(middle, (left.size, 1, 1))
+        wanted[:, :3, 3] += rng.uniform(-300.0, 300.0, (left.size, 3))
+        wanted[:, :3, :3] = np.array([turns[i % len(turns)].as_matrix() @ middle[:3, :3] for i in left])
+        q[left] = arm.held(wanted, np.tile(DOWN, (left.size, 1)))
+        left = left[~np.isclose(arm.poses(q[left]), wanted, atol=1e-7).all(axis=(1, 2))]
     return q
