@@ -33,7 +33,7 @@ def _angles(rng: np.random.Generator, count: int, turns: Sequence[Rotation]) -> 
     while left.size:  # a place that is out of reach in its orientation is drawn again
         wanted = np.tile(middle, (left.size, 1, 1))
         wanted[:, :3, 3] += rng.uniform(-300.0, 300.0, (left.size, 3))
-        wanted[:, :3, :3] = np.array([turns[i % len(turns)].as_matrix() @ middle[:3, :3] for i in left])
+        wanted[:, :3, :3] = np.array([turns[i % len(turns)].as_matrix() @ middle[:3, :3] for i in left.tolist()])
         q[left] = arm.held(wanted, np.tile(DOWN, (left.size, 1)))
         left = left[~np.isclose(arm.poses(q[left]), wanted, atol=1e-7).all(axis=(1, 2))]
     return q

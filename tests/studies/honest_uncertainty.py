@@ -2,7 +2,7 @@
 
     uv run python tests/studies/honest_uncertainty.py [--seeds 200] [--first 0] [--write docs/reference/how-sure.md]
 
-Four tables, about four minutes on one core. 1: touches on spheres, positions and poses of robots drawn from the prior
+Four tables, about five minutes on one core. 1: touches on spheres, positions and poses of robots drawn from the prior
 that the fit is told, against the truth and against SciPy's optimum of the same posterior by finite differences. 2:
 joint zeros or links far outside the prior. 3: positions in one or two orientations of the tool only. 4: noise or
 tolerances that are told wrong, and wild rows. What the figures mean is said in `docs/reference/how-sure.md`; with
