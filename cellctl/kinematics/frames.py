@@ -11,6 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics.arrays import Floats
 
+_HALF_TURN = 1e-6
+"""The sine of a turn below which its skew part says its axis worse than the symmetric one does."""
+
 
 def pose_from_xyz_abc(xyz: ArrayLike, abc: ArrayLike) -> Floats:
     """Pose (..., 4, 4) from position (..., 3), mm, and KUKA angles A, B, C (..., 3), degrees."""
@@ -66,10 +69,10 @@ def inverse_pose(matrix: ArrayLike) -> Floats:
 
 
 def rotation_vector(rotation: ArrayLike) -> Floats:
-    """Axis times angle (..., 3), rad, of rotation matrices (..., 3, 3), through the skew part.
+    """Axis times angle (..., 3), rad, of rotation matrices (..., 3, 3); the angle in 0…π.
 
-    Exact for angles below π and quick in batches; at π itself, where the skew part vanishes, the result is 0:
-    meant for differences between nearly equal orientations.
+    Through the skew part, which is quick in batches; next to π, where that vanishes, through the symmetric one. At π
+    itself either sense of the axis is as good.
     """
     turn = np.asarray(rotation, float)
     skew = 0.5 * np.stack(
@@ -81,6 +84,22 @@ def rotation_vector(rotation: ArrayLike) -> Floats:
         axis=-1,
     )
     sine = np.linalg.norm(skew, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=-2, axis2=-1) - 1.0))
+    cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(sine, cosine)
     factor = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
-    return np.asarray(skew * factor[..., None])
+    result = np.asarray(skew * factor[..., None])
+    if (half := (cosine < 0.0) & (sine < _HALF_TURN)).any():
+        result[half] = angle[half][..., None] * _axis_of_half_turn(turn[half], skew[half])
+    return result
+
+
+def _axis_of_half_turn(turn: Floats, skew: Floats) -> Floats:
+    """Unit axes u (N, 3) of turns (N, 3, 3) by almost π, in the sense of `skew` (N, 3).
+
+    The largest column of turn + transpose − 2 cos φ = 2 (1 − cos φ) u uᵀ.
+    """
+    columns = turn + np.swapaxes(turn, -1, -2) + (1.0 - np.trace(turn, axis1=-2, axis2=-1))[:, None, None] * np.eye(3)
+    largest = np.argmax(np.diagonal(columns, axis1=-2, axis2=-1), axis=-1)
+    axes = columns[np.arange(len(turn)), :, largest]
+    sense = np.where(np.sum(axes * skew, axis=-1) < 0.0, -1.0, 1.0)
+    return np.asarray(axes * (sense / np.linalg.norm(axes, axis=-1))[:, None])

@@ -49,6 +49,22 @@ def test_rotation_vector_returns_the_vector_that_made_the_matrix(vector):
     np.testing.assert_allclose(rotation_vector(Rotation.from_rotvec(vector).as_matrix()), vector, atol=1e-7)
 
 
+@given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda axis: np.linalg.norm(axis) > 0.1))
+def test_rotation_vector_of_a_half_turn_or_next_to_it_is_not_taken_for_none(axis):
+    unit = np.array(axis) / np.linalg.norm(axis)
+    for short_of in (0.0, 1e-13, 1e-9, 3e-7, 1e-5):
+        turn = Rotation.from_rotvec((np.pi - short_of) * unit).as_matrix()
+        found = rotation_vector(turn)
+        assert abs(np.linalg.norm(found) - (np.pi - short_of)) < 1e-9
+        np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), turn, atol=1e-9)
+
+
+def test_half_turns_among_other_turns_are_each_their_own():
+    vectors = np.array([[[0.1, 0, 0], [0, np.pi, 0]], [[0, 0, 0], [0, 0, np.pi]]])
+    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(2, 2, 3, 3)
+    np.testing.assert_allclose(np.abs(rotation_vector(turns)), vectors, atol=1e-9)
+
+
 def test_quaternion_has_its_real_part_first_and_may_have_any_length():
     quarter_turn = rotation_from_quaternion([[2.0, 0, 0, 2.0]])
     np.testing.assert_allclose(quarter_turn, [[[0, -1, 0], [1, 0, 0], [0, 0, 1]]], atol=1e-12)

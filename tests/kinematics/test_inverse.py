@@ -39,6 +39,14 @@ def test_one_start_serves_many_poses(chain):
     np.testing.assert_allclose(found, poses[result.converged], atol=1e-8)
 
 
+def test_a_tool_turned_by_exactly_half_a_turn_is_not_taken_for_one_in_place(chain):
+    start = np.deg2rad([0, -60, 60, 10, 50, 0.0])
+    turned = start + np.array([0, 0, 0, 0, 0, np.pi])
+    result = inverse(chain, chain.forward(turned), start)
+    assert bool(result.converged)
+    np.testing.assert_allclose(chain.forward(result.q), chain.forward(turned), atol=1e-8)
+
+
 def test_a_pose_out_of_reach_is_reported_and_its_neighbours_still_close(chain):
     q = np.tile(np.deg2rad([0, -60, 60, 10, 50, 0.0]), (2, 1))
     poses = chain.forward(q)
