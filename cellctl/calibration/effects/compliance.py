@@ -56,7 +56,10 @@ class JointCompliance:
 
     @classmethod
     def of(cls, nominal: SerialChain, load_known: bool = False) -> Self:
-        """The compliance of a robot that stands upright, without the joints that never carry weight."""
+        """The compliance of a robot that stands upright, without the joints that never carry weight.
+
+        Wherever `nominal` has its base: weight pulls along −z of it.
+        """
         return cls(nominal.n, load_known, _upright(nominal))
 
     @property
@@ -124,6 +127,6 @@ def _load_arms(nominal: SerialChain, at: Postures, frames: Floats, arms: Floats)
 
 def _upright(nominal: SerialChain) -> frozenset[int]:
     """Joints (from 1) vertical at every posture: such as come before the first that is not."""
-    axes = nominal.frames(np.zeros(nominal.n))[:-1, :3, 2]
+    axes = nominal.with_base(np.eye(4)).frames(np.zeros(nominal.n))[:-1, :3, 2]
     leaning = np.linalg.norm(axes[:, :2], axis=-1) > UPRIGHT_RAD
     return frozenset((np.flatnonzero(~np.logical_or.accumulate(leaning)) + 1).tolist())

@@ -32,8 +32,9 @@ class Growth:
 
     @classmethod
     def of(cls, nominal: SerialChain) -> Self:
-        """The growth of a robot, without the links that are points."""
-        lengths = np.linalg.norm(_link_vectors(nominal, np.zeros((1, nominal.n)))[0], axis=-1)
+        """The growth of a robot, without the links that are points; wherever `nominal` has its base."""
+        standing = nominal.with_base(np.eye(4))
+        lengths = np.linalg.norm(_link_vectors(standing, np.zeros((1, nominal.n)))[0], axis=-1)
         return cls(nominal.n, frozenset((np.flatnonzero(lengths < 1e-6) + 1).tolist()))
 
     @property

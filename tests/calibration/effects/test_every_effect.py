@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Backlash, Effect, Growth, Harmonics, JointCompliance, ToolDeflection
 from cellctl.calibration.postures import Postures
+from cellctl.kinematics import pose_from_xyz_abc
 
 MAKERS = {
     "deflection": lambda chain: ToolDeflection(0.41, 15.0),
@@ -54,6 +55,11 @@ def test_a_row_moves_the_same_alone_as_among_others(effect, arm, at):
 def test_no_row_at_all_is_no_error(effect, arm, at):
     for none in parts(effect, arm, at.pick(slice(0, 0))):
         assert none.shape[0] == 0
+
+
+def test_where_a_robot_stands_does_not_change_what_is_modelled(effect, arm):
+    elsewhere = arm.chain().with_base(pose_from_xyz_abc([900, -300, 70], [20, 30, -40]))
+    assert MAKERS[effect.group](elsewhere).parameters == effect.parameters
 
 
 def test_two_effects_of_a_robot_never_share_a_name(arm):
