@@ -107,7 +107,7 @@ def test_an_effect_that_is_there_is_kept_and_the_truth_comes_nearer(seed, kind):
 
 
 def test_all_effects_at_once_are_told_apart():
-    of = measured(3, 340, tuple(KEPT))
+    of = measured(10, 340, tuple(KEPT))
     auto, plain = of.fitted(220, auto=True), of.fitted(220)
     assert auto.model == "geometry+compliance+harmonics+backlash+growth"
     assert of.true_error(auto) < 0.1 * of.true_error(plain)
