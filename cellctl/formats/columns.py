@@ -11,10 +11,16 @@ from cellctl.formats.dataset import DataSet, Rejected
 
 if TYPE_CHECKING:
     from cellctl.formats.robot import RobotFile
-    from cellctl.kinematics import Floats
+    from cellctl.kinematics import Bools, Floats
 
 BEYOND_LIMITS_DEG = 5.0
 """A joint reading further than this outside the robot file's limits is no reading of this robot."""
+
+BEYOND = 5e5
+"""No number of a data set is larger: 500 m, where all lengths are mm. What is larger would drown all other rows."""
+
+MOST_RADIANS = 6.6
+"""Readings beyond this, in most rows, are hardly radians: more than a turn."""
 
 
 @final
@@ -30,7 +36,8 @@ class Sieve:
         self._reasons.setdefault(row, reason)
 
     def numbers(self, name: str, *, missing: float | None = None, rows: Collection[int] | None = None) -> list[float]:
-        """A column's numbers (N,); rows with none (unless `missing` stands for it), text, NaN or infinity are rejected.
+        """A column's numbers (N,); rejected are rows with none (unless `missing` stands for it), text, NaN, infinity or
+        a number beyond all measure.
 
         rows: the only ones to be looked at; NaN for the others.
         """
@@ -64,13 +71,16 @@ class Sieve:
             return math.nan
         if not math.isfinite(value):
             self.reject(row, f"{name} is {text}")
+        elif abs(value) > BEYOND:
+            self.reject(row, f"{name} is {text[:20]}: no robot is measured by numbers beyond {BEYOND:.0f}")
+            return math.nan
         return value
 
 
 def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
     """Controller readings (N, n), deg, from `A1…An` (deg) or `q1…qn` (rad); NaN in rejected rows.
 
-    Raises InputError where neither kind is complete, or both are there.
+    Raises InputError where neither kind is complete, or both are there, or `q1…qn` hold degrees.
     """
     import numpy as np
 
@@ -78,13 +88,37 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
     names = _one_kind(sieve.data, degrees, radians)
     readings = np.array([sieve.numbers(name) for name in names]).T
     if names is radians:
+        _refuse_degrees(sieve, robot, readings, names)
         readings = np.rad2deg(readings)
-    beyond = np.maximum(readings - robot.limits()[:, 1], robot.limits()[:, 0] - readings)
-    for row, joint in np.argwhere(beyond > BEYOND_LIMITS_DEG):
+    for row, joint in np.argwhere(_beyond_limits(robot, readings)):
         limits = robot.joints[joint]
         what = f"{names[joint]} is {readings[row, joint]:.6g}°, outside {limits.min:g}…{limits.max:g}°"
         sieve.reject(int(row), what)
     return readings
+
+
+def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
+    """Which readings (N, n) this robot cannot have; NaN: none of them."""
+    import numpy as np
+
+    limits = robot.limits()
+    return np.asarray(np.maximum(degrees - limits[:, 1], limits[:, 0] - degrees) > BEYOND_LIMITS_DEG)
+
+
+def _refuse_degrees(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequence[str]) -> None:
+    """Raise InputError where most rows (N, n) are no radians of this robot, and nearly all of these its degrees."""
+    import numpy as np
+
+    read = np.isfinite(given).all(axis=1)
+    beyond = read & _beyond_limits(robot, np.rad2deg(given)).any(axis=1)
+    turns = beyond & (np.abs(given) > MOST_RADIANS).any(axis=1)
+    degrees = turns & ~_beyond_limits(robot, given).any(axis=1)
+    wrong, right = int(np.count_nonzero(beyond)), int(np.count_nonzero(degrees))
+    if 2 * wrong > np.count_nonzero(read) and right >= 0.9 * wrong:
+        rows = f"{wrong} of {len(given)} rows are outside the joints' limits as radians"
+        what = f"{names[0]}…{names[-1]} are degrees: {rows}, {right} of these inside as degrees"
+        cure = f"name the columns A1…A{len(names)}, which are in degrees, or write radians"
+        raise InputError(Problem(sieve.data.file, 1, 0, what, cure))
 
 
 def _one_kind(data: DataSet, degrees: Sequence[str], radians: Sequence[str]) -> Sequence[str]:

@@ -419,3 +419,9 @@ def test_random_numbers_are_no_set_up_mistake():
     setup = find_mistakes(positions(KR5, data.readings, noise), KR5.joint_map(), data.readings)
     assert setup.implausible
     assert setup.mistakes == ()
+
+
+def test_a_number_that_no_arithmetic_survives_accuses_nobody(kuka):
+    xyz = kuka.xyz.copy()
+    xyz[7, 1] = 1e300
+    assert not found(positions(KR5, kuka.readings, xyz), KR5, kuka.readings)

@@ -79,6 +79,49 @@ def test_each_row_that_cannot_be_used_is_named_by_line_and_reason():
     assert "outside -90…90" in reasons[10]
 
 
+@pytest.mark.parametrize(
+    ("header", "good", "bad"),
+    [
+        ("X,Y,Z", "3,4,5", "3,1e300,5"),
+        ("X,Y,Z", "3,4,5", "3,-500001,5"),
+        ("X,Y,Z,A,B,C", "3,4,5,6,7,8", "3,4,5,6,1e12,8"),
+        ("sphere,radius", "S1,30", "S1,1e6"),
+        ("sphere,radius,tip_radius", "S1,30,1", "S1,30,1e9"),
+        ("sphere,radius,drift", "S1,30,0", "S1,30,-1e9"),
+        ("anchor,distance", "bar,300", "bar,1e6"),
+        ("X,Y,Z,temperature", "3,4,5,20", "3,4,5,1e7"),
+        ("X,Y,Z,payload", "3,4,5,2", "3,4,5,1e7"),
+        ("X,Y,Z,sX", "3,4,5,0.1", "3,4,5,1e7"),
+    ],
+)
+def test_a_number_that_cannot_be_is_named_by_line(header, good, bad):
+    found = measured(f"A1,A2,{header}\n1,2,{good}\n3,4,{bad}\n5,6,{good}\n")
+    assert found.lines == (2, 4)
+    assert "beyond 500000" in found.rejected[0].reason
+
+
+def test_a_standard_deviation_of_nearly_nothing_silences_no_other_row():
+    found = measured("A1,A2,X,Y,Z,sX\n1,2,3,4,5,1e-12\n3,4,3,4,6,1e-6\n")
+    assert found.lines == (3,)
+    assert "sX is 1e-12" in found.rejected[0].reason
+
+
+def test_degrees_in_columns_of_radians_are_one_mistake_and_not_one_for_each_row():
+    rows = "".join(f"{angle},{angle - 60},{angle},4,5\n" for angle in range(10, 50, 2))
+    with pytest.raises(InputError) as refused:
+        measured(f"q1,q2,X,Y,Z\n{rows}")
+    (problem,) = refused.value.problems
+    assert (problem.line, problem.what[:18]) == (1, "q1…q2 are degrees:")
+    assert "A1…A2" in problem.cure
+
+
+def test_radians_outside_the_limits_are_not_taken_for_degrees():
+    rows = "".join(f"{1.8 + angle / 100},{0.5},{angle},4,5\n" for angle in range(10))
+    found = measured(f"q1,q2,X,Y,Z\n{rows}0.1,0.2,3,4,5\n")
+    assert found.lines == (12,)
+    assert all("outside -90…90" in row.reason for row in found.rejected)
+
+
 def test_digits_that_only_python_reads_as_a_number_are_text():
     found = measured("A1,A2,X,Y,Z\n1,2,3,4,5\n1,2,1_000,4,5\n")
     assert "1_000" in found.rejected[0].reason

@@ -101,14 +101,26 @@ class SetUp:
     mistakes: tuple[Mistake, ...] = ()
 
 
+NOTHING = SetUp(False, 0.0, 0.0)
+"""Nothing was found, or there was nothing to find it by."""
+
+
 def find_mistakes(task: Task, joints: JointMap, readings: Floats) -> SetUp:
     """Mistakes of set-up in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
 
-    Where several explanations leave as little, all are named: the rows cannot tell which it is.
+    Where several explanations leave as little, all are named: the rows cannot tell which it is. Rows on which nominal
+    cannot be registered numerically accuse nobody.
     """
-    case = Case(task, joints, np.asarray(readings, float))
     if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:
-        return SetUp(False, 0.0, 0.0)
+        return NOTHING
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _searched(Case(task, joints, np.asarray(readings, float)))
+    except np.linalg.LinAlgError:
+        return NOTHING
+
+
+def _searched(case: Case) -> SetUp:
     few = case.thinned(SAMPLE)
     nominal = misfit(few).foreseen(few)
     stages = _stages(case, nominal)
@@ -129,7 +141,9 @@ def _stages(case: Case, nominal: Misfit) -> tuple[Stage, ...]:
 
 
 def _explained(case: Case, nominal: Misfit, stages: tuple[Stage, ...]) -> list[Mistake]:
-    """What explains all rows at once; two or three joints only where nothing simpler does."""
+    """What explains all rows at once; two or three joints only where nothing simpler does. Nothing where zeros that
+    are off by little explain it as well: the identification will find them.
+    """
     few = case.thinned(SAMPLE)
     for stage in stages:
         source = case if stage is out_of_step else few
@@ -138,7 +152,8 @@ def _explained(case: Case, nominal: Misfit, stages: tuple[Stage, ...]) -> list[M
             (s, after) for s, after in judged if after.times <= EXPLAINED and nominal.times >= BETTER * after.times
         ]
         if right:
-            return [_mistake(s, nominal, after) for s, after in _equally_good(right)]
+            equal = _equally_good(right)
+            return [] if any(s.mastering for s, _ in equal) else [_mistake(s, nominal, after) for s, after in equal]
     return []
 
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 ROTATION_SIGMA_DEG = 0.005
 """σ of a measured orientation about each axis where the data do not say; it grows with the residuals as all σ do."""
 
+LEAST = 1e-6
+"""No standard deviation is smaller, mm or degrees: a row so sure of itself would silence all others."""
+
 SIGMAS = ("sX", "sY", "sZ")
 OF_DISTANCE = "sD"
 OF_ROTATION = "sR"
@@ -56,4 +59,6 @@ def _positive(sieve: Sieve, name: str, rows: Collection[int], default: float) ->
     for row, value in enumerate(values):
         if value <= 0.0:
             sieve.reject(row, f"{name} is {value:g}: a standard deviation is above 0")
+        elif value < LEAST:
+            sieve.reject(row, f"{name} is {value:g}: nothing is measured to less than {LEAST:g}")
     return values
