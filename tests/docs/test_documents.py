@@ -20,6 +20,7 @@ from cellctl.formats import RobotFile, load_artefact
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
+FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -58,11 +59,13 @@ def shells() -> list[list[Block]]:
 
 def session(parts: list[Block], folder: Path, timeout: float) -> subprocess.CompletedProcess[str]:
     """Run blocks as one shell session that ends at the first error, with the repository's folders beside it."""
-    (folder / "procedures").symlink_to(ROOT / "procedures")
+    for name in ("procedures", "docs"):
+        (folder / name).symlink_to(ROOT / name)
     tools = folder / ".tools"
     tools.mkdir()
-    (tools / "cellctl").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m cellctl "$@"\n')
-    (tools / "cellctl").chmod(0o755)
+    for name, words in (("cellctl", "-m cellctl "), ("python", "")):
+        (tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {words}"$@"\n')
+        (tools / name).chmod(0o755)
     script = "set -euo pipefail\n" + "".join(part.text for part in parts)
     return subprocess.run(
         ["bash", "-c", f'export PATH="{tools}:$PATH"\n{script}'],
@@ -74,6 +77,18 @@ def session(parts: list[Block], folder: Path, timeout: float) -> subprocess.Comp
     )
 
 
+def shown_lines(file: Path) -> list[str]:
+    """What a document shows as the answers of its commands."""
+    texts = [block.text for block in blocks("text") if block.file == file]
+    return [line for text in texts for line in text.splitlines() if line.strip() not in ("", "…")]
+
+
+def pattern_of(line: str) -> str:
+    """A line as it has to be said: words with digits may differ (another machine, another day), `…` is anything."""
+    words = [r"\S+" if re.search(r"\d", word) else re.escape(word).replace("…", ".*") for word in line.split()]
+    return r"^\s*" + r"\s+".join(words) + r"\s*$"
+
+
 def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
     return [pytest.mark.campaign] if any("cellctl run" in part.text for part in parts) else []
 
@@ -83,6 +98,9 @@ def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
 def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: Path) -> None:
     done = session(parts, tmp_path, 580.0)
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    said = f"{done.stdout}\n{done.stderr}"
+    missing = [line for line in shown_lines(parts[0].file) if not re.search(pattern_of(line), said, re.MULTILINE)]
+    assert missing == [], f"shown, and not said:\n{said[-6000:]}"
 
 
 @pytest.mark.parametrize("block", blocks("python"), ids=str)
@@ -124,7 +142,7 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
             raise AssertionError("a kind of file that this test does not know")
 
 
-@pytest.mark.parametrize("file", DOCS, ids=lambda file: str(file.relative_to(ROOT)))
+@pytest.mark.parametrize("file", [*DOCS, *FRONT], ids=lambda file: str(file.relative_to(ROOT)))
 def test_the_links_of_a_document_lead_somewhere(file: Path) -> None:
     text = _BLOCK.sub("", file.read_text(encoding="utf-8"))
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
@@ -146,9 +164,23 @@ def test_the_index_names_every_document() -> None:
 def test_the_documents_name_every_verb_that_they_promise() -> None:
     """A command in the running text is one that the command line has."""
     listed = cellctl("--help").stdout
-    for file in DOCS:
+    for file in [*DOCS, *FRONT]:
         for verb in re.findall(r"`cellctl ([a-z]+)", file.read_text(encoding="utf-8")):
             assert re.search(rf"^\s+{verb}\s", listed, re.MULTILINE), f"{file.name}: there is no 'cellctl {verb}'"
+
+
+def test_the_front_page_shows_commands_with_options_that_there_are() -> None:
+    """Its commands need files that only their users have; what they are called with can be asked all the same."""
+    shown = re.findall(
+        r"uv run cellctl ([a-z]+(?: [a-z]+)?) ([^#\n]*)", (ROOT / "README.md").read_text(encoding="utf-8")
+    )
+    assert len(shown) > 10
+    for words, rest in shown:
+        verb = words.split() if words.startswith("table") else words.split()[:1]
+        told = cellctl(*verb, "--help")
+        assert told.returncode == 0, f"there is no 'cellctl {' '.join(verb)}'"
+        for option in re.findall(r"(?<!\S)--?[a-z]+", rest):
+            assert re.search(rf"{option}\b", told.stdout), f"'cellctl {' '.join(verb)}' has no {option}"
 
 
 def _beside_the_shipped_files(folder: Path) -> None:
