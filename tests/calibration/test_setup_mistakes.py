@@ -163,6 +163,14 @@ def test_no_zero_is_claimed_that_base_or_tool_take_up(measured):
     assert named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong) == []
 
 
+@pytest.mark.parametrize("joint", [3, 5])
+def test_a_zero_off_by_less_than_two_degrees_is_left_to_the_identification(kuka, joint):
+    for by in (1.7, -1.7, 4.0):
+        wrong = changed(kuka.readings, **{f"A{joint}": lambda angle, by=by: angle - by})
+        accused = named(positions(KR5, wrong, kuka.xyz), KR5, wrong)
+        assert bool(accused) == (by == 4.0), accused
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [

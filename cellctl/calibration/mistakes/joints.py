@@ -79,6 +79,11 @@ class _Joints:
         both = np.count_nonzero((self.sign < 0.0) & (self.offset != 0.0))
         return 10 * len(self.changed()) + sum(1 if angle % 90.0 == 0.0 else 3 for angle in angles) + int(both)
 
+    @property
+    def mastering(self) -> bool:
+        """Whether they say no more than that zeros are off by little."""
+        return bool(np.all(self.sign > 0.0) and np.all(np.abs(self.offset) < LEAST_OFFSET_DEG))
+
     def changed(self) -> Any:
         """Which joints are not as the robot file says."""
         return np.flatnonzero((self.sign < 0.0) | (self.offset != 0.0))
@@ -215,7 +220,7 @@ def _rounded(offset: float) -> float:
 def _supposed(case: Case, joints: _Joints) -> Supposition:
     changed = joints.changed()
     changes = tuple(_change(case, int(joint), joints) for joint in changed)
-    return Supposition(changes, joints.applied(case), joints.oddity)
+    return Supposition(changes, joints.applied(case), joints.oddity, joints.mastering)
 
 
 def _change(case: Case, joint: int, joints: _Joints) -> Change:

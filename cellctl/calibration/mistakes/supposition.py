@@ -36,8 +36,13 @@ class Change:
 @final
 @dataclass(frozen=True, eq=False)
 class Supposition:
-    """Changes that are supposed together. oddity: how far-fetched; between equals the less odd comes first."""
+    """Changes that are supposed together. oddity: how far-fetched; between equals the less odd comes first.
+
+    mastering: whether it says no more than that zeros are off by little: that is for the identification to find, and no
+    mistake.
+    """
 
     changes: tuple[Change, ...]
     case: Case
     oddity: int = 0
+    mastering: bool = False
