@@ -44,7 +44,7 @@ def chain_of(rng, convention, joints):
 
 def effects_of(chain):
     """All five effects, with a ripple of twelve waves per turn of joint 1."""
-    compliance = JointCompliance.of(chain.with_base(np.eye(4)), load_known=True)
+    compliance = JointCompliance.of(chain, load_known=True)
     harmonics = Harmonics(chain.n, ripple=((1, 12),))
     return (ToolDeflection(0.4, 15.0), compliance, harmonics, Backlash(chain.n), Growth.of(chain))
 
