@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from cellctl.files import InputError
 from cellctl.formats import Artefact, DataSet, RobotFile, measurements
+from cellctl.formats.measurements import Spacing
 
 ROBOT = RobotFile.model_validate(
     {
@@ -63,7 +64,7 @@ A1,A2,X,Y,Z
 1,2,3,inf,5
 
 200,2,3,4,5
-1,"2",3,4,5
+1,"2",3,4,6
 """
 
 
@@ -120,6 +121,49 @@ def test_radians_outside_the_limits_are_not_taken_for_degrees():
     found = measured(f"q1,q2,X,Y,Z\n{rows}0.1,0.2,3,4,5\n")
     assert found.lines == (12,)
     assert all("outside -90…90" in row.reason for row in found.rejected)
+
+
+def test_a_row_that_equals_another_number_by_number_is_no_second_measurement():
+    rows = "1,2,3,4,5,note\n1,2,3,4,5.01,note\n1.0,2,3,4,5.00,other\n1,2,3,4,x,note\n"
+    found = measured(f"A1,A2,X,Y,Z,note\n{rows}")
+    assert found.lines == (2, 3)
+    assert [(row.line, row.reason[:17]) for row in found.rejected] == [
+        (4, "the same as line "),
+        (5, "Z 'x' is not a nu"),
+    ]
+    assert "line 2," in found.rejected[0].reason
+
+
+def test_held_out_rows_cannot_be_copies_of_those_of_the_fit():
+    found = measured("A1,A2,X,Y,Z,set\n1,2,3,4,5,fit\n1,2,3,4,5,test\n2,2,3,4,5,test\n")
+    assert found.lines == (2, 4)
+
+
+@pytest.mark.parametrize(
+    ("column", "first", "second"), [("temperature", 20, 21), ("D1", 1, -1), ("payload", 0, 5), ("time", 10, 11)]
+)
+def test_the_same_numbers_under_other_conditions_are_another_measurement(column, first, second):
+    assert len(measured(f"A1,A2,X,Y,Z,{column}\n1,2,3,4,5,{first}\n1,2,3,4,5,{second}\n").lines) == 2
+
+
+def test_the_only_row_of_a_point_is_named_and_left_out():
+    rows = "1,2,S1,30\n2,3,S1,30\n3,4,Sl,30\n4,5,S2,30\n5,6,S2,30\n"
+    found = measured(f"A1,A2,sphere,radius\n{rows}")
+    assert found.task.points == ("S1", "S2")
+    assert [(row.line, row.reason) for row in found.rejected] == [(4, "the only row of sphere 'Sl': mistyped?")]
+
+
+def test_the_only_row_of_a_point_in_its_session_says_as_little():
+    rows = "1,2,P,Mon\n2,3,P,Mon\n3,4,P,Tue\n4,5,Q,Tue\n5,6,Q,Tue\n"
+    (rejected,) = measured(f"A1,A2,socket,session\n{rows}").rejected
+    assert (rejected.line, rejected.reason) == (4, "the only row of socket 'P' in session 'Tue': mistyped?")
+    assert not measured(f"A1,A2,socket,session\n{rows}", own=frozenset()).rejected
+
+
+def test_a_socket_seen_once_says_something_where_its_distance_from_another_is_known():
+    rows = "1,2,P\n2,3,P\n3,4,Q\n"
+    assert [row.line for row in measured(f"A1,A2,socket\n{rows}").rejected] == [4]
+    assert not measured(f"A1,A2,socket\n{rows}", spacings=[Spacing(("P", "Q"), 50.0, 0.01)]).rejected
 
 
 def test_digits_that_only_python_reads_as_a_number_are_text():
@@ -217,7 +261,7 @@ def test_orientation_is_left_alone_where_positions_are_asked_for():
 
 
 def test_a_set_that_is_neither_fit_nor_test_is_named():
-    found = measured("A1,A2,X,Y,Z,set\n1,2,3,4,5,fit\n1,2,3,4,5,test\n1,2,3,4,5,tset\n1,2,3,4,5,\n")
+    found = measured("A1,A2,X,Y,Z,set\n1,2,3,4,5,fit\n1,2,3,4,6,test\n1,2,3,4,7,tset\n1,2,3,4,8,\n")
     assert found.sets == ("fit", "test")
     assert [row.line for row in found.rejected] == [4, 5]
 

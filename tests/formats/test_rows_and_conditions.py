@@ -41,6 +41,9 @@ def test_each_rows_filled_cells_say_what_it_is_and_lines_follow_the_order_of_the
         "1,2,,,,,,,S,30,,,",
         "1,2,,,,,,,,,P,,",
         "1,2,,,,,,,,,,bar,250",
+        "3,4,,,,,,,S,30,,,",
+        "3,4,,,,,,,,,P,,",
+        "3,4,,,,,,,,,,bar,251",
     ]
     found = measured("\n".join([head, *rows]))
     assert [type(block) for block in found.task.rows.blocks] == [
@@ -50,12 +53,12 @@ def test_each_rows_filled_cells_say_what_it_is_and_lines_follow_the_order_of_the
         PoseRows,
         PositionRows,
     ]
-    assert found.lines == (4, 5, 6, 3, 2)
-    assert found.kinds == ("sphere", "socket", "distance", "pose", "position")
+    assert found.lines == (4, 7, 5, 8, 6, 9, 3, 2)
+    assert found.kinds == (*("sphere",) * 2, *("socket",) * 2, *("distance",) * 2, "pose", "position")
     assert found.task.points == ("P", "S", "bar")
     assert [block.reach.tolist() for block in found.task.rows.blocks if isinstance(block, TouchRows)] == [
-        [30.0],
-        [250.0],
+        [30.0, 30.0],
+        [250.0, 251.0],
     ]
 
 

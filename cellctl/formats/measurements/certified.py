@@ -57,13 +57,18 @@ def spacing_rows(
 
     from cellctl.calibration import SpacingRows
 
-    certified = artefact.distances if artefact and use_artefact else []
-    known = [Spacing((item.between[0], item.between[1]), item.mm, item.sigma) for item in certified]
-    rows = [(pair, each) for each in (*known, *_named(points, said)) for pair in points.pairs(*each.between)]
+    known = known_spacings(artefact if use_artefact else None, _named(points, said))
+    rows = [(pair, each) for each in known for pair in points.pairs(*each.between)]
     if not rows:
         return None
     pairs = np.array([pair for pair, _ in rows])
     return SpacingRows(pairs, np.array([each.mm for _, each in rows]), np.array([[each.sigma] for _, each in rows]))
+
+
+def known_spacings(artefact: Artefact | None, said: Sequence[Spacing]) -> list[Spacing]:
+    """The artefact's certified distances, and those `said`."""
+    certified = artefact.distances if artefact else []
+    return [*(Spacing((item.between[0], item.between[1]), item.mm, item.sigma) for item in certified), *said]
 
 
 def rough_places(points: Points, artefact: Artefact | None) -> Floats | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias, final
@@ -9,12 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias, final
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.columns import Sieve, joint_readings
 from cellctl.formats.dataset import DataSet, Rejected
-from cellctl.formats.measurements.certified import Spacing, rough_places, spacing_rows
+from cellctl.formats.measurements.certified import Spacing, known_spacings, rough_places, spacing_rows
 from cellctl.formats.measurements.conditions import Conditions
 from cellctl.formats.measurements.fixed_points import Reaches, Sockets
 from cellctl.formats.measurements.instrument import Poses, Positions
 from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, check_columns, kinds_of
 from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms
+from cellctl.formats.measurements.repeats import posture_numbers, reject_copies, reject_lone
 from cellctl.formats.measurements.sessions import OWN_BASE, Points, session_names, sessions_of
 from cellctl.formats.measurements.sigmas import has_own_sigma
 from cellctl.formats.robot import RobotFile
@@ -56,6 +58,19 @@ class Measurements:
         """What people call such rows."""
         return NOUNS.get(self.measure, "rows")
 
+    def postures(self) -> list[int]:
+        """The number of each row's posture (N,): the same for rows of the same readings."""
+        return posture_numbers(self.readings)
+
+    def sightings(self) -> list[int]:
+        """The number of what each row saw (N,): the same for repeats, of one kind, session, point and posture."""
+        import numpy as np
+
+        blocks = self.task.rows.blocks
+        number = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+        point = np.concatenate([np.broadcast_to(getattr(block, "point", 0), len(block)) for block in blocks])
+        return posture_numbers(np.column_stack([self.readings, number, point]))
+
     def texts(self, column: str) -> list[str]:
         """A column's cells (N,), in the order of the rows here."""
         at = dict(zip(self.data.lines, self.data.texts(column), strict=True))
@@ -86,10 +101,13 @@ def measurements(
     conditions = Conditions(sieve, robot, readings)
     rows = _Rows(conditions, _read(sieve, robot, kinds, artefact), kinds, session_names(sieve), own)
     sets = _sets(sieve)
+    reject_copies(sieve, readings, sieve.kept())
+    known = known_spacings(artefact if use_distances else None, spacings)
+    reject_lone(sieve, rows.points(), kinds, Counter(name for each in known for name in each.between), sieve.kept())
     found = rows.arranged(sieve.kept())
     at, points = conditions.at(found.order), found.points
     touched = any(kinds[row] == "sphere" for row in found.order)
-    known = {
+    given = {
         "points": points.names,
         "rough": rough_places(points, artefact),
         "spacings": spacing_rows(points, artefact, spacings, use_artefact=use_distances),
@@ -98,7 +116,7 @@ def measurements(
         "candidates": terms.candidates(robot, at),
     }
     return Measurements(
-        task=_task(terms.model(robot, at, touched=touched), terms, found.blocks, known),
+        task=_task(terms.model(robot, at, touched=touched), terms, found.blocks, given),
         readings=readings[found.order],
         lines=tuple(data.lines[row] for row in found.order),
         sets=tuple(sets[row] for row in found.order),
@@ -145,7 +163,7 @@ class _Rows:
         instrument = any(self.kinds[row] in ("pose", "position") for row in kept)
         of_rows = [self.sessions[row] for row in kept]
         sessions = sessions_of(of_rows, self.own, instrument=instrument)
-        points = Points.of([self._point(row) for row in kept], of_rows, apart=bool(self.own & OWN_BASE))
+        points = Points.of([self._point(row) for row in kept], of_rows, apart=self._apart)
         order: list[int] = []
         blocks: list[Measured] = []
         for number, session in enumerate(sessions):
@@ -156,6 +174,15 @@ class _Rows:
                     order += rows
                     blocks.append(self._block(kind, rows, number, points))
         return _Arranged(order, blocks, points, sessions)
+
+    def points(self) -> list[tuple[str, str]]:
+        """Name and session of each row's point (N): "" for none, and for a session that does not matter."""
+        return [(self._point(row), self.sessions[row] if self._apart else "") for row in range(len(self.kinds))]
+
+    @property
+    def _apart(self) -> bool:
+        """Whether points of different sessions are different points."""
+        return bool(self.own & OWN_BASE)
 
     def _point(self, row: int) -> str:
         part = self.parts[self.kinds[row]]
@@ -184,10 +211,10 @@ def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artef
     return {kind: readers[kind](rows[kind]) for kind in KINDS if kind in rows}
 
 
-def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], known: dict[str, Any]) -> Task:
+def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], given: dict[str, Any]) -> Task:
     from cellctl.calibration import Task
 
-    return Task(model, blocks, groups=terms.groups(), **known)  # type: ignore[arg-type]  # a task makes a mixture of them
+    return Task(model, blocks, groups=terms.groups(), **given)  # type: ignore[arg-type]  # a task makes a mixture of them
 
 
 def _sets(sieve: Sieve) -> list[str]:

@@ -1,0 +1,91 @@
+"""Rows that say nothing new: copies of others, the only row of a point, postures that have been measured before."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cellctl.formats.columns import Sieve
+from cellctl.formats.measurements.kinds import ABC, PLACE, QUATERNION, Kind
+from cellctl.formats.measurements.sigmas import OF_DISTANCE, OF_ROTATION, SIGMAS
+
+if TYPE_CHECKING:
+    from cellctl.kinematics import Floats
+
+POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "socket": "socket", "distance": "anchor"}
+"""The column that names a row's point, for each kind that has one."""
+
+_NAMES = ("sphere", "socket", "anchor", "session", "time")
+_NUMBERS = (
+    *PLACE, *ABC, *QUATERNION, "radius", "tip_radius", "drift", "distance", *SIGMAS, OF_ROTATION, OF_DISTANCE,
+    "temperature", "payload",
+)  # fmt: skip
+
+_POINT_NUMBERS = 3
+
+
+def reject_copies(sieve: Sieve, readings: Floats, kept: Sequence[int]) -> None:
+    """Reject those of the rows `kept` that equal an earlier one number by number: in readings (N, n), measurement and
+    conditions, whatever their `set` says. Real repeats differ in the last digit, or in their `time`.
+    """
+    cells = _cells(sieve, readings)
+    first: dict[bytes, int] = {}
+    for row in kept:
+        earlier = first.setdefault(cells[row].tobytes(), row)
+        if earlier != row:
+            sieve.reject(row, f"the same as line {sieve.data.lines[earlier]}, number by number: no second measurement")
+
+
+def reject_lone(
+    sieve: Sieve, points: Sequence[tuple[str, str]], kinds: Sequence[Kind], spacings: Mapping[str, int], kept: list[int]
+) -> None:
+    """Reject those of the rows `kept` that are the only one of their point, where others are left.
+
+    points (N): name and session of each row's point, "" where it does not matter; spacings: how many known distances
+    there are from the points of a name. Three numbers find a point; only what is more says anything of the robot.
+    """
+    rows_of = Counter(points[row] for row in kept)
+    lone = [row for row in kept if points[row][0] and rows_of[points[row]] == 1]
+    lone = [row for row in lone if _numbers(kinds[row]) + spacings.get(points[row][0], 0) <= _POINT_NUMBERS]
+    if len(lone) == len(kept):
+        return  # that there are too few rows is said in other words
+    for row in lone:
+        name, session = points[row]
+        where = f" in session '{session}'" if session else ""
+        sieve.reject(row, f"the only row of {POINT_COLUMNS[kinds[row]]} '{name}'{where}: mistyped?")
+
+
+def posture_numbers(readings: Floats) -> list[int]:
+    """A number for each different row of `readings` (N, n), counted as they come."""
+    numbers: dict[bytes, int] = {}
+    return [numbers.setdefault(posture.tobytes(), len(numbers)) for posture in readings + 0.0]  # -0.0 is 0.0
+
+
+def _numbers(kind: Kind) -> int:
+    """How many numbers a row of this kind says of its point."""
+    return _POINT_NUMBERS if kind == "socket" else 1
+
+
+def _cells(sieve: Sieve, readings: Floats) -> Floats:
+    """The rows' readings and all other cells in use (N, K) as numbers: 2.50 is 2.5, a name is a number for each."""
+    import numpy as np
+
+    data = sieve.data
+    numbers = [*_NUMBERS, *(f"D{number + 1}" for number in range(readings.shape[1]))]
+    columns = [list(map(_number, data.texts(name))) for name in numbers if data.has(name)]
+    columns += [_numbered(data.texts(name)) for name in _NAMES if data.has(name)]
+    return np.column_stack([readings, *columns]) + 0.0  # -0.0 is 0.0
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _numbered(names: Sequence[str]) -> list[float]:
+    numbers: dict[str, float] = {}
+    return [numbers.setdefault(name, float(len(numbers))) for name in names]
