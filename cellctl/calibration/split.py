@@ -26,19 +26,29 @@ class Split:
         return cls(fit, ((fit, test),) if test.size else ())
 
     @classmethod
-    def holdout(cls, rows: int, fraction: float, seed: int) -> Self:
-        """A random share of the rows is held out."""
-        held_out = np.zeros(rows, bool)
-        held_out[np.random.default_rng(seed).permutation(rows)[: round(fraction * rows)]] = True
-        return cls.by_column(held_out)
+    def holdout(cls, rows: int, fraction: float, seed: int, groups: Sequence[int] | None = None) -> Self:
+        """A random share of the rows is held out, those of a group together."""
+        number = _numbered(rows, groups)
+        order = np.random.default_rng(seed).permutation(number.max(initial=-1) + 1)
+        sizes = np.bincount(number)[order]
+        chosen = np.zeros(len(order), bool)
+        chosen[order] = np.cumsum(sizes) - sizes < round(fraction * rows)
+        return cls.by_column(chosen[number])
 
     @classmethod
-    def folds(cls, rows: int, count: int, seed: int) -> Self:
-        """The model is made from all rows; each fold is judged by a model made from the others."""
-        order = np.random.default_rng(seed).permutation(rows)
-        parts = [np.sort(part) for part in np.array_split(order, count)]
-        everything = np.arange(rows)
-        return cls(everything, tuple((np.setdiff1d(everything, part), part) for part in parts if part.size))
+    def folds(cls, rows: int, count: int, seed: int, groups: Sequence[int] | None = None) -> Self:
+        """The model is made from all rows; each fold is judged by a model made from the others.
+
+        groups (N,): a number for each row; rows of the same are held out together, so that repeats of a measurement do
+        not judge the model that they made. Default: each row is its own.
+        """
+        number = _numbered(rows, groups)
+        order = np.random.default_rng(seed).permutation(number.max(initial=-1) + 1)
+        fold = np.empty(len(order), int)
+        for place, part in enumerate(np.array_split(order, count)):
+            fold[part] = place
+        parts = [fold[number] == place for place in range(min(count, len(order)))]
+        return cls(np.arange(rows), tuple((np.flatnonzero(~part), np.flatnonzero(part)) for part in parts))
 
     @classmethod
     def leaving_out(cls, labels: Sequence[str]) -> Self:
@@ -46,3 +56,11 @@ class Split:
         names, everything = np.array(labels), np.arange(len(labels))
         parts = [np.flatnonzero(names == name) for name in sorted(set(labels))]
         return cls(everything, tuple((np.setdiff1d(everything, part), part) for part in parts if len(parts) > 1))
+
+
+def _numbered(rows: int, groups: Sequence[int] | None) -> Any:
+    """The group of each row (N,), counted as they come: without repeats the same as without groups."""
+    if groups is None:
+        return np.arange(rows)
+    counted: dict[int, int] = {}
+    return np.array([counted.setdefault(group, len(counted)) for group in groups], dtype=int)

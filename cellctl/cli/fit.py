@@ -70,12 +70,14 @@ def fit(
     from cellctl.cli.mistakes import refuse_mistakes
     from cellctl.cli.results import write_json
     from cellctl.formats import ModelFile, fit_report
+    from cellctl.formats.measurements import refuse_alike
 
     files = _Files.of(robot, data, asked)
     measured = _measured(files, asked)
+    refuse_alike(measured)
+    split, labels = split_of(measured, judging)
     if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
         refuse_mistakes(robot, data, measured, artefact)
-    split, labels = split_of(measured, judging)
     result = fitted(measured.task, split)
     report = fit_report(measured, result, labels)
     if out:

@@ -30,17 +30,17 @@ def _split(measured: Measurements, judging: Judging) -> Split:
 
     from cellctl.calibration import Split
 
-    rows = len(measured.lines)
+    rows, postures = len(measured.lines), measured.postures()
     if judging.by is not None:
         return Split.leaving_out(_labels(measured, judging.by))
     if judging.holdout is not None:
-        return Split.holdout(rows, judging.holdout, judging.seed)
+        return Split.holdout(rows, judging.holdout, judging.seed, postures)
     if judging.folds is None and (judging.column or any(measured.sets)):
         if not any(measured.sets):
             cure = "add it, with fit or test in each row"
             raise InputError(option("column", "the data set has no column set", cure))
         return Split.by_column(np.array([name == "test" for name in measured.sets]))
-    return Split.folds(rows, min(judging.folds or DEFAULT_FOLDS, rows), judging.seed)
+    return Split.folds(rows, min(judging.folds or DEFAULT_FOLDS, len(set(postures))), judging.seed, postures)
 
 
 def _labels(measured: Measurements, column: str) -> list[str]:
@@ -64,10 +64,14 @@ def _labels(measured: Measurements, column: str) -> list[str]:
 
 
 def _enough(measured: Measurements, split: Split) -> Split:
-    """`split`, unless a part of it has fewer rows than registration alone has unknowns."""
-    least = measured.task.rows_at_least
-    fewest = min([len(split.fit), *(len(part) for part, _ in split.judged)])
+    """`split`, unless a part of it has fewer different rows than registration alone has unknowns."""
+    import numpy as np
+
+    least, seen = measured.task.rows_at_least, np.array(measured.sightings())
+    parts = [split.fit, *(part for part, _ in split.judged)]
+    fewest, rows = min((len(np.unique(seen[part])), len(part)) for part in parts)
     if fewest >= least:
         return split
-    what = f"{fewest} rows to fit where even the registration takes {least}"
+    repeated = f" in {fewest} postures" if fewest < rows else ""
+    what = f"{rows} rows to fit{repeated} where even the registration takes {least}"
     raise InputError(Problem("the data set", 0, 0, what, "measure more, or hold out less"))

@@ -2,6 +2,7 @@
 
 from cellctl.formats.measurements.certified import Spacing
 from cellctl.formats.measurements.conditions import Conditions
+from cellctl.formats.measurements.enough import refuse_alike
 from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, measure_of
 from cellctl.formats.measurements.measured import Measurements, measurements
 from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms, nominal_model
@@ -20,4 +21,5 @@ __all__ = [
     "measure_of",
     "measurements",
     "nominal_model",
+    "refuse_alike",
 ]

@@ -1,0 +1,51 @@
+"""Whether the rows differ enough to say anything: where the same was measured again and again, any model is right."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cellctl.files import InputError, Problem
+
+if TYPE_CHECKING:
+    from cellctl.formats.measurements.measured import Measurements
+
+SCATTERED = 5.0
+"""Places within this many of their σ of one place are that place."""
+
+_NAMED = 10
+
+
+def refuse_alike(measured: Measurements) -> None:
+    """Raise InputError where fewer rows are different than registration takes, or an instrument saw one place only."""
+    rows, least = len(measured.lines), measured.task.rows_at_least
+    different = len(set(measured.sightings()))
+    if different < least:
+        repeated = f", but {different} different: the others repeat their postures;" if different < rows else ""
+        what = f"{rows} row{'s' * (rows > 1)} to fit{repeated} where even the registration takes {least}"
+        problem = Problem(measured.data.file, 0, 0, what, "measure in other postures")
+        some = [Problem(problem.file, row.line, 0, row.reason) for row in measured.rejected[:_NAMED]]
+        raise InputError([problem, *some])
+    _refuse_one_place(measured)
+
+
+def _refuse_one_place(measured: Measurements) -> None:
+    """An instrument that sees the tool in one place, whatever the joints, cannot tell how the robot stands."""
+    import numpy as np
+
+    from cellctl.calibration import PoseRows, PositionRows
+
+    task = measured.task
+    if "base" not in task.registered:
+        return
+    for number, session in enumerate(task.sessions):
+        blocks = [block for block in task.rows.blocks if isinstance(block, PositionRows | PoseRows)]
+        mine = [block for block in blocks if block.session == number and len(block)]
+        if not mine:
+            continue
+        xyz = np.concatenate([block.xyz for block in mine])
+        sigma = np.concatenate([block.sigma[:, :3] for block in mine])
+        if len(xyz) > 1 and np.all(np.abs(xyz - np.median(xyz, axis=0)) <= SCATTERED * sigma):
+            where = f" of session '{session.name}'" if session.name else ""
+            what = f"X, Y, Z{where} are the same place in all {len(xyz)} rows, though the joints differ"
+            cure = "measure the tool at other places; a tool held in one place is a socket (column socket)"
+            raise InputError(Problem(measured.data.file, 1, 0, what, cure))
