@@ -71,14 +71,14 @@ def test_copies_of_one_row_are_one_row_and_refused_with_their_lines(fitted, caps
     code, result = fitted({name: [column[0]] * 40 for name, column in positions(1).items()})
     assert (code, result) == (2, None)
     said = capsys.readouterr().err
-    assert "1 row to fit where even the registration takes 4" in said
+    assert "too few rows to fit where even the registration takes 4: 1\n" in said
     assert "data.csv:3: the same as line 2, number by number" in said
 
 
 def test_one_posture_measured_again_and_again_is_refused(fitted, capsys):
     code, result = fitted(positions(40, postures=1))
     assert (code, result) == (2, None)
-    assert "40 rows to fit, but 1 different" in capsys.readouterr().err
+    assert "takes 4: 40, but 1 different" in capsys.readouterr().err
 
 
 def test_touches_in_one_posture_accuse_no_joint(fitted, capsys):
@@ -87,7 +87,7 @@ def test_touches_in_one_posture_accuse_no_joint(fitted, capsys):
     code, result = fitted(columns)
     assert (code, result) == (2, None)
     said = capsys.readouterr().err
-    assert "40 rows to fit, but 1 different" in said
+    assert ": 40, but 1 different" in said
     assert "swapped" not in said
 
 

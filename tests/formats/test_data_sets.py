@@ -255,6 +255,20 @@ def test_orientation_may_be_angles_or_a_quaternion():
     assert "unit quaternion" in quaternion.rejected[0].reason
 
 
+def test_an_orientation_in_two_ways_is_refused_unless_only_one_is_filled_or_none_is_asked_for():
+    header, both = "A1,A2,X,Y,Z,A,B,C,QW,QX,QY,QZ\n", "1,2,3,4,5,0,0,0,1,0,0,0\n"
+    with pytest.raises(InputError, match="two ways"):
+        measured(header + both)
+    assert measured(header + "1,2,3,4,5,0,0,0,,,,\n").measure == "pose"
+    assert measured(header + both, measure="position").measure == "position"
+
+
+def test_a_drift_that_leaves_nothing_of_the_sphere_is_named():
+    found = measured("A1,A2,sphere,radius,drift\n1,2,B,25,0\n2,3,B,25,-25\n3,4,B,25,-1\n")
+    assert found.lines == (2, 4)
+    assert found.rejected[0].reason == "radius + tip radius + drift is 0"
+
+
 def test_orientation_is_left_alone_where_positions_are_asked_for():
     found = measured("A1,A2,X,Y,Z,A,B,C\n1,2,3,4,5,oops,0,0\n", measure="position")
     assert not found.rejected

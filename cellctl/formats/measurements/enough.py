@@ -20,8 +20,8 @@ def refuse_alike(measured: Measurements) -> None:
     rows, least = len(measured.lines), measured.task.rows_at_least
     different = len(set(measured.sightings()))
     if different < least:
-        repeated = f", but {different} different: the others repeat their postures;" if different < rows else ""
-        what = f"{rows} row{'s' * (rows > 1)} to fit{repeated} where even the registration takes {least}"
+        repeated = f", but {different} different: the others repeat their postures" if different < rows else ""
+        what = f"too few rows to fit where even the registration takes {least}: {rows}{repeated}"
         problem = Problem(measured.data.file, 0, 0, what, "measure in other postures")
         some = [Problem(problem.file, row.line, 0, row.reason) for row in measured.rejected[:_NAMED]]
         raise InputError([problem, *some])

@@ -100,6 +100,8 @@ def _touched(sieve: Sieve, artefact: Artefact | None, names: list[str], rows: Co
         elif radius and abs(radius - known) > AGREE_MM:
             sieve.reject(row, f"radius {radius:g}, but the artefact says {known:g} mm for '{name}'")
         result[row] = known + tips[row] + drift[row]
+        if result[row] <= 0.0:
+            sieve.reject(row, f"radius + tip radius + drift is {result[row]:g}")
     return result
 
 

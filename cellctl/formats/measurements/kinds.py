@@ -73,6 +73,9 @@ def check_columns(data: DataSet, kinds: Collection[Kind], artefact: Artefact | N
         if kind == "pose" and not any(data.has(*names) for names in (ABC, QUATERNION)):
             what = "has no orientation: A, B, C or QW, QX, QY, QZ"
             raise InputError(Problem(data.file, 1, 0, what, "--measure position"))
+        if kind == "pose" and all(any(any(data.texts(name)) for name in names) for names in (ABC, QUATERNION)):
+            what = "gives the orientation in two ways: A, B, C and QW, QX, QY, QZ"
+            raise InputError(Problem(data.file, 1, 0, what, "keep one"))
         if kind == "sphere" and artefact is None and not data.has("radius"):
             what = "has touches on spheres, but neither a column radius nor an artefact says how large these are"
             raise InputError(Problem(data.file, 1, 0, what, "give --artefact FILE (the cell file does)"))
