@@ -24,6 +24,7 @@ from cellctl.calibration.model import RobotModel
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
+from cellctl.calibration.region import doubt
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, Rows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
 from cellctl.calibration.split import Split
@@ -80,6 +81,7 @@ __all__ = [
     "TouchRows",
     "Unknowns",
     "Verdict",
+    "doubt",
     "estimate",
     "fit",
     "identify",

@@ -187,19 +187,30 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
     """
     unknowns, free, scale = problem.unknowns, problem.free, problem.scale
     result = np.zeros((len(unknowns.names),) * 2)
-    own = _posterior(triangle, problem.whitening)
+    exact = own = _posterior(triangle, problem.holding)
+    if unknowns.pinned is not None and len(unknowns.pinned) and free.size:
+        own = own + _of_the_pinned(unknowns.pinned[:, free], triangle, exact)
     if unknowns.prior is not None:
         doubted = np.flatnonzero(~unknowns.free & (np.diag(unknowns.prior) > 0.0))
         columns = np.concatenate([free, doubted])
         folded = problem.fold(x, columns, np.concatenate([scale, np.ones(len(doubted))]))[:, :-1]
         count, known = free.size, unknowns.prior[np.ix_(doubted, doubted)]
-        answer = -own @ folded[:, :count].T @ folded[:, count:]
+        answer = -exact @ folded[:, :count].T @ folded[:, count:]
         own = own + answer @ known @ answer.T
         result[np.ix_(free, doubted)] = scale[:, None] * (answer @ known)
         result[np.ix_(doubted, free)] = result[np.ix_(free, doubted)].T
         result[np.ix_(doubted, doubted)] = known
     result[np.ix_(free, free)] = own * np.outer(scale, scale)
     return result
+
+
+def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
+    """What the free unknowns (F, F) owe to combinations that stayed where they start, unknown to their whole tolerance;
+    `own` is the covariance with these exact.
+    """
+    along = np.linalg.qr(pinned.T)[0]
+    owed = along - own @ (triangle.T @ (triangle @ along))
+    return np.asarray(owed @ owed.T)
 
 
 def _posterior(triangle: Floats, whitening: Floats) -> Floats:

@@ -108,7 +108,7 @@ class _Normal:
 
     @classmethod
     def of(cls, columns: Floats, away: Floats) -> Self:
-        flat, residual = columns.reshape(-1, columns.shape[-1]), away.reshape(-1)
+        flat, residual = columns.reshape(away.size, columns.shape[-1]), away.reshape(-1)
         return cls(flat.T @ flat, flat.T @ residual, float(residual @ residual), residual.size)
 
     def slope(self, log: float, x: Floats, covariance: Floats) -> float:

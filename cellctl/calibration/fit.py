@@ -19,7 +19,7 @@ from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
 from cellctl.calibration.verdict import ErrorFigures, HeldOut, Verdict, judge
-from cellctl.kinematics import Bools, Floats
+from cellctl.kinematics import Floats
 
 
 @final
@@ -31,7 +31,7 @@ class FitResult:
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over the joint region of the fit, apart from what moves all of it
     as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
-    foresees; they are in the figures. ladder: the models tried, where it was left open which.
+    foresees, unforeseen_mm: how far off; they are in the figures. ladder: the models tried, where it was left open.
     """
 
     identification: Identification
@@ -48,6 +48,7 @@ class FitResult:
     verdict: Verdict
     verdict_reason: str
     unforeseen: tuple[int, ...]
+    unforeseen_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
     ladder: tuple[Step, ...] = ()
@@ -69,9 +70,9 @@ class FitResult:
             "unobservable": list(self.observability.unseen),
             "nominal": asdict(self.nominal),
             "fit": asdict(self.fit),
-            "test": asdict(self.test),
-            "predicted_test_rms": self.predicted_test_rms,
-            "coverage_95": self.coverage_95,
+            "test": asdict(self.test) if self.n_test else dict.fromkeys(asdict(self.test)),
+            "predicted_test_rms": self.predicted_test_rms if self.n_test else None,
+            "coverage_95": self.coverage_95 if self.n_test else None,
             "predicted_volumetric_rms": self.predicted_volumetric_rms,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
@@ -133,7 +134,7 @@ def fit(task: Task, split: Split) -> FitResult:
         predicted_volumetric_rms=_over_region(final_one.identified, own.q),
         verdict=judgement.verdict,
         verdict_reason=judgement.reason,
-        unforeseen=_unforeseen(split, held_out.unforeseen),
+        **_unforeseen(split, held_out),
         nominal_errors=before,
         test_errors=held_out.identified,
         ladder=whole.ladder,
@@ -143,12 +144,19 @@ def fit(task: Task, split: Split) -> FitResult:
 def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
     unknowns = replace(found.identified.unknowns, sigma=found.nominal.unknowns.sigma)
     blocks = [*own.noisier(found.noise).blocks, *certain(task)]
-    return observability(found.identified, seen_at_start(unknowns, blocks))
+    seen = seen_at_start(unknowns, blocks)
+    if unknowns.pinned is not None and len(unknowns.pinned):  # what no row can tell from noise is not seen
+        pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
+        seen = seen - (seen @ pins) @ pins.T
+    return observability(found.identified, seen)
 
 
-def _unforeseen(split: Split, which: Bools) -> tuple[int, ...]:
+def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:
+    """The held-out rows far beyond what was foreseen, and how far off each was, by row."""
     places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
-    return tuple(sorted(places[which].tolist()))
+    which = held_out.unforeseen
+    found = sorted(zip(places[which].tolist(), held_out.identified[which].tolist(), strict=True))
+    return {"unforeseen": tuple(row for row, _ in found), "unforeseen_mm": tuple(error for _, error in found)}
 
 
 def _over_region(found: Estimate, q: Floats) -> float:

@@ -17,6 +17,7 @@ from cellctl.calibration.identify import Identification
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
+from cellctl.calibration.region import doubt
 from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State, Unknowns
@@ -29,12 +30,12 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
     nominal, identified = settled(task, by, rows)
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
-    noisy = rows.noisier(by.noise)
+    noisy = rows.noisier(_noise_of(task, by))
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
     foreseen = [
-        foresee(identified, covariance, block, own, taken)
-        for block, own in zip(noisy.blocks, hidden, strict=True)
+        foresee(identified, covariance, block, hidden=own, taken=taken, doubted=doubted)
+        for block, own, doubted in zip(noisy.blocks, hidden, _doubted(task, by, rows), strict=True)
         if len(block)
     ]
     return HeldOut(
@@ -42,7 +43,29 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
         identified=rows.errors(identified),
         variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
         chance=np.concatenate([np.zeros(0), *(each.chance for each in foreseen)]),
+        left=np.full(len(rows), _share_left(rows, hidden)),
     )
+
+
+def _noise_of(task: Task, by: Identification) -> Floats:
+    """The fit's factors of noise; for blocks of which it had no row, the greatest that rows of their kind had."""
+    result, used = by.noise.copy(), task.rows.pick(list(by.used))
+    for block, _, own in used.parts():
+        alike = [by.noise[other] for each, _, other in used.parts() if len(each) and type(each) is type(block)]
+        if not len(block) and alike:
+            result[own] = np.max(alike, axis=0)
+    return result
+
+
+def _doubted(task: Task, by: Identification, rows: Mixture) -> list[Floats]:
+    """1 σ of each row on each axis, mm, by block, for joints that the rows of the fit did not reach: there nominal's
+    error on those rows is what a robot may be off by.
+    """
+    used = task.rows.pick(list(by.used))
+    lower, upper = used.q.min(axis=0), used.q.max(axis=0)
+    rms = float(np.sqrt(np.mean(used.errors(by.nominal.state) ** 2)))
+    axes = [1.0 if isinstance(block, TouchRows) else np.sqrt(3.0) for block in rows.blocks]
+    return [doubt(lower, upper, block.q) * rms / along for block, along in zip(rows.blocks, axes, strict=True)]
 
 
 def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -> Floats:
@@ -109,6 +132,12 @@ def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotMode
     return replace(model, chain=chain)
 
 
+def _share_left(rows: Mixture, hidden: Sequence[Floats | None]) -> float:
+    """The share of the rows' numbers that is left after what was fitted to them."""
+    fitted = max((own.shape[-1] for own in hidden if own is not None), default=0)
+    return max(1.0 - fitted / max(rows.size, 1), 0.0)
+
+
 def _taken(state: State, rows: Mixture, hidden: Sequence[Floats | None]) -> Floats | None:
     """What the fit to these rows took up of each parameter (H, P): their columns along the basis `hidden`."""
     parts = [
@@ -124,7 +153,10 @@ def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | Non
     if not unseen.any():
         return [None] * len(rows.blocks)
     columns = [block.jacobian(state)[..., unseen] / block.sigma[..., None] for block in rows.blocks]
-    flat, _ = np.linalg.qr(np.concatenate([part.reshape(-1, part.shape[-1]) for part in columns]))
+    stacked = np.concatenate([part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in columns])
+    stacked = stacked / np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+    flat, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
+    flat = flat[:, sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)]
     cuts = np.cumsum([part.shape[0] * part.shape[1] for part in columns])[:-1]
     pieces = np.split(flat, cuts)
     return [piece.reshape(*part.shape[:2], flat.shape[1]) for piece, part in zip(pieces, columns, strict=True)]

@@ -9,7 +9,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.effects import DEFLECTION
-from cellctl.calibration.estimate import Estimate, covariance_of, estimate
+from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_at_start
 from cellctl.calibration.evidence import Factor, factors, unexpected
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.outliers import OUTLYING, Linear, belonging
@@ -151,25 +151,28 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
 def _registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
     unknowns = task.unknowns(task.start(rows))
-    return estimate(unknowns.masked(task.registration(unknowns)), [*rows.blocks, *certain(task)])
+    unknowns = unknowns.masked(task.registration(unknowns))
+    blocks = [*rows.blocks, *certain(task)]
+    return estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
 
 
 def _start_of(task: Task, nominal: Estimate) -> Unknowns:
-    """What is to be identified, expected where nominal is registered."""
-    unknowns = replace(task.unknowns(nominal.state), pinned=_unseen(nominal))
+    """What is to be identified, expected where nominal is registered; what registration could not see stays there."""
+    unknowns = replace(task.unknowns(nominal.state), pinned=nominal.unknowns.pinned)
     return unknowns.masked(task.identification(unknowns))
 
 
-def _unseen(nominal: Estimate) -> Floats:
-    """Combinations (H, P) of base and tool that the rows cannot tell from nothing, in units of the unknowns' σ.
+def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """Combinations (H, P) of free base and tool that the rows cannot tell from nothing, in units of the unknowns' σ.
 
-    With one orientation in all rows, a tool further out looks like a base further in. What little the geometry's own
-    errors make of the difference is noise; left free, it carries the fit off by metres.
+    With one orientation in all rows, a tool further out looks like a base further in. What little joints that are
+    rounded, or the geometry's own errors, make of the difference is noise; left free, it carries the fit off by metres.
     """
-    _, singular, right = np.linalg.svd(nominal.triangle)
-    unseen = right[np.concatenate([singular, np.zeros(len(right) - len(singular))]) < INVISIBLE]
-    result = np.zeros((len(unseen), len(nominal.unknowns.names)))
-    result[:, nominal.unknowns.free] = unseen
+    placed = (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any()
+    _, singular, right = np.linalg.svd(seen_at_start(unknowns, blocks))
+    unseen = right[singular < INVISIBLE] if placed else right[:0]
+    result = np.zeros((len(unseen), len(unknowns.names)))
+    result[:, unknowns.free] = unseen
     return result
 
 
@@ -187,6 +190,9 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
         return np.ones(len(rows), bool)
     start = _start_of(task, _registered_on_closest(task, rows))
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
+    if len(rows.kinds) > 1:  # one noisy kind among others is not a heap of wild rows
+        first = _fit(start, [*rows.blocks, *certain(task)])
+        deviations, noise = first.deviations, _typical(rows, first)
     before = None
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
@@ -197,6 +203,16 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
         unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.weights.noise
         before = kept
     return kept
+
+
+def _typical(rows: Mixture, found: Estimate) -> Floats:
+    """By how much each block's residuals are typically larger than said, by medians, for each of its quantities."""
+    result = np.ones(len(rows.quantities))
+    for block, _, own in rows.parts():
+        if len(block):
+            sizes = np.abs(block.residual(found.state) / block.sigma)
+            result[own] = max(1.0, 1.4826 * float(np.median(sizes)))
+    return result
 
 
 def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
@@ -250,5 +266,6 @@ def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None
     bend = found.state.model.amount(DEFLECTION)
     if bend is None or bend >= 0.0:
         return found
-    held = estimate(unknowns.without(frozenset({DEFLECTION})), blocks)
-    return replace(held, covariance=covariance_of(held, unknowns, blocks))
+    straight = unknowns.restarted(unknowns.start.with_amount(DEFLECTION, 0.0)).without(frozenset({DEFLECTION}))
+    held = estimate(straight, blocks)
+    return replace(held, covariance=covariance_of(held, replace(straight, free=unknowns.free), blocks))

@@ -57,13 +57,20 @@ def climb(task: Task, rows: Mixture) -> tuple[Task, tuple[Step, ...]]:
     rows = rows.pick(_some(len(rows)))
     current: Rung = _always(replace(fixed, groups=frozenset()))
     errors, steps = _unseen_errors(current, rows, current(rows)), []
-    for name, wider in _wider(task):
-        step, its_errors = _tried(wider(current), name, rows, errors)
-        steps.append(step)
-        if step.kept:
-            current, errors = wider(current), its_errors
-        elif len(steps) == 1:
-            break  # without geometry there is nothing for an effect to build on
+    waiting = list(_wider(task))
+    while waiting:
+        missed: list[tuple[str, Callable[[Rung], Rung]]] = []
+        kept = False
+        for name, wider in waiting:
+            step, its_errors = _tried(wider(current), name, rows, errors)
+            steps.append(step)
+            if step.kept:
+                current, errors, kept = wider(current), its_errors, bool(missed)
+            elif name == "geometry":
+                return current(rows), tuple(steps)  # without geometry there is nothing for an effect to build on
+            elif not step.untried:
+                missed.append((name, wider))
+        waiting = missed if kept else []  # what was lost in the noise of something found after it is tried again
     return current(rows), tuple(steps)
 
 
@@ -142,7 +149,9 @@ def _tried(rung: Rung, name: str, rows: Mixture, before: Floats) -> tuple[Step, 
 
 
 def _unseen_errors(rung: Rung, rows: Mixture, whole: Task) -> Floats:
-    """Each row's distance (N,), mm, from a model that was made without it; `whole` is made from all of them."""
+    """Each row's distance (N,), mm, from a model that was made without it, but for the weights of noise and tolerances:
+    they are those of `whole`, which is made from all rows.
+    """
     order = np.random.default_rng(len(rows)).permutation(len(rows))
     errors, weights = np.zeros(len(rows)), identify_kept(whole, rows)[1].weights
     for part in np.array_split(order, min(FOLDS, len(rows))):

@@ -15,6 +15,9 @@ from cellctl.kinematics import Floats
 SEEN = 0.1
 """A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
 
+NAMED = 8
+"""Phrases of one combination that are named; the others are counted."""
+
 _ALONE = " alone"
 
 
@@ -67,7 +70,8 @@ def _words(names: list[str], weights: Floats) -> str:
     """The parameters with a tenth or more of the greatest weight, as a sentence fragment."""
     strong = np.flatnonzero(np.abs(weights) >= 0.1 * np.max(np.abs(weights)))
     parts = in_words([names[index] for index in strong])
-    return parts[0] + (f" with {', '.join(parts[1:])}" if len(parts) > 1 else _ALONE)
+    others = [*parts[1:NAMED], *([f"{len(parts) - NAMED} others"] if len(parts) > NAMED else [])]
+    return parts[0] + (f" with {', '.join(others)}" if others else _ALONE)
 
 
 def _merged(words: list[str]) -> tuple[str, ...]:

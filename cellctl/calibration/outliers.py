@@ -58,7 +58,7 @@ class Linear:
 
     away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): how many it
     has. known (F, F), pull (F,): what holds x besides these rows: the tolerances and rows that are never in doubt, as
-    normal equations.
+    normal equations; prior (F, F): the tolerances' part of it.
     """
 
     away: Floats
@@ -66,6 +66,7 @@ class Linear:
     numbers: Any
     known: Floats
     pull: Floats
+    prior: Floats
 
     @classmethod
     def about(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
@@ -87,7 +88,7 @@ class Linear:
         for own, lines in map(of, certain):
             known = known + np.einsum("nkp,nkq->pq", lines, lines)
             pull = pull + np.einsum("nkp,nk->p", lines, own)
-        return cls(away, columns, rows.numbers, known, pull)
+        return cls(away, columns, rows.numbers, known, pull, prior_inverse(unknowns, free))
 
     def noisier(self, factor: float) -> Self:
         """The same rows with their standard deviations times `factor`."""
@@ -96,7 +97,7 @@ class Linear:
     def normal(self, kept: Bools) -> tuple[Floats, Floats]:
         """Most probable unknowns x (F,) by the kept rows, and their covariance (F, F)."""
         columns, away = self.columns[kept], self.away[kept]
-        flat = columns.reshape(-1, columns.shape[-1])
+        flat = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
         covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
         return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
 
@@ -167,7 +168,7 @@ def _unsurprised(linear: Linear) -> tuple[Bools | None, float]:
 def _misfit(linear: Linear, kept: Bools, x: Floats) -> float:
     """χ² of the kept rows about the model and of the unknowns about their tolerances."""
     residual = linear.away[kept] + linear.columns[kept] @ x
-    return float(np.sum(residual**2) + x @ x)
+    return float(np.sum(residual**2) + x @ linear.prior @ x)
 
 
 def _weight(linear: Linear, kept: Bools, misfit: float, noise: float) -> float:

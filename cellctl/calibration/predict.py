@@ -58,13 +58,20 @@ class Foreseen:
 
 
 def foresee(
-    found: State, covariance: Floats, rows: Rows, hidden: Floats | None = None, taken: Floats | None = None
+    found: State,
+    covariance: Floats,
+    rows: Rows,
+    *,
+    hidden: Floats | None = None,
+    taken: Floats | None = None,
+    doubted: Floats | None = None,
 ) -> Foreseen:
     """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
 
     hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
     these very rows (a socket's place, a new session's base), and therefore cannot show in them. taken (H, P): what it
-    took up of each parameter, over all rows: that cannot show in them either.
+    took up of each parameter, over all rows: that cannot show in them either. doubted (N,): 1 σ of each row, mm, for
+    what the model never saw; on each axis the same.
     """
     variance, chance = np.empty(len(rows)), np.empty(len(rows))
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
@@ -81,6 +88,9 @@ def foresee(
         if hidden is not None:
             own = hidden[part]
             spread = spread - np.matmul(own, np.swapaxes(own, -1, -2)) + 1e-9 * np.eye(residual.shape[1])
+        if doubted is not None:
+            own_doubt = lengths * doubted[part, None] / block.sigma
+            spread = spread + (own_doubt**2)[:, :, None] * np.eye(residual.shape[1])
         spread = spread + np.matmul(columns, np.swapaxes(columns, -1, -2))
         squared = np.einsum("nk,nk->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2

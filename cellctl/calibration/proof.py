@@ -8,7 +8,7 @@ import numpy as np
 
 from cellctl.calibration.identify import OVERDETERMINED, Identification
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.rows import SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, SocketRows, TouchRows
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
 
@@ -55,7 +55,24 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
     if rows.size < needed:
         each = -(-needed // int(rows.numbers.max(initial=1)))
         return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]
-    return [*_rarely_visited(task, rows, held_out, TouchRows), *_rarely_visited(task, rows, held_out, SocketRows)]
+    rare = [*_rarely_visited(task, rows, held_out, TouchRows), *_rarely_visited(task, rows, held_out, SocketRows)]
+    return [*rare, *_short_sessions(task, rows, held_out)]
+
+
+def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+    """Sessions that the fit never saw and that judge by hardly more numbers than tie them to the robot."""
+    known = {block.session for block in rows.blocks if len(block)}
+    found = []
+    for number, session in enumerate(task.sessions):
+        sizes = [block.sigma.size for block in held_out.blocks if block.session == number and not _at_points(block)]
+        needed = OVERDETERMINED * (9 if "tool" in session.own else 6)
+        if number not in known and 0 < sum(sizes) < needed and session.own:
+            found.append(f"session {session.name} has {sum(sizes)} numbers to judge by, {needed} at least")
+    return found
+
+
+def _at_points(block: Measured) -> bool:
+    return isinstance(block, TouchRows | SocketRows)
 
 
 def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: type[TouchRows | SocketRows]) -> list[str]:

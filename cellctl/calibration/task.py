@@ -40,7 +40,8 @@ class Task:
     effects that the model has. sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
 
     prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
-    everything is free within what that model was sure of; with `groups` they alone are free, with nothing known of them
+    everything is free within what that model was sure of, but for base and tool where an instrument measured: they are
+    found anew. With `groups` these alone are free, with nothing known of them
     (a crash, a new motor, a new tool), and the rest is held, as uncertain as it was.
 
     candidates: effects that the model may be widened by, in this order, as far as the rows pay for it (`ladder`); None:
@@ -59,6 +60,8 @@ class Task:
     candidates: tuple[Effect, ...] | None = None
 
     def __post_init__(self) -> None:
+        if self.prior is not None and self.candidates is not None:
+            raise ValueError("an older model is gone on from as it is: it climbs no ladder")
         object.__setattr__(self, "rows", Mixture.of(self.rows))
 
     @property
@@ -103,15 +106,17 @@ class Task:
         names = [session.name for session in self.sessions[1:]]
         taught = Unknowns.of(start, self.points, self.tolerances, sessions=names)
         flat = Unknowns.of(start, self.points, self.tolerances, flat=_PLACED, sessions=names)
-        unknown = self._seen_by(taught, (PositionRows, PoseRows)) | taught.among(frozenset({"base"}))
+        seen = self._seen_by(taught, (PositionRows, PoseRows))
         if self.prior is None:
+            unknown = seen | taught.among(frozenset({"base"}))
             return replace(taught, sigma=np.where(unknown, flat.sigma, taught.sigma))
-        return self._with_prior(taught, flat.sigma, unknown)
+        return self._with_prior(taught, flat.sigma, seen)
 
     def registration(self, unknowns: Unknowns) -> Bools:
         """Which parameters (P,) tie nominal to the measurement: points always, base and tool to an instrument."""
         instrument = self._seen_by(unknowns, (PositionRows, PoseRows))
-        placed = unknowns.among(self.registered) & instrument & ~self._unturned(unknowns)
+        later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any older model
+        placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
         return np.asarray(placed | unknowns.among(frozenset({"points"})))
 
     def identification(self, unknowns: Unknowns) -> Bools:
@@ -165,8 +170,9 @@ class Task:
             anew |= unknowns.among(self.freed)
         else:
             sigma, anew = np.where(unknown, flat, unknowns.sigma), anew | unknown
+        found = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
         covariance[anew], covariance[:, anew] = 0.0, 0.0
-        covariance[anew, anew] = sigma[anew] ** 2
+        covariance[anew, anew] = np.where(found, sigma**2, 0.0)[anew]  # what nobody looks for is where it is said to be
         return replace(unknowns, sigma=sigma, prior=covariance)
 
     def _found_anew(self, unknowns: Unknowns, flat: Floats) -> Floats:
@@ -179,10 +185,8 @@ class Task:
         """The robot in each session, with base and tool near what its instrument says."""
         result: list[RobotModel] = []
         for number, session in enumerate(self.sessions):
-            groups = session.own if result else _PLACED
+            groups = session.own if result else _PLACED & self.freed if self.partial else _PLACED
             begin = self.model if not result else result[0]
-            if self.partial:
-                groups = groups & self.freed
             result.append(_registered(begin, [b for b in rows.blocks if b.session == number], groups))
         return result
 

@@ -73,7 +73,9 @@ class State:
         columns, width = [np.arange(len(names))], len(names)
         for groups in own:
             mine = np.arange(len(names))
-            apart = [index for index, name in enumerate(names) if name.partition("_")[0] in groups & {"base", "tool"}]
+            apart = [
+                index for index, name in enumerate(names) if group_of(models[0], name) in groups & {"base", "tool"}
+            ]
             mine[apart] = np.arange(width, width + len(apart))
             columns, width = [*columns, mine], width + len(apart)
         return cls(tuple(models), points, tuple(columns))
@@ -92,6 +94,13 @@ class State:
     def width(self) -> int:
         """How many columns a Jacobian has."""
         return self.points_at + self.points.size
+
+    def with_amount(self, name: str, value: float) -> Self:
+        """This state with parameter `name` of the robot at `value`, in all sessions."""
+        at = self.model.parameters.index(name)
+        changed = [np.where(np.arange(len(model.parameters)) == at, value, model.deviations) for model in self.models]
+        models = [model.with_deviations(values) for model, values in zip(self.models, changed, strict=True)]
+        return replace(self, models=tuple(models))
 
     def spread(self, columns: Floats, session: int) -> Floats:
         """A session's columns (N, k, P of its model) as columns of the whole (N, k, `width`), the others 0."""

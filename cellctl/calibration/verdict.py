@@ -19,6 +19,9 @@ UNLIKELY = 0.01
 FAR = 1.25
 """Found errors up to this many times those foreseen are of the size foreseen."""
 
+NOTHING_MM = 1e-6
+"""Differences up to this are arithmetic."""
+
 WORTH = 0.01
 """A gain of less than this share of the mean distance changes nothing for anybody."""
 
@@ -43,25 +46,40 @@ class ErrorFigures:
         return cls(float(errors.mean()), float(np.sqrt(np.mean(errors**2))), float(errors.max()))
 
 
+def _joined(parts: Iterable[Floats]) -> Floats:
+    return np.concatenate([np.zeros(0), *parts])
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class HeldOut:
     """Rows that a model never saw: distances from the nominal and from the identified robot (N,), mm; variance (N,) of
-    the latter as foreseen, mm²; chance (N,) of one as improbable as that found, or more so, by what was foreseen.
+    the latter as foreseen, mm²; chance (N,) of one as improbable as that found, or more so, by what was foreseen; left
+    (N,): the share of each row that is left where something was fitted to these very rows first (None: all of it).
     """
 
     nominal: Floats
     identified: Floats
     variance: Floats
     chance: Floats
+    left: Floats | None = None
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
         """The rows of all parts, one after another."""
         each = list(parts)
-        names = ("nominal", "identified", "variance", "chance")
-        columns = (np.concatenate([np.zeros(0), *(getattr(part, name) for part in each)]) for name in names)
-        return cls(*columns)
+        return cls(
+            nominal=_joined(part.nominal for part in each),
+            identified=_joined(part.identified for part in each),
+            variance=_joined(part.variance for part in each),
+            chance=_joined(part.chance for part in each),
+            left=_joined(np.ones(part.nominal.size) if part.left is None else part.left for part in each),
+        )
+
+    @property
+    def count(self) -> float:
+        """How many rows these are worth."""
+        return float(self.nominal.size if self.left is None else self.left.sum())
 
     @property
     def foreseen_rms(self) -> float:
@@ -96,7 +114,7 @@ def judge(rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] =
     model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
     well, and there nobody looks; only a gain that dwarfs what is left (`CLEAR`) can do without.
     """
-    verdict = paired_verdict(rows.nominal, rows.identified)
+    verdict = paired_verdict(rows.nominal, rows.identified, rows.count)
     if verdict == "worse":
         return Judgement(verdict, "the loss is beyond its own scatter")
     if doubts:
@@ -124,23 +142,26 @@ def _foreseen(rows: HeldOut, found: float) -> bool:
     """Whether the found errors (`found`: their RMS, mm) are those foreseen: enough in the 95 % regions, or the size."""
     from scipy.stats import binom
 
-    covered = float(binom.cdf(int(rows.inside.sum()), rows.inside.size, 0.95)) >= UNLIKELY
+    count = max(round(rows.count), 1)
+    covered = float(binom.cdf(round(float(rows.inside.mean()) * count), count, 0.95)) >= UNLIKELY
     return covered or rows.foreseen_rms * FAR >= found
 
 
-def paired_verdict(nominal: Floats, identified: Floats) -> Verdict:
+def paired_verdict(nominal: Floats, identified: Floats, count: float | None = None) -> Verdict:
     """Whether the identified model's errors (N,), mm, are below nominal's on the same held-out rows.
 
     Paired t test on the difference of the two errors row by row, two-sided at 5 %: what both share (a far corner of
     the workspace, a noisy hour) drops out, and a gain that a few lucky rows could explain is `no better`. Fewer than
-    three rows prove nothing.
+    three rows prove nothing. count: how many rows these are worth, if fewer than there are: four touches that found
+    their sphere themselves say one thing, not four.
     """
     from scipy.stats import t
 
     gain = nominal - identified
-    if gain.size < 3:
+    rows = gain.size if count is None else count
+    if rows < 3 or float(np.abs(gain).max()) < NOTHING_MM:
         return "no better"
-    bound = float(t.ppf(0.975, gain.size - 1)) * float(gain.std(ddof=1)) / np.sqrt(gain.size)
+    bound = float(t.ppf(0.975, rows - 1)) * float(gain.std(ddof=1)) / np.sqrt(rows)
     if gain.mean() > bound:
         return "better"
     return "worse" if gain.mean() < -bound else "no better"

@@ -9,11 +9,12 @@ LINK = re.compile(r"(theta|d|a|alpha|beta)(\d+)")
 _AXIS = re.compile(r"(turn|slide)_([xy])(\d+)")
 _FRAME = re.compile(r"(tool|base)_([xyzabc])(?:@(.*))?")
 _EFFECTS = (
-    (re.compile(r"tool_deflection"), "tool deflection", ""),
+    (re.compile(r"(tool)_deflection"), "tool deflection", ""),
     (re.compile(r"compliance(\d+)_\d+[xyz]"), "compliance", "joint"),
     (re.compile(r"compliance_load(\d+)"), "compliance under load", "joint"),
     (re.compile(r"harmonic(\d+)_[sc]1"), "once-per-turn error", "joint"),
     (re.compile(r"harmonic(\d+)_[sc]2"), "twice-per-turn error", "joint"),
+    (re.compile(r"harmonic(\d+)_[sc](?:[3-9]|\d\d+)"), "ripple", "joint"),
     (re.compile(r"backlash(\d+)"), "backlash", "joint"),
     (re.compile(r"growth(\d+)"), "growth", "link"),
 )
@@ -23,7 +24,8 @@ _TURNS = {"a": "Z", "b": "Y", "c": "X"}
 
 def in_words(names: Sequence[str]) -> list[str]:
     """The parameters `names` as phrases, alike ones in one: links first, then tool and base, effects, points."""
-    return [*_links(names), *_axes(names), *_frames(names), *_effects(names), *_points(names)]
+    known = [*_links(names), *_axes(names), *_frames(names), *_effects(names), *_points(names)]
+    return known + [name for name in names if not _is_known(name)]
 
 
 def of_the_arm(name: str) -> bool:
@@ -77,5 +79,13 @@ def _points(names: Sequence[str]) -> list[str]:
 
 
 def _is_point(name: str) -> bool:
+    return bool(re.search(r"_[xyz]$", name)) and not _of_robot(name)
+
+
+def _of_robot(name: str) -> bool:
     known = (LINK, _AXIS, _FRAME, *(pattern for pattern, _, _ in _EFFECTS))
-    return bool(re.search(r"_[xyz]$", name)) and not any(pattern.fullmatch(name) for pattern in known)
+    return any(pattern.fullmatch(name) for pattern in known)
+
+
+def _is_known(name: str) -> bool:
+    return _of_robot(name) or _is_point(name)

@@ -50,10 +50,12 @@ def convert(
 
     Example: cellctl convert procedures/robots/kr5_r1400.yaml --to urdf -o kr5.urdf
     """
+    from cellctl.cli.outputs import refuse_outputs
     from cellctl.files import write_atomically
 
     if table is not None and to is not Form.DH_CSV and robot.suffix.lower() != ".csv":
         raise typer.BadParameter("--table is for a DH table (.csv), and none is read or written here")
+    refuse_outputs({"--out": out}, [robot])
     text = _text(_read(robot, tip, table, repeatability), to, table, str(robot))
     if out:
         write_atomically(out, text)

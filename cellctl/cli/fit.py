@@ -12,6 +12,7 @@ import typer
 
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
+from cellctl.cli.outputs import refuse_outputs
 from cellctl.files import InputError
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ def fit(
     judging = Judging(holdout, folds, column, by, seed)
     asked = Asked(measure, model, artefact, distances, spacing or (), own, prior, free)
     asked.refuse(judging)
+    refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior])
     from cellctl.calibration import fit as fitted
     from cellctl.cli.fit_split import split_of
     from cellctl.cli.fit_words import name_rows, say

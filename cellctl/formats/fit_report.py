@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 _LINES = 5
 
 
+CHANGED = 3.0
+"""From this factor on rows that update an older model may as well be those of a robot that has changed since."""
+
 NOISY = 1.5
 """From this factor on it is said that the rows scatter more than they should."""
 
@@ -60,6 +63,10 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
         clauses.append(
             f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
         )
+    if measured.task.prior is not None and measured.task.groups is None and noise >= CHANGED:
+        clauses.append(
+            "or the robot is no longer what the older model says: --free zeros, tool or base finds what changed"
+        )
     if result.unforeseen:
         lines = [str(line) for line in sorted(measured.lines[row] for row in result.unforeseen)]
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
@@ -84,7 +91,8 @@ def _far_out(measured: Measurements, result: FitResult, row: int) -> str:
 
 def _unforeseen(measured: Measurements, result: FitResult, row: int) -> str:
     foreseen = f"{result.predicted_test_rms:.3f} mm (RMS) was foreseen"
-    return f"held out and {_error(measured, result, row):.3f} mm off, where {foreseen}: counted all the same"
+    error = dict(zip(result.unforeseen, result.unforeseen_mm, strict=True))[row]
+    return f"held out and {error:.3f} mm off, where {foreseen}: counted all the same"
 
 
 def _error(measured: Measurements, result: FitResult, row: int) -> float:

@@ -22,11 +22,11 @@ Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+GREATEST = 1e9
+"""No parameter, and no σ, is greater than this, in whatever unit."""
+
 REGION_MARGIN_DEG = 2.0
 """A reading this far outside those of the fit still counts as seen."""
-
-LEAST_HALF_SPAN_DEG = 10.0
-"""A joint that moved less than this to either side counts as if it had moved so much, where doubt is measured in it."""
 
 
 @final
@@ -90,10 +90,9 @@ class JointRegion(BaseModel):
         """
         import numpy as np
 
-        spans = np.maximum((np.array(self.max) - np.array(self.min)) / 2.0, LEAST_HALF_SPAN_DEG)
-        beyond = self._beyond(readings)
-        shares = np.where(beyond > REGION_MARGIN_DEG, np.minimum(beyond / spans, 1.0), 0.0)
-        return np.asarray(np.linalg.norm(shares, axis=1))
+        from cellctl.calibration import doubt
+
+        return doubt(np.deg2rad(self.min), np.deg2rad(self.max), np.deg2rad(readings))
 
     def _beyond(self, readings: Floats) -> Floats:
         import numpy as np
@@ -198,12 +197,25 @@ class ModelFile(BaseModel):
         nominal = nominal_model(self.robot, deflection=bends)
         if self.effects is not None:
             nominal = nominal.with_effects(tuple(settings.effect() for settings in self.effects))
+        if set(self.start) != {"base", "tool"}:
+            raise ValueError("it does not say from where base and tool start")
         placed = nominal.on(np.array(self.start["base"]), np.array(self.start["tool"]))
         if placed.parameters != tuple(parameter.name for parameter in self.parameters):
             raise ValueError("its parameters are not those of its robot")
         if np.shape(self.covariance) != (len(self.parameters),) * 2:
             raise ValueError("its covariance has another size than its parameters")
+        self._check_region()
+        if max([abs(parameter.value) for parameter in self.parameters], default=0.0) > GREATEST:
+            raise ValueError("a parameter is beyond all measure")
+        _check_covariance(np.array(self.covariance))
         return placed.with_deviations([parameter.value for parameter in self.parameters])
+
+    def _check_region(self) -> None:
+        lower, upper = self.joint_region.min, self.joint_region.max
+        if not len(lower) == len(upper) == self.robot.n:
+            raise ValueError("its joint region is not that of its robot")
+        if any(low > high for low, high in zip(lower, upper, strict=True)) or self.outside_mm < 0.0:
+            raise ValueError("its joint region is upside down, or the doubt outside it below 0")
 
     @property
     def frame_of_points(self) -> bool:
@@ -245,6 +257,20 @@ class ModelFile(BaseModel):
     def _doubt(self, readings: Floats) -> Floats:
         """1 σ (N,), 3-D, mm, of what the model never saw."""
         return self.outside_mm * self.joint_region.doubt(readings)
+
+
+def _check_covariance(covariance: Floats) -> None:
+    """Raises ValueError where no fit can have made it: not symmetric, or a variance below 0."""
+    import numpy as np
+
+    variances = np.diag(covariance)
+    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    scaled = covariance / scale / scale[:, None]
+    symmetric = np.isfinite(scaled).all() and np.allclose(scaled, scaled.T, atol=1e-6)
+    if not symmetric or (variances < 0.0).any() or (variances > GREATEST**2).any():
+        raise ValueError("its covariance is none: not symmetric, or a variance below 0")
+    if len(scaled) and np.linalg.eigvalsh(scaled).min() < -1e-6:
+        raise ValueError("its covariance is none: some combination of parameters has a variance below 0")
 
 
 def _in_space(measured: Measurements, rms: float) -> float:

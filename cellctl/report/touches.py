@@ -65,7 +65,9 @@ def touch_errors(model: ModelFile, data: DataSet, artefact: Artefact | None) -> 
         raise InputError(Problem(data.file, 0, 0, what, "is it the data set of this model?"))
     identified = State.alone(model.robot_model(), np.array([centres[name] for name in measured.task.points]))
     held_out = np.array([of == "test" for of in measured.sets])
-    only_centres = identify(replace(measured.task, groups=frozenset(), spacings=None), np.flatnonzero(~held_out))
+    outliers = {row["line"] for row in model.figures.get("outliers", [])}
+    used = np.flatnonzero(~held_out & np.array([line not in outliers for line in measured.lines]))
+    only_centres = identify(replace(measured.task, groups=frozenset()), used, (np.ones(len(used), bool), 0))
     away = identified.model.tip(rows.q) - identified.points[rows.point]
     number_at = dict(zip(data.lines, data.texts("touch"), strict=True))
     return TouchErrors(

@@ -2,6 +2,10 @@
 
 import csv
 import json
+import resource
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -193,8 +197,69 @@ def test_degrees_in_columns_of_radians_are_told_as_such(fit, rows, capsys):
     assert "degrees" in capsys.readouterr().err
 
 
+def test_an_orientation_given_in_two_ways_is_refused(fit, rows, capsys):
+    both = {"A": "0", "B": "0", "C": "0", "QW": "1", "QX": "0", "QY": "0", "QZ": "0"}
+    assert fit([row | both for row in rows()]) == (2, None)
+    assert "two ways" in capsys.readouterr().err
+
+
+def test_a_touch_nearer_than_the_centre_is_named(fit, rows):
+    table = [row | {"radius": "30", "tip_radius": "1", "drift": "0"} for row in rows("touches.csv")]
+    table[7]["drift"] = "-40"
+    code, result = fit(table)
+    assert code == 0
+    assert [row["line"] for row in result["rejected"]] == [9]
+
+
+def test_where_nothing_was_held_out_no_figure_of_held_out_rows_is_in_the_json(fit, rows):
+    code, result = fit([row | {"set": "fit"} for row in rows()])
+    assert code == 1
+    assert result["n_test"] == 0
+    assert {result["test"][name] for name in ("mean", "rms", "max")} == {None}
+    assert result["predicted_test_rms"] is None
+
+
+def test_the_error_told_of_a_held_out_row_is_its_held_out_error(fit, rows):
+    table = without_set(rows())
+    pushed(table, [7], [[0.0, 900.0, 0.0]])
+    _, result = fit(table)
+    of_wild_row = [row["reason"] for row in result["test_outliers"] if row["line"] == 9]
+    assert len(of_wild_row) == 1
+    assert f"{result['test']['max']:.3f} mm off" in of_wild_row[0]
+
+
+def _covariance(change):
+    def edited(model):
+        change(np.array(model["covariance"]), model["covariance"])
+
+    return edited
+
+
+def _negative(_, cells):
+    cells[7][7] = -cells[7][7]
+
+
+def _lopsided(_, cells):
+    cells[7][8] += 1e-3
+
+
+def _impossible(values, cells):
+    cells[7][8] = cells[8][7] = 10.0 * float(np.sqrt(values[7, 7] * values[8, 8]) + 1e-3)
+
+
 EDITS = {
-    "a covariance that is not a number": lambda model: model["covariance"][7].__setitem__(7, float("nan")),
+    "a negative variance": _covariance(_negative),
+    "a covariance that is not symmetric": _covariance(_lopsided),
+    "a correlation of 10": _covariance(_impossible),
+    "a covariance that is not a number": _covariance(lambda _, cells: cells[7].__setitem__(7, float("nan"))),
+    "a variance of 1e300": _covariance(lambda _, cells: cells[7].__setitem__(7, 1e300)),
+    "a parameter of 1e300 mm": lambda model: model["parameters"][8].update(value=1e300),
+    "a region of one joint": lambda model: model["joint_region"].update(min=[1.0]),
+    "a region upside down": lambda model: model["joint_region"].update(
+        min=model["joint_region"]["max"], max=model["joint_region"]["min"]
+    ),
+    "no start of the tool": lambda model: model["start"].pop("tool"),
+    "a doubt below zero": lambda model: model.update(outside_mm=-5.0),
     "a newer format": lambda model: model.update(format="cellctl model 2"),
 }
 
@@ -215,6 +280,57 @@ def test_half_a_model_file_is_refused(cellctl, files, identified, capsys):
     (files / "model.json").write_text(identified[: len(identified) // 2])
     assert cellctl("fit", "robot.yaml", "positions.csv", "--prior", "model.json") == 2
     assert "model.json: is no model file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("target", ["folder", "missing/file"])
+@pytest.mark.parametrize("option", ["--out", "--json", "--report"])
+def test_where_a_result_cannot_go_is_told_by_its_name_and_nothing_else_is_written(
+    cellctl, files, capsys, option, target
+):
+    (files / "folder").mkdir()
+    others = {"--out": "m.json", "--json": "r.json", "--report": "p.html"}
+    words = [word for pair in (others | {option: target}).items() for word in pair]
+    before = sorted(path.name for path in files.iterdir())
+    assert cellctl("fit", "robot.yaml", "positions.csv", *GEOMETRY, *words) == 2
+    assert f"{target}: " in capsys.readouterr().err
+    assert sorted(path.name for path in files.iterdir()) == before
+
+
+@pytest.mark.parametrize("target", ["positions.csv", "robot.yaml", "./positions.csv"])
+def test_what_is_read_is_not_written_over(cellctl, files, target):
+    before = (files / target).read_bytes()
+    assert cellctl("fit", "robot.yaml", "positions.csv", *GEOMETRY, "--out", target) == 2
+    assert (files / target).read_bytes() == before
+
+
+def test_two_results_do_not_go_to_one_file(cellctl, files):
+    assert cellctl("fit", "robot.yaml", "positions.csv", *GEOMETRY, "--out", "x", "--json", "x") == 2
+    assert not (files / "x").exists()
+
+
+def test_a_full_disk_ends_with_2_and_leaves_no_half_file(files):
+    """The limit on a file's size stands in for the disk: writing the model fails in its middle."""
+
+    def full():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+    program = "from cellctl.cli.main import main; main()"
+    words = ["fit", "robot.yaml", "positions.csv", *GEOMETRY, "--out", "model.json"]
+    before = sorted(path.name for path in files.iterdir())
+    ended = subprocess.run(
+        [sys.executable, "-B", "-c", program, *words],
+        cwd=files,
+        preexec_fn=full,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert "Traceback" not in ended.stderr
+    assert "model.json" in ended.stderr
+    assert sorted(path.name for path in files.iterdir()) == before
 
 
 def test_an_interrupted_fit_ends_with_130_and_writes_nothing(cellctl, files, monkeypatch):
@@ -243,3 +359,8 @@ def test_compensate_refuses_a_target_that_is_none(cellctl, files, identified, ca
     assert cellctl("compensate", "model.json", "targets.csv", "--serial", "K1", "-o", "table.json") == 2
     assert "targets.csv:2" in capsys.readouterr().err
     assert not (files / "table.json").exists()
+
+
+def test_convert_does_not_write_over_what_it_reads(cellctl, files, identified):
+    assert cellctl("convert", "model.json", "--to", "poe", "-o", "model.json") == 2
+    assert (files / "model.json").read_text() == identified
