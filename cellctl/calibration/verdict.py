@@ -114,7 +114,7 @@ def judge(rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] =
     model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
     well, and there nobody looks; only a gain that dwarfs what is left (`CLEAR`) can do without.
     """
-    verdict = paired_verdict(rows.nominal, rows.identified, rows.count)
+    verdict = paired_verdict(rows.nominal, rows.identified, count=rows.count)
     if verdict == "worse":
         return Judgement(verdict, "the loss is beyond its own scatter")
     if doubts:
@@ -147,7 +147,7 @@ def _foreseen(rows: HeldOut, found: float) -> bool:
     return covered or rows.foreseen_rms * FAR >= found
 
 
-def paired_verdict(nominal: Floats, identified: Floats, count: float | None = None) -> Verdict:
+def paired_verdict(nominal: Floats, identified: Floats, *, count: float | None = None) -> Verdict:
     """Whether the identified model's errors (N,), mm, are below nominal's on the same held-out rows.
 
     Paired t test on the difference of the two errors row by row, two-sided at 5 %: what both share (a far corner of
