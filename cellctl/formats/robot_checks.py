@@ -41,9 +41,12 @@ def contradictions(document: Document, robot: RobotFile) -> list[Problem]:
 
 
 def looks_like_radians(angle: float | None) -> bool:
-    """Whether an angle in degrees is π/2, π, 3π/2 or 2π."""
-    quarters = abs(angle or 0.0) / (math.pi / 2)
-    return 0.9 < quarters < 4.1 and abs(quarters - round(quarters)) < 1e-3
+    """Whether an angle in degrees is some quarter turns as one writes them in radians: 1.571, −3.1416, 4.71239."""
+    quarters = round(abs(angle or 0.0) / (math.pi / 2))
+    if not 1 <= quarters <= 4:
+        return False
+    exact = quarters * math.pi / 2
+    return any(abs(abs(angle or 0.0) - round(exact, digits)) < 1e-12 for digits in range(3, 17))
 
 
 def parallel_to_neighbour(convention: str, alpha_deg: float, index: int, n: int) -> bool:
