@@ -136,7 +136,8 @@ def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: P
 
 def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(tmp_path: Path) -> None:
     strict = {"limits:\n": "limits:\n  table: {correction_deg: 0.01}\n"}
-    ended = run_here(short_campaign(tmp_path), cell_with(tmp_path, replace=strict), tmp_path)
+    enough = short_campaign(tmp_path, touches_fit=50, reference_every=20)  # to be better, which comes before
+    ended = run_here(enough, cell_with(tmp_path, replace=strict), tmp_path)
     assert isinstance(ended.outcome.error, InputError)
     assert "row 1" in str(ended.outcome.error)
     assert "0.01" in str(ended.outcome.error)
@@ -147,7 +148,8 @@ def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(
 
 def test_a_proof_sphere_out_of_reach_is_named(tmp_path: Path) -> None:
     away = {"centre: [850, 0, 550]": "centre: [2850, 0, 550]"}
-    ended = run_here(short_campaign(tmp_path), cell_with(tmp_path, replace=away), tmp_path)
+    enough = short_campaign(tmp_path, touches_fit=50, reference_every=20)
+    ended = run_here(enough, cell_with(tmp_path, replace=away), tmp_path)
     assert isinstance(ended.outcome.error, InputError)
     assert "P1" in str(ended.outcome.error)
     assert ended.journal.recorded("table") == []
