@@ -102,9 +102,8 @@ class _Problem:
         state = self.unknowns.state(self.deviations(x))
         folded = np.zeros((0, columns.size + 1))
         for rows in _parts(self.blocks):
-            lines = rows.jacobian(state)[..., columns] * scale / rows.sigma[..., None]
-            residual = (rows.residual(state) / rows.sigma)[..., None]
-            both = np.concatenate([lines, residual], axis=-1).reshape(-1, columns.size + 1)
+            lines, residual = linearised(rows, state, columns, scale)
+            both = np.concatenate([lines, residual[..., None]], axis=-1).reshape(-1, columns.size + 1)
             folded = np.asarray(np.linalg.qr(np.vstack([folded, both]), mode="r"))
         square = np.zeros((columns.size, columns.size + 1))
         kept = folded[: columns.size]
@@ -172,6 +171,13 @@ def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -
     problem = _Problem.of(unknowns, blocks)
     x = found.deviations[problem.free] / problem.scale
     return _covariance(problem, x, problem.fold(x, problem.free, problem.scale)[:, :-1])
+
+
+def linearised(rows: Rows, state: State, columns: Any, scale: Floats) -> tuple[Floats, Floats]:
+    """How `rows` move with the parameters at `columns` (C), per `scale` (C,) of each (N, k, C), and how far the model
+    is from them (N, k); both in the rows' standard deviations.
+    """
+    return rows.jacobian(state)[..., columns] * scale / rows.sigma[..., None], rows.residual(state) / rows.sigma
 
 
 def _parts(blocks: Sequence[Rows]) -> Iterable[Rows]:

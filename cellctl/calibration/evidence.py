@@ -15,7 +15,7 @@ from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, prior_inverse
+from cellctl.calibration.estimate import Estimate, linearised, prior_inverse
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows, SocketRows
 from cellctl.calibration.unknowns import Unknowns
@@ -139,8 +139,8 @@ class _System:
         state, x = found.state, found.deviations[free] / scale
 
         def of(block: Rows) -> tuple[Floats, Floats]:
-            columns = block.jacobian(state)[..., free] * scale / block.sigma[..., None]
-            return columns, block.residual(state) / block.sigma - columns @ x
+            columns, away = linearised(block, state, free, scale)
+            return columns, away - columns @ x
 
         numbers: dict[Factor, _Normal] = {}
         for block, _, own in rows.parts():
@@ -150,13 +150,12 @@ class _System:
                 numbers["noise", own.start + int(np.argmax(mine))] = _Normal.of(columns[:, mine], away[:, mine])
         loose = tuple(group for group in loosenable(unknowns) if group != "links" or _measures_length(rows, certain))
         place = {group: number for number, group in enumerate(loose)}
-        known = np.eye(free.size) if unknowns.prior is None else prior_inverse(unknowns, free)
         return cls(
             numbers=numbers,
             fixed=tuple(_Normal.of(*of(block)) for block in certain),
             loose=tuple((group, 0) for group in loose),
             groups=np.array([place.get(unknowns.groups[column], -1) for column in free]),
-            known=known,
+            known=prior_inverse(unknowns, free),
             x=x,
         )
 

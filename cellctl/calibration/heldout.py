@@ -27,15 +27,16 @@ from cellctl.kinematics import Bools, Floats
 
 def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
-    unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
-    nominal, identified = settled(task, by, rows)
+    used = task.rows.pick(list(by.used))
+    unseen = unseen_by(task, by.identified.unknowns, used, rows)
+    nominal, identified = _both_settled(task, by, rows, unseen)
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
-    noisy = rows.noisier(_noise_of(task, by))
+    noisy = rows.noisier(_noise_of(used, by))
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
     foreseen = [
         foresee(identified, covariance, block, hidden=own, taken=taken, doubted=doubted)
-        for block, own, doubted in zip(noisy.blocks, hidden, _doubted(task, by, rows), strict=True)
+        for block, own, doubted in zip(noisy.blocks, hidden, _doubted(used, by, rows), strict=True)
         if len(block)
     ]
     return HeldOut(
@@ -47,9 +48,9 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     )
 
 
-def _noise_of(task: Task, by: Identification) -> Floats:
-    """The fit's factors of noise; for blocks of which it had no row, the greatest that rows of their kind had."""
-    result, used = by.noise.copy(), task.rows.pick(list(by.used))
+def _noise_of(used: Mixture, by: Identification) -> Floats:
+    """The fit's factors of noise; for blocks of which it `used` no row, the greatest that rows of their kind had."""
+    result = by.noise.copy()
     for block, _, own in used.parts():
         alike = [by.noise[other] for each, _, other in used.parts() if len(each) and type(each) is type(block)]
         if not len(block) and alike:
@@ -57,11 +58,10 @@ def _noise_of(task: Task, by: Identification) -> Floats:
     return result
 
 
-def _doubted(task: Task, by: Identification, rows: Mixture) -> list[Floats]:
-    """1 σ of each row on each axis, mm, by block, for joints that the rows of the fit did not reach: there nominal's
-    error on those rows is what a robot may be off by.
+def _doubted(used: Mixture, by: Identification, rows: Mixture) -> list[Floats]:
+    """1 σ of each row on each axis, mm, by block, for joints that the rows `used` in the fit did not reach: there
+    nominal's error on those is what a robot may be off by.
     """
-    used = task.rows.pick(list(by.used))
     lower, upper = used.q.min(axis=0), used.q.max(axis=0)
     rms = float(np.sqrt(np.mean(used.errors(by.nominal.state) ** 2)))
     axes = [1.0 if isinstance(block, TouchRows) else np.sqrt(3.0) for block in rows.blocks]
@@ -75,7 +75,11 @@ def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -
 
 def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:
     """The nominal and the identified robot as held-out `rows` are judged by: with what only these can tell fitted."""
-    unseen = unseen_by(task, by.identified.unknowns, task.rows.pick(list(by.used)), rows)
+    used = task.rows.pick(list(by.used))
+    return _both_settled(task, by, rows, unseen_by(task, by.identified.unknowns, used, rows))
+
+
+def _both_settled(task: Task, by: Identification, rows: Mixture, unseen: Bools) -> tuple[State, State]:
     return task.as_kept(_settled(task, by.nominal, rows, unseen)), _settled(task, by.identified, rows, unseen)
 
 
@@ -121,10 +125,8 @@ def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
 
 def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotModel:
     """`model` with base and tool of `new`, each only if it is unseen: the tool is mostly known from other sessions."""
-    chain, groups = (
-        model.chain,
-        {name.partition("_")[0] for name, is_new in zip(model.parameters, unseen, strict=True) if is_new},
-    )
+    chain = model.chain
+    groups = {name.partition("_")[0] for name, is_new in zip(model.parameters, unseen, strict=True) if is_new}
     if "base" in groups:
         chain = chain.with_base(new.chain.base_now)
     if "tool" in groups:

@@ -168,9 +168,10 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     With one orientation in all rows, a tool further out looks like a base further in. What little joints that are
     rounded, or the geometry's own errors, make of the difference is noise; left free, it carries the fit off by metres.
     """
-    placed = (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any()
+    if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
+        return np.zeros((0, len(unknowns.names)))
     _, singular, right = np.linalg.svd(seen_at_start(unknowns, blocks))
-    unseen = right[singular < INVISIBLE] if placed else right[:0]
+    unseen = right[singular < INVISIBLE]
     result = np.zeros((len(unseen), len(unknowns.names)))
     result[:, unknowns.free] = unseen
     return result

@@ -15,7 +15,7 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.stats import chi2
 
-from cellctl.calibration.estimate import prior_inverse
+from cellctl.calibration.estimate import linearised, prior_inverse
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.unknowns import Unknowns
@@ -77,18 +77,19 @@ class Linear:
         state = unknowns.state(deviations)
 
         def of(block: Rows) -> tuple[Floats, Floats]:
-            columns = block.jacobian(state)[..., free] * scale / block.sigma[..., None]
-            return block.residual(state) / block.sigma - columns @ x, columns
+            columns, away = linearised(block, state, free, scale)
+            return away - columns @ x, columns
 
         width = max(len(block.quantities) for block in rows.blocks)
         away, columns = np.zeros((len(rows), width)), np.zeros((len(rows), width, free.size))
         for block, mine, _ in rows.parts():
             away[mine, : len(block.quantities)], columns[mine, : len(block.quantities)] = of(block)
-        known, pull = prior_inverse(unknowns, free), np.zeros(free.size)
+        prior = prior_inverse(unknowns, free)
+        known, pull = prior, np.zeros(free.size)
         for own, lines in map(of, certain):
             known = known + np.einsum("nkp,nkq->pq", lines, lines)
             pull = pull + np.einsum("nkp,nk->p", lines, own)
-        return cls(away, columns, rows.numbers, known, pull, prior_inverse(unknowns, free))
+        return cls(away, columns, rows.numbers, known, pull, prior)
 
     def noisier(self, factor: float) -> Self:
         """The same rows with their standard deviations times `factor`."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from cellctl import __version__
 from cellctl.files import InputError, write_atomically
 from cellctl.report.measured import (
@@ -20,6 +18,7 @@ from cellctl.report.model import model_section
 from cellctl.report.provenance import provenance
 from cellctl.report.run import Run
 from cellctl.report.summary import head
+from cellctl.report.template import template
 from cellctl.report.touches import TouchErrors, touch_errors
 
 FILE_NAME = "report.html"
@@ -44,14 +43,7 @@ def report_text(run: Path) -> str:
 def render(run: Run) -> str:
     """The report of a loaded run as HTML: no script, nothing fetched, no date but the run's own."""
     errors, complaints = _errors(run)
-    page = Environment(
-        loader=PackageLoader("cellctl.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    ).get_template("report.html")
-    return page.render(
+    return template("report.html").render(
         head=head(run),
         complaints=[*run.complaints, *complaints],
         held_out=held_out_section(run, errors),

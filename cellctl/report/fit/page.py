@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from cellctl import __version__
 from cellctl.files import write_atomically
 from cellctl.report.fit import model_section, residual_section
@@ -15,6 +13,7 @@ from cellctl.report.fit.hints import hints
 from cellctl.report.fit.region import RegionSigma
 from cellctl.report.fit.residuals import Residuals
 from cellctl.report.fit.story import FitStory
+from cellctl.report.template import template
 
 
 def write_fit_page(path: Path, story: FitStory) -> None:
@@ -25,14 +24,7 @@ def write_fit_page(path: Path, story: FitStory) -> None:
 def fit_page(story: FitStory) -> str:
     """The report of a fit as HTML: no script, nothing fetched, no date; the same fit gives the same bytes."""
     rows, sigma = Residuals.of(story), RegionSigma.of(story)
-    page = Environment(
-        loader=PackageLoader("cellctl.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    ).get_template("fit.html")
-    return page.render(
+    return template("fit.html").render(
         head=head(story),
         distribution=residual_section.distribution(story, rows),
         joints=residual_section.by_joint(story, rows),
