@@ -10,9 +10,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import Protocol, Self, final
+from typing import ParamSpec, Protocol, Self, TypeVar, final
 
 from cellctl.clock.reading import reader_of
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 
 
 class Timer(Protocol):
@@ -38,6 +41,10 @@ class Clock(ABC):
 
     async def aclose(self) -> None:  # noqa: B027 - most clocks hold nothing
         """Let go of what the clock holds open."""
+
+    async def compute(self, work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
+        """Do long `work` in a thread, while the loop goes on; the cell's time passes no faster than the wall's."""
+        return await asyncio.to_thread(work, *given, **named)
 
     def now(self) -> float:
         """The cell's time in seconds."""
@@ -88,6 +95,9 @@ class LockstepClock(Clock):
 
     The simulator stands still until each tick is answered, so no timer of the engine is ever more than one tick late,
     however slow the machine. Where the simulator dies, time runs on with the wall, so that time-outs still end.
+
+    A simulated cell with nothing to do runs many times faster than the wall. While the engine computes, it is held to
+    the wall's pace: how long a fit may take does not depend on how quickly the simulator gets its processor.
     """
 
     def __init__(self, time_file: str) -> None:
@@ -98,6 +108,7 @@ class LockstepClock(Clock):
         self._answering: asyncio.Task[None] | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._lost_at: tuple[int, int] | None = None
+        self._computing: set[_Computation] = set()
 
     @classmethod
     async def attach(cls, time_file: str, host: str, port: int) -> Self:
@@ -120,6 +131,16 @@ class LockstepClock(Clock):
         timer = _HeapTimer(callback)
         heapq.heappush(self._timers, (self.now_ns() + round(seconds * 1e9), next(self._order), timer))
         return timer
+
+    async def compute(self, work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
+        """As every clock's; ticks are answered at the wall's pace meanwhile."""
+        computation = _Computation(self.now_ns(), time.monotonic_ns())
+        self._computing.add(computation)
+        try:
+            return await super().compute(work, *given, **named)
+        finally:
+            self._computing.discard(computation)
+            computation.done.set()
 
     async def aclose(self) -> None:
         """Detach: the cell's time no longer waits for this loop."""
@@ -145,6 +166,8 @@ class LockstepClock(Clock):
             self._fire(tick)
             for _ in range(4):  # what the timers woke gets its turn before time goes on
                 await asyncio.sleep(0)
+            for computation in tuple(self._computing):
+                await computation.keep_pace(tick)
             self._send({"tock": tick})
 
     def _fire(self, now_ns: int) -> None:
@@ -154,6 +177,20 @@ class LockstepClock(Clock):
     def _send(self, message: dict[str, object]) -> None:
         if self._writer:
             self._writer.write(json.dumps(message).encode() + b"\n")
+
+
+class _Computation:
+    def __init__(self, cell_ns: int, wall_ns: int) -> None:
+        self.done = asyncio.Event()
+        self._began = cell_ns, wall_ns
+
+    async def keep_pace(self, cell_ns: int) -> None:
+        """Wait until as much time has passed on the wall as in the cell, or the computation is done."""
+        began_cell, began_wall = self._began
+        ahead_ns = (cell_ns - began_cell) - (time.monotonic_ns() - began_wall)
+        if ahead_ns > 0:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self.done.wait(), ahead_ns * 1e-9)
 
 
 class _HeapTimer:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -34,7 +33,7 @@ async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan
     if not worth_proving(context):
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
         return ProofPlan(touches=[])
-    touches = await asyncio.to_thread(locating_touches, context, inputs.sphere, inputs.touches)
+    touches = await context.clock.compute(locating_touches, context, inputs.sphere, inputs.touches)
     return ProofPlan(touches=[TouchPlan(**touch) for touch in touches])
 
 
@@ -68,7 +67,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
         return Compensation(rounds=[], table=None)
     robot: TableStore = context.device("robot")
     identity = await robot.connect()
-    found = await asyncio.to_thread(standoffs_and_table, context, inputs, identity)
+    found = await context.clock.compute(standoffs_and_table, context, inputs, identity)
     await context.record("proof", found.row)
     context.say(found.sentence)
     return Compensation(rounds=found.rounds, table=found.row["table"])
@@ -128,7 +127,7 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
         return await robot.move_to_row(target.row, speeds.near_percent)
 
     async def record(found: FoundContact) -> None:
-        measured.update(await asyncio.to_thread(standoff_row, context, target, found))
+        measured.update(await context.clock.compute(standoff_row, context, target, found))
         await context.record("standoff", measured)
 
     await search_and_retreat(robot, context.device("probe"), target, to_target, speeds, record)
@@ -147,7 +146,7 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
     from procedures.steps.judging import table_taken_back, verdict_of
 
-    found = await asyncio.to_thread(verdict_of, context)
+    found = await context.clock.compute(verdict_of, context)
     if found["verdict"] != "better" and context.recorded("table"):
         found["table"] = await table_taken_back(context, context.device("robot"))
     await context.record("verdict", found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -41,7 +40,7 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     from procedures.steps.sphere_planning import assumption, planned_touches
 
     names = [name.strip() for name in inputs.spheres.split(",") if name.strip()]
-    touches = await asyncio.to_thread(
+    touches = await context.clock.compute(
         planned_touches, context, inputs.fit, inputs.held_out, names, inputs.reference_every
     )
     context.say(
@@ -75,7 +74,7 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     row: dict[str, Any] = {}
 
     async def record(found: FoundContact) -> None:
-        row.update(await asyncio.to_thread(_complete, context, planned, _row(planned, context, found)))
+        row.update(await context.clock.compute(_complete, context, planned, _row(planned, context, found)))
         await context.record(_kind(planned), row)
 
     await search_and_retreat(
@@ -142,6 +141,6 @@ async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
 
     robot: SearchingRobot = context.device("robot")
     serial = (await robot.connect()).serial
-    found = await asyncio.to_thread(identify_touches, context, inputs.model, inputs.use_distances, serial)
+    found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances, serial)
     await context.record("verdict", found)
     return Identified(verdict=str(found["verdict"]), sentence=str(found["sentence"]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import mmap
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
@@ -240,6 +241,57 @@ def test_when_the_simulator_dies_time_runs_on_with_the_wall_and_timeouts_end(run
         assert clock.now_ns() > before
         later = clock.now_ns()
         assert later <= clock.now_ns()
+
+    run(script)
+
+
+def test_while_the_engine_computes_time_goes_no_faster_than_the_wall(run):
+    async def script(cell, clock):
+        may_end = threading.Event()
+        fit = asyncio.create_task(clock.compute(may_end.wait, timeout=10))
+        await asyncio.sleep(0)
+        began = time.monotonic_ns()
+        for _ in range(5):
+            await cell.tick(20)
+        assert time.monotonic_ns() - began >= 99 * MS
+        may_end.set()
+        assert await fit
+
+    run(script)
+
+
+def test_when_the_computation_is_done_time_goes_on_at_once(run):
+    async def script(cell, clock):
+        may_end = threading.Event()
+        fit = asyncio.create_task(clock.compute(may_end.wait, timeout=10))
+        await asyncio.sleep(0)
+        hours = asyncio.create_task(cell.tick(3_600_000))
+        await asyncio.wait([hours], timeout=0.05)
+        assert not hours.done()
+        may_end.set()
+        assert await fit
+        await hours
+        await cell.tick(3_600_000)
+
+    run(script)
+
+
+def test_a_computation_beyond_its_timeout_ends_by_timeout_in_lockstep_too(run):
+    async def script(cell, clock):
+        may_end = threading.Event()
+
+        async def fit():
+            async with clock.timeout(0.03):
+                await clock.compute(may_end.wait, timeout=10)
+
+        task = asyncio.create_task(fit())
+        await asyncio.sleep(0)
+        await cell.tick(20)
+        await cell.tick(20)
+        with pytest.raises(TimeoutError):
+            await task
+        may_end.set()
+        await cell.tick(3_600_000)
 
     run(script)
 
