@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.clock import MinimumDelayFit
@@ -29,7 +29,6 @@ def truth(device_ns, drift, offset=OFFSET):
 
 
 @given(st.integers(0, 2**32), st.floats(-2e-4, 2e-4), st.integers(-(10**15), 10**15), st.integers(0, 10**12))
-@settings(deadline=None)
 def test_with_a_fast_message_now_and_then_the_map_is_exact_to_10_us(seed, drift, offset, start_ns):
     chance = random.Random(seed)
     delays = [0 if index % 4 == 0 else chance.randrange(16 * MS) for index in range(100)]
@@ -40,7 +39,6 @@ def test_with_a_fast_message_now_and_then_the_map_is_exact_to_10_us(seed, drift,
 
 
 @given(st.lists(st.integers(0, 16 * MS), min_size=2, max_size=150), st.floats(-2e-4, 2e-4))
-@settings(deadline=None)
 def test_no_message_ever_arrives_before_the_map_says_it_was_sent(delays, drift):
     made = collected(delays, drift=drift)
     fit = made.fit()

@@ -65,7 +65,7 @@ def random_chain(seed, n, convention):
 chains = given(st.integers(0, 10_000), st.integers(1, 8), st.sampled_from(["mdh-hayati", "dh-craig"]))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @chains
 def test_forward_equals_the_product_of_the_conventions_matrices(seed, n, convention):
     chain, links, base, tool, rng = random_chain(seed, n, convention)
@@ -76,7 +76,7 @@ def test_forward_equals_the_product_of_the_conventions_matrices(seed, n, convent
         np.testing.assert_allclose(flange, expected_flange, atol=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @chains
 def test_the_frame_behind_each_joint_holds_its_axis_and_the_last_is_the_flange(seed, n, convention):
     chain, *_, rng = random_chain(seed, n, convention)
@@ -101,7 +101,7 @@ def central_difference(pose_of, step):
     return np.array([*rate[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @chains
 def test_tool_jacobian_equals_central_differences(seed, n, convention):
     chain, *_, rng = random_chain(seed, n, convention)
@@ -110,7 +110,7 @@ def test_tool_jacobian_equals_central_differences(seed, n, convention):
     np.testing.assert_allclose(chain.tool_jacobian(q), np.array(numeric).T, atol=2e-5)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @chains
 def test_every_parameter_column_equals_central_differences_away_from_the_table(seed, n, convention):
     chain, *_, rng = random_chain(seed, n, convention)

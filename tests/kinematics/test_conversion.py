@@ -79,7 +79,7 @@ def random_axes(rng, n):
     return axes
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 100_000), st.integers(1, 9), st.sampled_from(sorted(CONVERSIONS)))
 def test_any_robot_of_revolute_joints_becomes_any_form(seed, n, to):
     rng = np.random.default_rng(seed)

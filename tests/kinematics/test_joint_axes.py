@@ -56,7 +56,7 @@ def moved(turn_x, turn_y, slide_x, slide_y, theta):
 robots = given(st.integers(0, 10_000), st.sampled_from([1, 2, 6, 7, 9]))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @robots
 def test_forward_is_the_product_of_exponentials(seed, n):
     chain, directions, points, home, base, tool, rng = random_robot(seed, n)
@@ -68,7 +68,7 @@ def test_forward_is_the_product_of_exponentials(seed, n):
     np.testing.assert_allclose(chain.forward(q), expected @ home @ tool, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @robots
 def test_a_joints_motions_move_its_axis_in_its_own_frame_and_carry_what_is_behind(seed, n):
     chain, directions, points, home, base, tool, rng = random_robot(seed, n)
@@ -83,7 +83,7 @@ def test_a_joints_motions_move_its_axis_in_its_own_frame_and_carry_what_is_behin
     np.testing.assert_allclose(chain.with_parameters(named).forward(q), expected @ home @ tool, atol=1e-8)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @robots
 def test_every_column_equals_central_differences_away_from_the_nominal_axes(seed, n):
     chain, *_, rng = random_robot(seed, n)

@@ -280,7 +280,7 @@ def sums() -> Krl:
     return krl
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=0, max_size=40))
 def test_the_sum_of_a_text_is_that_of_zlib(text: str) -> None:
     krl = sums()

@@ -75,7 +75,7 @@ def test_drives_that_cannot_hold_their_arm_are_said_to_fall():
 
 
 @given(READINGS, st.integers(1, 20))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_sagged_arm_has_the_least_energy_of_weight_and_springs(readings, seed):
     soft = world(seed, compliance=1)._compliance
     drives = np.radians([joint.sign * reading for joint, reading in zip(CELL.robot.joints, readings, strict=True)])
