@@ -103,9 +103,14 @@ class EkiServer:
                 del self._unsent[: self._peer.send(self._unsent)]
         except BlockingIOError:
             if len(self._unsent) > MOST_UNSENT:
-                self._kernel.at(self._kernel.now, self._hang_up)
+                self._hang_up_next()
         except ConnectionError:
-            self._kernel.at(self._kernel.now, self._hang_up)
+            self._hang_up_next()
+
+    def _hang_up_next(self) -> None:
+        """Once what is being done is done: on this PC, not on one that has called in its place by then."""
+        lost = self._peer
+        self._kernel.at(self._kernel.now, lambda: self._hang_up() if self._peer is lost else None)
 
     def _hang_up(self) -> None:
         if self._timer:
