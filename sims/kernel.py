@@ -26,8 +26,8 @@ class HasFileno(Protocol):
 File = int | HasFileno
 
 
-PATIENCE_NS = 2_000_000_000
-"""Wall time after which a peer that does not answer is taken for dead."""
+PATIENCE_NS = 10_000_000_000
+"""Wall time after which a peer that does not answer is taken for dead. One that ends hangs up and is not waited for."""
 
 QUIET_NS = 1_000_000_000
 """Wall time without a word from anybody after which T runs no faster than the wall, as beside a dead peer."""
@@ -127,7 +127,7 @@ class Kernel:
         return self.at(self.now + delay_ns, action)
 
     def hold(self, peer: str) -> Hold:
-        """Let T stand still until `peer` has answered, or has been silent for two seconds of wall time.
+        """Let T stand still until `peer` has answered, or has been silent for ten seconds of wall time.
 
         After such a silence the peer's later holds are inert until `alive(peer)`.
         """

@@ -16,7 +16,7 @@ Part = Mapping[str, Any]
 """What one part of the cell has to tell, as JSON has it."""
 
 
-PATIENCE_S = 5.0
+PATIENCE_S = 10.0
 """How long a process waits for the one before it to be gone, which may just be ending with its host."""
 
 Recalled = TypeVar("Recalled")

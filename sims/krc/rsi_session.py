@@ -113,7 +113,7 @@ class RsiSession:
     def _received(self, data: bytes) -> None:
         """A datagram from the PC. One that answers an older telegram does not let T go on: the right one may follow.
 
-        A second one in a row does, or a PC that is always one behind would cost two seconds of wall time a cycle.
+        A second one in a row does, or a PC that is always one behind would cost ten seconds of wall time a cycle.
         """
         reply = read_reply(data, self._c.config.receive)
         self._older_in_a_row = self._older_in_a_row + 1 if reply and reply.ipoc < self._ipoc else 0
