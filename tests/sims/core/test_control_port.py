@@ -12,7 +12,7 @@ from sims.faults import Faults
 from sims.kernel import Kernel
 
 MS = 1_000_000
-PATIENCE_S = 20
+PATIENCE_S = 90
 
 
 class Host:

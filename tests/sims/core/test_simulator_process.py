@@ -15,7 +15,7 @@ import yaml
 
 from cellctl.clock import reader_of
 
-PATIENCE_S = 30
+PATIENCE_S = 90
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import select
 import socket
 import threading
 import zlib
@@ -23,7 +24,7 @@ from sims.world import World
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 CELL = replace(SHIPPED, artefact=replace(SHIPPED.artefact, plate=None))
 """Its spheres hang in the air: these robots go wherever a test needs them. What stands there has tests of its own."""
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 PERFECT = dict.fromkeys(ERRORS, 0.0)
 
 
@@ -161,20 +162,24 @@ class Bench:
             self.answer(telegrams[-1], correction(i) if callable(correction) else correction, **how)
         return telegrams
 
+    def until_reply(self, correction=(0.0,) * 6, stop=0):
+        """Answer telegrams until the controller replies on the transfer channel; that reply."""
+        cycle = 0
+        while b"</Rep>" not in self.stream:
+            ready, _, _ = select.select([self.udp, self.tcp], [], [], PATIENCE_S)
+            assert ready, "neither telegram nor reply"
+            if self.tcp in ready:
+                data = self.tcp.recv(65536)
+                assert data, "the controller hung up"
+                self.stream += data
+            if self.udp in ready:
+                self.answer(self.telegram(), correction(cycle) if callable(correction) else correction, stop)
+                cycle += 1
+        return self.reply()
+
     def finish(self, correction=(0.0,) * 6):
         """Raise the stop tag and answer until RSI is off; the command's last reply."""
-        self.tcp.setblocking(False)
-        try:
-            while True:
-                self.udp.settimeout(0.05)
-                try:
-                    self.answer(self.telegram(), correction, stop=1)
-                except TimeoutError:
-                    break
-        finally:
-            self.tcp.settimeout(PATIENCE_S)
-            self.udp.settimeout(PATIENCE_S)
-        return self.reply()
+        return self.until_reply(correction, stop=1)
 
     def truth_lines(self):
         return [json.loads(line) for line in self.truth.getvalue().splitlines()]

@@ -14,7 +14,7 @@ from sims.faults import read_fault
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 STEP_DEG = 0.004
 TOUCH_MM = 61.4 / 2 + 0.6
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 def cell_with_sphere(bench, beside_deg=0.25):

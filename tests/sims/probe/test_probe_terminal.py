@@ -14,7 +14,7 @@ from sims.faults import Faults, read_fault
 from sims.kernel import Kernel
 
 MS = 1_000_000
-PATIENCE_S = 20
+PATIENCE_S = 90
 
 
 def crc16_bitwise(data):
@@ -224,7 +224,8 @@ def test_a_second_host_finds_the_probe_after_the_first_has_hung_up(running):
 def test_a_probe_that_nobody_listens_to_goes_on(running):
     two_minutes_on = threading.Event()  # more heartbeats than the terminal holds
     running.call(lambda: running.kernel.after(120_000 * MS, two_minutes_on.set))
-    assert two_minutes_on.wait(PATIENCE_S)
+    while not two_minutes_on.wait(0.1):
+        running.call(lambda: None)  # with nobody to be heard for a second, it would take two minutes
     host = Host(running.probe.path)
     host.ask("HELLO")
     host.until("ID")
