@@ -290,7 +290,7 @@ def test_a_resumed_run_does_not_repeat_what_is_done_and_loses_no_row(tmp_path: P
 
     async def stop_after_the_second() -> Any:
         running = asyncio.create_task(engine.run())
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while engine.state is not State.PAUSED:
                 await asyncio.sleep(0)
             mailbox.abort()

@@ -86,7 +86,7 @@ def test_a_reader_never_sees_half_a_file(tmp_path):
     assert reader.stdout.readline() == b"ready\n"
     for letter in "bcdefghijklmnopqrstuvwxyz":
         write_atomically(target, letter * size)
-    assert reader.wait(timeout=20) == 0
+    assert reader.wait(timeout=120) == 0
 
 
 @given(VALUES)

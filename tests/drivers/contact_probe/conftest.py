@@ -24,11 +24,12 @@ import pytest
 from cellctl.clock import Clock
 from cellctl.devices import Address, Surroundings
 from drivers.contact_probe import open_probe
+from drivers.contact_probe.port import SerialPort
 
 MS = 1_000_000
 TICK_HZ = 2_000_000
 BAUD = 250_000
-PATIENCE_S = 2.0
+PATIENCE_S = 60.0
 
 
 def crc_bit_by_bit(body: bytes) -> int:
@@ -98,6 +99,7 @@ class FakeProbe:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
+        self.sent = self._heard = 0  # bytes on the host's line: written there, read here
         self._got = b""
         self._last_command: tuple[str, str] | None = None
 
@@ -159,7 +161,8 @@ class FakeProbe:
             timer = self.clock.next_due()
             event = self.events[0][0] if self.events else None
             if timer is not None and (event is None or timer <= event):
-                if await self._input(0.01):  # a command on its way through the kernel comes before a time-out
+                if self._master >= 0 and self._heard < self.sent:  # what is on its way comes before a time-out
+                    await self._input(PATIENCE_S)
                     continue
                 self.clock.fire_next()
             elif event is not None:
@@ -211,12 +214,11 @@ class FakeProbe:
                 return seq in self.acked
         raise AssertionError(f"line {seq} was not acknowledged")
 
-    async def _input(self, patience_s: float) -> bool:
-        """Wait for input for up to `patience_s` of wall time; whether a command came."""
+    async def _input(self, patience_s: float) -> None:
+        """Wait for input for up to `patience_s` of wall time."""
         loop, ready = asyncio.get_running_loop(), asyncio.Event()
-        before = len(self.commands)
         if self._master < 0:
-            return False
+            return
         loop.add_reader(self._master, ready.set)
         with suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
@@ -224,13 +226,14 @@ class FakeProbe:
         if self._master >= 0:
             loop.remove_reader(self._master)
         self._read()
-        return len(self.commands) > before
 
     def _read(self) -> None:
         if self._master < 0:
             return
         with suppress(BlockingIOError):
-            self._got += os.read(self._master, 4096)
+            data = os.read(self._master, 4096)
+            self._heard += len(data)
+            self._got += data
         *lines, self._got = self._got.split(b"\n")
         for line in lines:
             body, _, crc = line.rpartition(b"*")
@@ -306,7 +309,7 @@ class Bench:
     @asynccontextmanager
     async def living(self) -> AsyncIterator[None]:
         """The fake probe lives for the body's length; a failure in it fails the body."""
-        async with asyncio.timeout(20), asyncio.TaskGroup() as group:
+        async with asyncio.timeout(PATIENCE_S), asyncio.TaskGroup() as group:
             life = group.create_task(self.fake.live())
             try:
                 yield
@@ -325,8 +328,14 @@ class Bench:
 
 
 @pytest.fixture
-def bench():
-    made = Bench()
+def bench(monkeypatch):
+    made, write = Bench(), SerialPort.write
+
+    def counted(port, data):
+        write(port, data)
+        made.fake.sent += len(data)
+
+    monkeypatch.setattr(SerialPort, "write", counted)
     yield made
     if made.fake._master >= 0:
         os.close(made.fake._master)

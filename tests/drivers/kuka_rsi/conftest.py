@@ -23,6 +23,7 @@ from cellctl.devices import Address, Surroundings
 from drivers.kuka_rsi import open_robot
 
 CYCLE_NS = 4_000_000
+PATIENCE_S = 120.0
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 
 ETHERNET_XML = """<ROOT>
@@ -192,13 +193,17 @@ class FakeController:
         if self.silent or cycle in self.unsent:
             return
         for _ in range(3 if cycle == self.burst_at else 0):
-            self._line.sendto(self._telegram(self.ipoc), self._rsi_target)
+            self._send(self._telegram(self.ipoc))
             self.ipoc += self.ipoc_step
             self._pass_time(self.cycle_ns)
         if self.garbage:
-            self._line.sendto(self.garbage, self._rsi_target)
-        self._line.sendto(self._telegram(self.ipoc), self._rsi_target)
+            self._send(self.garbage)
+        self._send(self._telegram(self.ipoc))
         self._hear(offset)
+
+    def _send(self, telegram: bytes) -> None:
+        with suppress(ConnectionRefusedError):  # nobody listens there any more
+            self._line.send(telegram)
 
     def _telegram(self, ipoc: int) -> bytes:
         q = " ".join(f'A{i}="{value:.4f}"' for i, value in enumerate(self.joints, 1))
@@ -209,11 +214,10 @@ class FakeController:
         ).encode()
 
     def _hear(self, offset: list[float]) -> None:
-        self._line.settimeout(2)
         while True:
             try:
                 raw = self._line.recv(65535)
-            except TimeoutError:
+            except (TimeoutError, ConnectionRefusedError):
                 return
             ipoc = re.search(rb"<IPOC>(.*?)</IPOC>", raw)[1].decode()
             axes = re.search(rb"<AK ([^/]*)/>", raw)[1]
@@ -265,6 +269,8 @@ class FakeController:
 
     def _rsi_on(self, number: int) -> None:
         self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._line.connect(self._rsi_target)
+        self._line.settimeout(PATIENCE_S)
         self.cycles = 0
         self._rsi, self.program = (number, list(self.joints), [0.0] * 6), "RSI"
 
@@ -413,7 +419,7 @@ def run():
 
     def run_bounded(work):
         async def bounded():
-            async with asyncio.timeout(30):
+            async with asyncio.timeout(PATIENCE_S):
                 return await work
 
         return asyncio.run(bounded())
