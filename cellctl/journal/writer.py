@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Self, final
 
+from cellctl.files import write_atomically
 from cellctl.journal.codec import encode
 from cellctl.journal.errors import JournalError, named_errors
 from cellctl.journal.events import Entry, KnownEvent
@@ -95,20 +96,25 @@ class Journal:
 
 
 def _created(path: Path) -> sqlite3.Connection:
+    """A new journal, under its name only once it is one: nobody meets half of it, in passing or after a crash."""
+    with closing(sqlite3.connect(":memory:")) as unborn:
+        unborn.executescript(CREATE)
+        empty_journal = unborn.serialize()
+    with named_errors(path):
+        write_atomically(path, empty_journal)
     try:
-        return _connected(path, CREATE)
+        return _connected(path)
     except JournalError:
-        path.unlink(missing_ok=True)  # half a journal would only be in the way of the next try
+        path.unlink(missing_ok=True)  # a journal that cannot be written would only be in the way of the next try
         raise
 
 
-def _connected(path: Path, script: str = "") -> sqlite3.Connection:
+def _connected(path: Path) -> sqlite3.Connection:
     with named_errors(path):
         connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
     try:
         with named_errors(path):
             connection.execute("PRAGMA synchronous = FULL")
-            connection.executescript(f"BEGIN; {script} COMMIT;" if script else "")
             connection.execute("PRAGMA journal_mode = WAL")
     except BaseException:
         connection.close()

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -124,6 +125,26 @@ def test_one_run_has_one_writer_and_the_second_is_told_which_process(journal, no
     journal.append(Said("the first goes on"))
     journal.close()
     assert not is_being_written(journal.path)
+
+
+def test_a_journal_is_not_seen_before_it_is_one(tmp_path, now_ns, monkeypatch):
+    """Half a journal would be taken for something else: by who watches a run begin, and after a crash just then."""
+    path, made = tmp_path / "run" / "journal.sqlite", []
+
+    class Watched(sqlite3.Connection):
+        def executescript(self, script):
+            made.append(script)
+            assert not path.exists()
+            return super().executescript(script)
+
+    with monkeypatch.context() as watching:
+        watching.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Watched))
+        journal = Journal.create(path.parent, now_ns)
+    assert any("CREATE TABLE" in script for script in made)
+    journal.append(Said("one"))
+    assert events(path) == [Said("one")]
+    journal.close()
+    assert {each.name for each in path.parent.iterdir()} == {"journal.sqlite", "journal.lock"}
 
 
 def test_a_new_run_does_not_overwrite_an_old_one(journal, now_ns):
