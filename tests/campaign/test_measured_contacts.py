@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import CELL, Ended, busy_machine, cell_with, run_here, touches_procedure
+from cell_runs import CELL, UNHURRIED, Ended, busy_machine, cell_with, run_here, touches_procedure, unhurried
 from volumetric import truth
 
 from cellctl.engine import State
@@ -60,8 +60,9 @@ def test_over_travel_in_lockstep_is_the_same_on_an_idle_and_on_a_busy_machine(tm
 
 
 @pytest.mark.realtime
-def test_the_same_campaign_runs_in_real_time(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path)
+def test_the_same_campaign_runs_in_real_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    unhurried(monkeypatch)
+    cell = cell_with(tmp_path, UNHURRIED)
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path, clock="realtime")
     assert ended.outcome.state is State.FINISHED
     assert len(ended.touches) == 6

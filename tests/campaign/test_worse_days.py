@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import ROOT, cell_with, cellctl, controller_states, touches_procedure
+from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, controller_states, touches_procedure, unhurried
 
 from cellctl.cli.campaign import load_campaign
 from cellctl.cli.launch import Options, run_on
@@ -67,9 +67,13 @@ def test_a_result_that_could_not_be_written_is_refused_before_anything_moves(tmp
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(tmp_path: Path) -> None:
+def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unhurried(monkeypatch)
+
     async def two() -> tuple[Any, Any]:
-        campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])
+        campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path, UNHURRIED), [])
         simulated = await SimulatedCell.start(campaign.cell, None, "realtime")
         try:
             options = Options(None, "realtime")
@@ -94,14 +98,14 @@ def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(tmp_path
 
 def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_is_lost(tmp_path: Path) -> None:
     cell, runs = cell_with(tmp_path), tmp_path / "runs"
-    command = [sys.executable, "-m", "cellctl", "run", str(touches_procedure(tmp_path)), "--cell", str(cell)]
+    procedure = touches_procedure(tmp_path, fit=60)  # so many that it is not over before it is seen to be under way
+    command = [sys.executable, "-m", "cellctl", "run", str(procedure), "--cell", str(cell)]
     with subprocess.Popen([*command, "--runs", str(runs)], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
-        deadline = time.monotonic() + 60
         # with a third one recorded, at least two have come to their end
-        while time.monotonic() < deadline and not any(len(_touches(run)) >= 3 for run in runs.glob("*")):
+        while process.poll() is None and not any(len(_touches(run)) >= 3 for run in runs.glob("*")):
             time.sleep(0.05)  # noqa: TID251 - another process, in wall time
         os.kill(_simulator_of(cell), signal.SIGKILL)
-        _, said = process.communicate(timeout=120)
+        _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 4, said
     assert "may still be moving" in said
     assert "Traceback" not in said

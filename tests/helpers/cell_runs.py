@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cellctl.cli.campaign import load_campaign
 from cellctl.cli.launch import Options, run_on
 from cellctl.cli.simulated import SimulatedCell
@@ -24,13 +26,19 @@ ROOT = Path(__file__).parents[2]
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"
 CELL = ROOT / "procedures" / "cells" / "sphere_cell.yaml"
 
+PATIENCE_S = 800.0
+"""Wall time after which a process is taken to hang: long, for a machine may be busy, and less than a test may take."""
+
+UNHURRIED = "  rsi: {timeout_cycles: 1000000}\n"
+"""For a cell's `simulate:` section: the controller counts late answers and never stops for them."""
+
 TOUCHES = """
 procedure: touches
 title: Some touches, nothing identified
 steps:
   - id: plan
     do: sphere.plan
-    with: {fit: 5, held_out: 1}
+    with: {fit: FIT, held_out: 1}
     timeout: 120
   - id: points
     for_each: ${plan.touches}
@@ -46,10 +54,10 @@ cleanup:
 """
 
 
-def touches_procedure(folder: Path) -> Path:
-    """A procedure of six touches without identification."""
+def touches_procedure(folder: Path, fit: int = 5) -> Path:
+    """A procedure of `fit` touches and one more, without identification."""
     path = folder / "touches.yaml"
-    path.write_text(TOUCHES)
+    path.write_text(TOUCHES.replace("FIT", str(fit)))
     return path
 
 
@@ -95,7 +103,7 @@ class Ended:
 def run_here(
     procedure: Path, cell: Path, folder: Path, *, seed: int | None = None, clock: Any = None, meanwhile: Any = None
 ) -> Ended:
-    """Run a campaign in this process on simulators that outlive it; `meanwhile(mailbox, run folder)` is a coroutine
+    """Run a campaign in this process on simulators that outlive it; `meanwhile(mailbox, simulated)` is a coroutine
     function that runs beside it.
     """
 
@@ -108,7 +116,7 @@ def run_here(
             options = Options(seed, clock)
             engine = asyncio.create_task(run_on(simulated, campaign, options, run, mailbox, NobodyWatching()))
             if meanwhile:
-                await meanwhile(mailbox, run)
+                await meanwhile(mailbox, simulated)
             outcome = await engine
             eki = str(simulated.address("robot").query["eki"])
             states = await asyncio.to_thread(controller_states, eki)
@@ -124,7 +132,7 @@ def controller_states(eki: str) -> list[dict[str, str]]:
     """Some `Stat` documents of the controller, read by hand."""
     host, _, port = eki.rpartition(":")
     text = ""
-    with socket.create_connection((host, int(port)), timeout=10.0) as line:
+    with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as line:
         while text.count("</Stat>") < 4:
             received = line.recv(4096)
             assert received, "the controller closed the channel"
@@ -132,10 +140,23 @@ def controller_states(eki: str) -> list[dict[str, str]]:
     return [dict(re.findall(r'(\w+)="([^"]*)"', stat)) for stat in re.findall(r"<Stat .*?</Stat>", text, re.DOTALL)]
 
 
-def cellctl(*arguments: str | Path, timeout: float = 240.0) -> subprocess.CompletedProcess[str]:
+def cellctl(*arguments: str | Path, timeout: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own."""
     command = [sys.executable, "-m", "cellctl", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, cwd=ROOT)
+
+
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take no silence for a loss in real time: on a machine with other things to do each process stalls now and then.
+
+    That the robot is held in such silences has tests of its own, in the cell's time.
+    """
+    for silence in (
+        "drivers.kuka_rsi.guards._OLDEST_ENGINE_BEAT_S",
+        "drivers.contact_probe.session._SILENCE_S",
+        "procedures.steps.contact_search._PROBE_PATIENCE_S",
+    ):
+        monkeypatch.setattr(silence, 60.0)
 
 
 @contextmanager

@@ -14,6 +14,8 @@ pytestmark = pytest.mark.realtime
 
 TWO_DEG = (0.0, 2.0, 0.0, 0.0, 0.0, 0.0)
 SPEED_DEG_S = 2.0
+SLOW_DEG_S = 0.5
+"""For what happens in mid-search: slow enough that a busy machine gets there before the end of the line."""
 TWO_DECIMALS = 0.005 + 1e-9
 MODES = pytest.mark.parametrize("mode", ["absolute", "relative"])
 CYCLES = pytest.mark.parametrize("cycle_ms", [4, 12])
@@ -65,7 +67,7 @@ def test_no_step_is_larger_than_the_speed_allows(foreign, run, mode, cycle_ms):
 def test_a_contact_stops_it_at_once_and_the_next_search_goes_on(foreign, run, mode):
     async def search():
         async with foreign(mode, 4) as (robot, controller):
-            searching = asyncio.create_task(robot.search(TWO_DEG, SPEED_DEG_S))
+            searching = asyncio.create_task(robot.search(TWO_DEG, SLOW_DEG_S))
             await controller.has_gone(0.3)
             robot.stop_now()
             result = await searching
@@ -83,7 +85,7 @@ def test_a_contact_stops_it_at_once_and_the_next_search_goes_on(foreign, run, mo
 def test_a_halt_ends_rsi_in_mid_search(foreign, run):
     async def search():
         async with foreign("absolute", 4) as (robot, controller):
-            searching = asyncio.create_task(robot.search(TWO_DEG, SPEED_DEG_S))
+            searching = asyncio.create_task(robot.search(TWO_DEG, SLOW_DEG_S))
             await controller.has_gone(0.2)
             await robot.stop()
             with pytest.raises(DeviceFault, match="HALT"):
@@ -99,7 +101,7 @@ def test_a_halt_ends_rsi_in_mid_search(foreign, run):
 def test_a_controller_that_falls_silent_in_mid_search_is_lost_and_halted(foreign, run, mode):
     async def search():
         async with foreign(mode, 4) as (robot, controller):
-            searching = asyncio.create_task(robot.search(TWO_DEG, SPEED_DEG_S))
+            searching = asyncio.create_task(robot.search(TWO_DEG, SLOW_DEG_S))
             await controller.has_gone(0.2)
             controller.freeze()
             with pytest.raises(DeviceLost, match="no telegram for"):
