@@ -18,7 +18,10 @@ from cellctl.devices import Address, DeviceError, DeviceUnreachable
 from cellctl.devices.cell import Cell, ClockMode
 from cellctl.files import Document, InputError, Problem
 
-_START_SECONDS = 20.0
+_START_SECONDS = 60.0
+_END_SECONDS = 20.0
+_ANSWER_SECONDS = 20.0
+"""Wall time: whether a program starts and ends is no matter of the cell's. One that dies is not waited for."""
 
 
 @final
@@ -70,7 +73,7 @@ class SimulatedCell:
         try:
             reader, writer = await asyncio.open_connection(*self._control())
             writer.write(json.dumps(message).encode() + b"\n")
-            answer: dict[str, Any] = json.loads(await asyncio.wait_for(reader.readline(), 10.0))
+            answer: dict[str, Any] = json.loads(await asyncio.wait_for(reader.readline(), _ANSWER_SECONDS))
             writer.close()
         except (OSError, ValueError, TimeoutError) as error:
             raise DeviceError("simulator", f"no answer on the control port: {error}") from error
@@ -82,7 +85,7 @@ class SimulatedCell:
         """End the process and wait for it."""
         self.process.terminate()
         try:
-            self.process.wait(5.0)
+            self.process.wait(_END_SECONDS)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
@@ -125,11 +128,14 @@ def _placed(document: Document, text: str) -> Problem:
 
 
 async def _until_ready(process: subprocess.Popen[bytes], ready: Path) -> None:
-    async with asyncio.timeout(_START_SECONDS):
-        while not ready.exists():
-            if process.poll() is not None:
-                raise DeviceUnreachable("simulator", f"ended at its start with code {process.returncode}")
-            await asyncio.sleep(0.01)
+    try:
+        async with asyncio.timeout(_START_SECONDS):
+            while not ready.exists():
+                if process.poll() is not None:
+                    raise DeviceUnreachable("simulator", f"ended at its start with code {process.returncode}")
+                await asyncio.sleep(0.01)
+    except TimeoutError:
+        raise DeviceUnreachable("simulator", f"was not ready within {_START_SECONDS:g} s") from None
 
 
 def _explain(process: subprocess.Popen[bytes], errors: Path, cell: Cell) -> None:

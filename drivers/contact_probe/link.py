@@ -21,7 +21,7 @@ _DOUBLE_WITHIN_NS = 1_000_000_000
 """A line seen again so soon is a double; the numbers come round after minutes at the earliest."""
 _BOOT_WITHIN_NS = 120_000_000
 """The same for BOOT, always number 0: two repeats, so that a second reset is not taken for a double."""
-_END_BOUND_S = 1.0
+_END_BOUND_S = 10.0
 
 
 @final

@@ -18,8 +18,9 @@ from drivers.kuka_rsi.cyclic import CyclicOrders
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.shared_block import SharedBlock
 
-_START_S = 20.0
-_END_S = 4.0
+_START_S = 60.0
+_END_S = 10.0
+"""Wall time: whether a program starts and ends is no matter of the cell's. One that dies is not waited for."""
 
 
 @final
@@ -61,7 +62,10 @@ class CyclicProcess:
             )
         finally:
             os.close(memory)
-        said = await _first_words(child)
+        try:
+            said = await _first_words(child)
+        except TimeoutError:
+            raise DeviceUnreachable(device, f"the RSI process did not start within {_START_S:g} s") from None
         if "listening" in said:
             return cls(child, block, errors, said)
         await _reap(child)
@@ -86,7 +90,7 @@ async def _first_words(child: subprocess.Popen[bytes]) -> dict[str, Any]:
     assert child.stdout is not None
     reading = asyncio.create_task(asyncio.to_thread(child.stdout.readline))
     try:
-        async with asyncio.timeout(_START_S):  # wall time: whether a program starts is no matter of the cell's
+        async with asyncio.timeout(_START_S):
             line = await asyncio.shield(reading)
     except BaseException:
         child.kill()

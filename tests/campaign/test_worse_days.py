@@ -19,7 +19,7 @@ from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, controlle
 from cellctl.cli.campaign import load_campaign
 from cellctl.cli.launch import Options, run_on
 from cellctl.cli.simulated import SimulatedCell
-from cellctl.devices import DeviceError
+from cellctl.devices import DeviceError, DeviceUnreachable
 from cellctl.engine import Mailbox, NobodyWatching, State
 from cellctl.journal import fold, read_journal
 
@@ -113,6 +113,16 @@ def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_
     assert state.state == "uncertain"
     assert len(state.recorded("touch")) >= 2
     assert not state.in_flight
+
+
+def test_simulators_that_never_get_ready_are_unreachable_and_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])
+    monkeypatch.setattr("cellctl.cli.simulated.simulator_command", lambda *_: ["sleep", "600"])
+    monkeypatch.setattr("cellctl.cli.simulated._START_SECONDS", 0.1)
+    with pytest.raises(DeviceUnreachable, match=r"simulator: was not ready within 0\.1 s"):
+        asyncio.run(SimulatedCell.start(campaign.cell, None, None))
 
 
 def test_after_the_end_the_controller_can_be_asked_again(tmp_path: Path) -> None:

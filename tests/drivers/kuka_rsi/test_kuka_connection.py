@@ -28,7 +28,7 @@ from cellctl.devices import (
     SearchingRobot,
     Surroundings,
 )
-from drivers.kuka_rsi import open_robot
+from drivers.kuka_rsi import open_robot, process
 
 TARGET = (10.0, -80.0, 90.0, 0.0, 45.0, 0.0)
 
@@ -92,6 +92,18 @@ def test_a_controller_that_does_not_listen_is_named_and_no_process_is_left(robot
     before = children()
     with pytest.raises(DeviceUnreachable, match=f"127.0.0.1:{port}"):
         run(robot_at(port).connect())
+    assert children() == before
+
+
+def test_an_rsi_process_that_says_nothing_is_unreachable_and_ended(robot_at, run, monkeypatch, tmp_path):
+    silent = tmp_path / "silent"
+    silent.write_text("#!/bin/sh\nexec sleep 600\n")
+    silent.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(silent))
+    monkeypatch.setattr(process, "_START_S", 0.1)
+    before = children()
+    with pytest.raises(DeviceUnreachable, match=r"RSI process did not start within 0\.1 s"):
+        run(robot_at(1).connect())
     assert children() == before
 
 
