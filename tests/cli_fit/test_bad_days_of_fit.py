@@ -324,7 +324,7 @@ def test_a_full_disk_ends_with_2_and_leaves_no_half_file(files):
         preexec_fn=full,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         check=False,
     )
     assert ended.returncode == 2

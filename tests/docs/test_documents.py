@@ -93,10 +93,10 @@ def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
     return [pytest.mark.campaign] if any("cellctl run" in part.text for part in parts) else []
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1500)
 @pytest.mark.parametrize("parts", [pytest.param(each, id=str(each[0]), marks=_marks(each)) for each in shells()])
 def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: Path) -> None:
-    done = session(parts, tmp_path, 580.0)
+    done = session(parts, tmp_path, 1480.0)
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     said = f"{done.stdout}\n{done.stderr}"
     missing = [line for line in shown_lines(parts[0].file) if not re.search(pattern_of(line), said, re.MULTILINE)]
@@ -109,7 +109,7 @@ def test_the_programs_of_a_document_run(block: Block, tmp_path: Path) -> None:
     _write_table(tmp_path)
     _write_socket_files(tmp_path / "iiwa14_sockets")
     done = subprocess.run(
-        [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stderr
 

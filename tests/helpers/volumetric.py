@@ -49,7 +49,7 @@ def truth(cell: Path, seed: int, readings: Floats, folder: Path) -> Floats:
         writer.writerow([f"A{axis}" for axis in range(1, 7)])
         writer.writerows(readings.tolist())
     command = [sys.executable, "-m", "sims", "truth", str(cell), str(joints), "--seed", str(seed), "-o", str(points)]
-    subprocess.run(command, check=True, timeout=120)
+    subprocess.run(command, check=True, timeout=600)
     return np.loadtxt(points, delimiter=",", skiprows=1, usecols=(0, 1, 2))
 
 

@@ -79,7 +79,7 @@ def test_the_same_run_gives_the_same_bytes_in_another_process_too(full_run, full
     here = (full_run / "report.html").read_bytes()
     assert here == full_html.encode()
     command = [sys.executable, "-m", "cellctl", "report", str(full_run), "-o", str(tmp_path / "there.html")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env={"PYTHONHASHSEED": "7"}, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, env={"PYTHONHASHSEED": "7"}, check=True)
     assert done.stdout.strip() == str(tmp_path / "there.html")
     assert (tmp_path / "there.html").read_bytes() == here
 
@@ -247,6 +247,6 @@ def test_no_journal_no_report(tmp_path):
         write_report(tmp_path)
     assert list(tmp_path.iterdir()) == []
     command = [sys.executable, "-m", "cellctl", "report", "nowhere", "--runs", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert "there is no journal" in done.stderr

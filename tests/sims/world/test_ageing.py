@@ -98,7 +98,7 @@ def test_the_truth_is_that_of_the_cold_robot_with_a_fresh_tip(tmp_path, request)
     (tmp_path / "aged.yaml").write_text(yaml.safe_dump(cell))
     (tmp_path / "joints.csv").write_text("A1,A2,A3,A4,A5,A6\n" + ",".join(map(str, BENT)) + "\n")
     command = [sys.executable, "-m", "sims", "truth", tmp_path / "aged.yaml", tmp_path / "joints.csv"]
-    subprocess.run([*command, "-o", tmp_path / "out.csv"], cwd=request.config.rootpath, check=True, timeout=60)
+    subprocess.run([*command, "-o", tmp_path / "out.csv"], cwd=request.config.rootpath, check=True, timeout=600)
     with (tmp_path / "out.csv").open() as stream:
         (row,) = csv.DictReader(stream)
     usual = world(**ERRORS)  # neither wear nor warm-up
