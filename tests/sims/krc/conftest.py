@@ -77,6 +77,19 @@ class Bench:
             assert looks < PATIENCE_S * 100
             threading.Event().wait(0.01)
 
+    def fault(self, **entry):
+        """Let a fault begin now, in the cell's own thread; the cell's time then, ns."""
+        begun, moments = threading.Event(), []
+
+        def begin():
+            moments.append(self.kernel.now)
+            self.faults.schedule(read_fault({**entry, "at_ms": self.kernel.now / 1e6}))
+            self.kernel.at(self.kernel.now, begun.set)
+
+        self.kernel.at(self.kernel.now, begin)
+        assert begun.wait(PATIENCE_S)
+        return moments[0]
+
     def world(self):
         return World(self.cell, self.cell.simulate.seed)
 

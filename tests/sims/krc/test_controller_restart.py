@@ -7,26 +7,9 @@ import threading
 
 import pytest
 
-from sims.faults import read_fault
-
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 FAR = (150.0, 60.0, 160.0, 300.0, 100.0, 300.0)
 PATIENCE_S = 60.0
-
-
-def restart(pc):
-    """Let it restart now, in the cell's own thread; returns the cell's time then."""
-    begun = threading.Event()
-    moments = []
-
-    def begin():
-        moments.append(pc.kernel.now)
-        pc.faults.schedule(read_fault({"fault": "robot.restart", "at_ms": pc.kernel.now / 1e6}))
-        begun.set()
-
-    pc.kernel.at(pc.kernel.now, begin)
-    assert begun.wait(PATIENCE_S)
-    return moments[0]
 
 
 def hung_up(pc):
@@ -54,7 +37,7 @@ def call_again(pc):
 def test_the_channel_drops_and_is_there_again_on_the_same_port_two_seconds_later(bench):
     pc = bench(mode="realtime")
     port = pc.krc.eki_port
-    begun = restart(pc)
+    begun = pc.fault(fault="robot.restart")
     hung_up(pc)
     pc.tcp.close()
     call_again(pc)
@@ -69,7 +52,7 @@ def test_a_robot_on_its_way_is_braked_and_held(bench):
     pc.put('<Cmd Id="1" Op="PTP"><Vel P="2.0"/><Q A1="90" A2="-90" A3="90" A4="0" A5="45" A6="0"/></Cmd>')
     while 'A1="0.' in pc.state(['Prog="MOVING"']):
         pass
-    restart(pc)
+    pc.fault(fault="robot.restart")
     hung_up(pc)
     pc.tcp.close()
     call_again(pc)
@@ -87,7 +70,7 @@ def test_the_active_table_stays_and_the_staged_one_is_lost(bench):
     serial = pc.command("HELLO")[3].split('Serial="')[1].split('"')[0]
     assert pc.command("TSTAGE", 20, f'<Table Id="two" Serial="{serial}" Rows="1" Sum="00000000"/>')[1] == 0
     assert pc.tables() == {"Active": "one", "Staged": "two"}
-    restart(pc)
+    pc.fault(fault="robot.restart")
     hung_up(pc)
     pc.tcp.close()
     call_again(pc)
@@ -98,7 +81,7 @@ def test_sensor_telegrams_stop_at_once(bench):
     pc = bench(mode="realtime")
     pc.rsi_on()
     pc.cycles(20)
-    restart(pc)
+    pc.fault(fault="robot.restart")
     hung_up(pc)
     pc.udp.setblocking(False)
     while select.select([pc.udp], [], [], 0)[0]:
@@ -128,7 +111,7 @@ def test_a_cell_in_lockstep_goes_on_after_a_restart_in_mid_search(bench):
 def test_a_standing_message_is_gone_after_a_restart(bench):
     pc = bench(mode="realtime", faults=[{"fault": "robot.stop"}])
     pc.state(['Prog="ERROR"'])
-    restart(pc)
+    pc.fault(fault="robot.restart")
     hung_up(pc)
     pc.tcp.close()
     call_again(pc)

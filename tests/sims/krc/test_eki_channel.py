@@ -10,6 +10,7 @@ import pytest
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 THERE = (10.0, -80.0, 90.0, 0.0, 45.0, 20.0)
 FAR = (150.0, 60.0, 160.0, 300.0, 100.0, 300.0)
+"""A quarter of an hour away at 0.1 %: with nobody to wait for, the cell's time may run on for minutes unasked."""
 
 
 def body(target=THERE, percent="10.0"):
@@ -108,7 +109,7 @@ def test_a_second_command_finds_the_controller_busy_and_changes_nothing(bench):
 
 def test_halt_stops_a_move_on_its_way_and_the_next_command_goes(bench):
     pc = bench()
-    pc.put(f'<Cmd Id="1" Op="PTP">{body(FAR, "1.0")}</Cmd>')
+    pc.put(f'<Cmd Id="1" Op="PTP">{body(FAR, "0.1")}</Cmd>')
     while 'A1="0.0000"' in pc.state(['Prog="MOVING"']):
         pass
     pc.put('<Cmd Id="2" Op="HALT"/>')
@@ -127,8 +128,10 @@ def test_halt_of_a_standing_robot_is_done_at_once(bench):
 
 
 def test_the_operators_stop_brakes_shows_a_message_and_needs_a_reset(bench):
-    pc = bench(faults=[{"fault": "robot.stop", "at_ms": 60_000}])
+    pc = bench()
     pc.put(f'<Cmd Id="1" Op="PTP">{body(FAR, "0.1")}</Cmd>')
+    pc.state(['Prog="MOVING"'])
+    pc.fault(fault="robot.stop")
     number, code, joints, text = pc.reply()
     assert (number, code) == ("1", 31)
     assert 'Text="KSS' in text
@@ -142,7 +145,7 @@ def test_the_operators_stop_brakes_shows_a_message_and_needs_a_reset(bench):
 
 def test_a_lost_connection_stops_the_robot_and_the_next_one_finds_it_held(bench):
     pc = bench()
-    pc.put(f'<Cmd Id="1" Op="PTP">{body(FAR, "1.0")}</Cmd>')
+    pc.put(f'<Cmd Id="1" Op="PTP">{body(FAR, "0.1")}</Cmd>')
     pc.state(['Prog="MOVING"'])
     pc.tcp.close()
     pc.connect()

@@ -278,7 +278,7 @@ def test_rollback_changes_active_and_previous_and_back(bench):
 def test_tables_are_not_touched_while_something_moves_but_asked_for(bench):
     pc, table = bench(), rows(2)
     push(pc, table)
-    pc.put('<Cmd Id="50" Op="PTP"><Vel P="1.0"/><Q A1="90" A2="-90" A3="90" A4="0" A5="45" A6="0"/></Cmd>')
+    pc.put('<Cmd Id="50" Op="PTP"><Vel P="0.1"/><Q A1="90" A2="-90" A3="90" A4="0" A5="45" A6="0"/></Cmd>')
     pc.state(['Prog="MOVING"'])
     bodies = {"TBLOCK": block(table), "TREAD": '<Block First="1" Count="1"/>', "TROLLBACK": ""}
     assert [pc.command(op, 60, inner)[1] for op, inner in bodies.items()] == [10, 10, 10]

@@ -106,7 +106,7 @@ def test_active_and_previous_table_stay_and_the_staged_one_does_not(again):
 
 def test_a_robot_on_its_way_is_found_on_its_way(again, tmp_path):
     pc = again()
-    pc.put('<Cmd Id="1" Op="PTP"><Vel P="1.0"/><Q A1="90" A2="-90" A3="90" A4="0" A5="45" A6="0"/></Cmd>')
+    pc.put('<Cmd Id="1" Op="PTP"><Vel P="0.1"/><Q A1="90" A2="-90" A3="90" A4="0" A5="45" A6="0"/></Cmd>')
     while 'A1="0.' in pc.state(['Prog="MOVING"']):
         pass
     told = json.loads((tmp_path / "state.json").read_text())["robot"]

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from math import atan2, cos, degrees, dist, hypot, radians, sin
 
 import numpy as np
 import pytest
 
-from sims.faults import read_fault
-
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 STEP_DEG = 0.004
 TOUCH_MM = 61.4 / 2 + 0.6
-PATIENCE_S = 60.0
 
 
 def cell_with_sphere(bench, beside_deg=0.25):
@@ -39,18 +35,6 @@ def touch(pc):
     assert pc.ptp(HOME)[1] == 0
 
 
-def jump(pc, mm):
-    """Let the tip be shorter now, in the cell's own thread."""
-    done = threading.Event()
-
-    def begin():
-        pc.faults.schedule(read_fault({"fault": "tip.jump", "mm": mm}))
-        pc.kernel.at(pc.kernel.now, done.set)
-
-    pc.kernel.at(pc.kernel.now, begin)
-    assert done.wait(PATIENCE_S)
-
-
 def check_contact(pc, line):
     """The contact is where the tip, as worn as the line says, meets the sphere."""
     worn = pc.world()
@@ -73,7 +57,7 @@ def test_each_touch_is_made_with_what_the_ones_before_have_left_of_the_tip(bench
 def test_after_a_jump_the_tip_is_shorter_for_good(bench):
     pc = bench(cell=cell_with_sphere(bench))
     touch(pc)
-    jump(pc, 0.3)
+    pc.fault(fault="tip.jump", mm=0.3)
     touch(pc)
     touch(pc)
     lines = pc.truth_lines()
@@ -102,7 +86,7 @@ def test_a_tip_that_breaks_off_in_contact_opens_the_loop(bench):
             break
     assert pc.finish((STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))[1] == 0
     assert pc.loop.closed
-    jump(pc, 200.0)
+    pc.fault(fault="tip.jump", mm=200.0)
     assert not pc.loop.closed
 
 
