@@ -81,7 +81,7 @@ def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(
             first_engine = asyncio.create_task(
                 run_on(simulated, campaign, options, tmp_path / "first", Mailbox(), watch)
             )
-            while not _touches(tmp_path / "first"):
+            while not _touches(tmp_path / "first") and not first_engine.done():
                 await asyncio.sleep(0.1)
             second = await run_on(simulated, campaign, options, tmp_path / "second", Mailbox(), watch)
             return await first_engine, second
