@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import select
 import termios
 from contextlib import suppress
 from typing import TYPE_CHECKING, final
@@ -41,8 +43,16 @@ class SerialPort:
         return first + bytes(self._serial.read(self._serial.in_waiting))
 
     def write(self, data: bytes) -> None:
-        """Send `data`. Raises OSError where the port is gone or takes nothing."""
-        self._serial.write(data)
+        """Send `data`. Raises OSError where the port is gone or takes nothing for 200 ms (wall).
+
+        Not pyserial's write: it calls a line lost that the port took at once, where its thread was kept waiting since.
+        """
+        line = self._serial.fileno()
+        while data:
+            _, ready, _ = select.select([], [line], [], _WRITE_BOUND_S)
+            if not ready:
+                raise TimeoutError("write timeout")
+            data = data[os.write(line, data) :]
 
     def waiting(self) -> bool:
         """Whether something has come that is not read yet; false where the port is gone."""
@@ -68,7 +78,7 @@ def open_port(device: str, path: str, baud: int) -> SerialPort:
 
     try:
         return SerialPort(
-            Serial(path, baud, timeout=_READ_BOUND_S, write_timeout=_WRITE_BOUND_S, exclusive=True),
+            Serial(path, baud, timeout=_READ_BOUND_S, exclusive=True),
         )
     except (OSError, ValueError, termios.error) as error:
         code = getattr(error, "errno", None) or _errno_in(error)

@@ -83,6 +83,30 @@ def test_a_file_that_is_no_terminal_is_unreachable(tmp_path):
     assert "serial port" in caught.value.cure
 
 
+@pytest.fixture
+def line():
+    """An open port, and the other end of its line."""
+    master, slave = pty.openpty()
+    opened = port.open_port("probe", os.ttyname(slave), 250_000)
+    yield opened, master
+    opened.close()
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_line_that_the_port_took_is_sent_however_long_its_thread_was_kept_waiting(line, monkeypatch):
+    monkeypatch.setattr("serial.serialutil.Timeout.expired", lambda _: True)  # as on a machine that is busy just then
+    opened, other_end = line
+    opened.write(b"ACK,1\n")
+    assert os.read(other_end, 100) == b"ACK,1\n"
+
+
+def test_a_port_whose_line_nobody_takes_says_so(line):
+    opened, _ = line
+    with pytest.raises(TimeoutError):
+        opened.write(b"x" * 1_000_000)
+
+
 def test_connecting_says_who_is_there(bench):
     async def script(b):
         who = await b.probe.connect()
