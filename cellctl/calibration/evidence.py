@@ -30,7 +30,7 @@ UNEXPECTED = 2.5
 Factor: TypeAlias = tuple[str, int]
 """What may be larger than said: ("noise", number in `Mixture.quantities`) or (a group of parameters, 0)."""
 
-_NEVER_LOOSENED = ("points", "base", "deflection")
+_NEVER_LOOSENED = ("points", "datums", "base", "deflection")
 
 
 def unexpected(found: Estimate, rows: Mixture) -> bool:

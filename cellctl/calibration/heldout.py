@@ -100,6 +100,8 @@ def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
         if isinstance(block, TouchRows | SocketRows):
             for axis in range(3):
                 result[start.points_at + 3 * np.unique(block.point) + axis] = True
+        if isinstance(block, TouchRows):
+            result[start.datums_at + np.unique(block.datum[block.datum >= 0])] = True
     return result
 
 
@@ -119,8 +121,9 @@ def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
         _placed_anew(model, new, unseen[columns[: len(model.parameters)]])
         for model, new, columns in zip(state.models, afresh.models, state.columns, strict=True)
     ]
-    points = np.where(unseen[state.points_at :].reshape(-1, 3), afresh.points, state.points)
-    return replace(state, models=tuple(models), points=points)
+    points = np.where(unseen[state.of_points].reshape(-1, 3), afresh.points, state.points)
+    datums = np.where(unseen[state.datums_at :], afresh.datums, state.datums)
+    return replace(state, models=tuple(models), points=points, datums=datums)
 
 
 def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotModel:

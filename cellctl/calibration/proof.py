@@ -56,7 +56,7 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
         each = -(-needed // int(rows.numbers.max(initial=1)))
         return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]
     rare = [*_rarely_visited(task, rows, held_out, TouchRows), *_rarely_visited(task, rows, held_out, SocketRows)]
-    return [*rare, *_short_sessions(task, rows, held_out)]
+    return [*rare, *_rarely_shown(task, rows, held_out), *_short_sessions(task, rows, held_out)]
 
 
 def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
@@ -85,6 +85,31 @@ def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: type[Tou
         f"{noun} {task.points[index]} has {known[index]} {visits} {where[index]}, {least} at least"
         for index in np.flatnonzero((judging > 0) & (known < least))
     ]
+
+
+def _rarely_shown(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+    """Instruments that judge without their zero being known well enough: besides its points, the lengths of each have
+    to find it, and to show that they agree.
+    """
+    (of_fit, found), (judging, finding) = _shown(task, rows), _shown(task, held_out)
+    known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
+    least = np.where(of_fit > 0, found, finding)
+    return [
+        f"zero {task.datums[index]} has {known[index]} lengths {where[index]}, {least[index]} at least"
+        for index in np.flatnonzero((judging > 0) & (known < least))
+    ]
+
+
+def _shown(task: Task, rows: Mixture) -> tuple[Any, Any]:
+    """How many lengths each instrument of unknown zero (D,) has, and how many it takes, with the points they go to."""
+    pairs = [
+        np.column_stack([block.datum, block.point])[block.datum >= 0]
+        for block in rows.blocks
+        if isinstance(block, TouchRows)
+    ]
+    shown = np.concatenate([np.zeros((0, 2), int), *pairs]).astype(int)
+    points = np.bincount(np.unique(shown, axis=0)[:, 0], minlength=len(task.datums))
+    return np.bincount(shown[:, 0], minlength=len(task.datums)), 3 * points + 1 + 1  # one zero, one that can disagree
 
 
 def _visits(task: Task, rows: Mixture, kind: type[TouchRows | SocketRows]) -> Any:

@@ -162,7 +162,8 @@ class TouchRows(_RowsAtJoints):
     """Distances from an unknown point: touches on a sphere, a ball-bar about its socket, a draw-wire from its outlet.
 
     at (N): postures; point (N,): index of the point (a sphere's centre); reach (N,): measured distance, mm (for a touch
-    sphere radius + tip radius); sigma (N, 1), mm, along the line between.
+    sphere radius + tip radius); sigma (N, 1), mm, along the line between. datum (N,): index of what the reach is longer
+    by than the distance, as its instrument's zero is not known; -1: nothing. None: nothing in any row.
     """
 
     at: At
@@ -170,6 +171,12 @@ class TouchRows(_RowsAtJoints):
     reach: Floats
     sigma: Floats
     session: int = 0
+    datum: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.datum is None:
+            object.__setattr__(self, "datum", np.full(len(self), -1))
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -179,15 +186,18 @@ class TouchRows(_RowsAtJoints):
     def residual(self, state: State) -> Floats:
         """The tool's distance from the point less the measured one (N, 1), mm."""
         away = self._model(state).tip(self.postures) - state.points[self.point]
-        return np.asarray(np.linalg.norm(away, axis=-1) - self.reach)[:, None]
+        return np.asarray(np.linalg.norm(away, axis=-1) - self.lengths(state))[:, None]
 
     def jacobian(self, state: State) -> Floats:
-        """(N, 1, P): the tip's motion along the line between, less the point's."""
+        """(N, 1, P): the tip's motion along the line between, less the point's; 1 for the row's datum."""
         model = self._model(state)
         away = model.tip(self.postures) - state.points[self.point]
         normal = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
         along = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
-        return _with_points(along, -normal[:, None], self.point, state, self.session)
+        result = _with_points(along, -normal[:, None], self.point, state, self.session)
+        unsure = np.flatnonzero(self.datum >= 0)
+        result[unsure, 0, state.datums_at + self.datum[unsure]] = 1.0
+        return result
 
     def errors(self, state: State) -> Floats:
         """Difference from the measured distance (N,), mm: of a touch, the distance to the sphere's surface."""
@@ -195,8 +205,12 @@ class TouchRows(_RowsAtJoints):
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array or mask."""
-        parts = {"point": self.point[which], "reach": self.reach[which], "sigma": self.sigma[which]}
+        parts = {name: getattr(self, name)[which] for name in ("point", "reach", "sigma", "datum")}
         return replace(self, at=self.postures.pick(which), **parts)
+
+    def lengths(self, state: State) -> Floats:
+        """The distances (N,) that were measured, mm: what was shown less the datums that `state` has."""
+        return np.asarray(self.reach - np.append(state.datums, 0.0)[self.datum])  # -1: the last one, nothing
 
 
 @final
@@ -268,9 +282,9 @@ class SpacingRows:
         between = self._between(state)
         unit = between / np.maximum(np.linalg.norm(between, axis=-1, keepdims=True), 1e-9)
         result, each = np.zeros((len(self), 1, state.width)), np.arange(len(self))
-        points = result[:, 0, state.points_at :].reshape(len(self), -1, 3)
+        points = result[:, 0, state.of_points].reshape(len(self), -1, 3)
         points[each, self.pairs[:, 0]], points[each, self.pairs[:, 1]] = unit, -unit
-        result[:, 0, state.points_at :] = points.reshape(len(self), -1)
+        result[:, 0, state.of_points] = points.reshape(len(self), -1)
         return result
 
     def errors(self, state: State) -> Floats:
@@ -295,7 +309,7 @@ def _with_points(columns: Floats, of_point: Floats, point: Any, state: State, se
     result[..., state.columns[session]] = columns
     points = np.zeros((len(columns), columns.shape[1], len(state.points), 3))
     points[np.arange(len(columns)), :, point] = of_point
-    result[..., state.points_at :] = points.reshape(*columns.shape[:2], 3 * len(state.points))
+    result[..., state.of_points] = points.reshape(*columns.shape[:2], 3 * len(state.points))
     return result
 
 

@@ -8,6 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration.datums import telling, with_datums
 from cellctl.calibration.effects import Effect
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
@@ -35,9 +36,10 @@ class Task:
     """What is identified, from what.
 
     model: nominal robot, or an older model. rows: everything measured, one block or several. points, rough: names of
-    spheres and sockets, and where they roughly are (S, 3), mm (NaN where not known). spacings: certified distances, or
-    None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
-    effects that the model has. sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
+    spheres and sockets, and where they roughly are (S, 3), mm (NaN where not known). datums: names of instruments that
+    measure lengths from a zero that nobody knows. spacings: certified distances, or None. groups: what may change
+    besides what registers the robot to the measurement; None: geometry, tool, and all effects that the model has.
+    sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
 
     prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
     everything is free within what that model was sure of, but for base and tool where an instrument measured: they are
@@ -58,6 +60,7 @@ class Task:
     sessions: tuple[Session, ...] = (Session(),)
     prior: Floats | None = None
     candidates: tuple[Effect, ...] | None = None
+    datums: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
@@ -94,7 +97,9 @@ class Task:
 
     @property
     def registering(self) -> int:
-        """How many numbers registration has to find: 3 for each point; 9 or 12 for base and tool in an instrument."""
+        """How many numbers registration has to find: 3 for each point, 1 for each datum, 9 or 12 for base and tool in
+        an instrument.
+        """
         return max(int(np.count_nonzero(self.registration(self.unknowns(self._somewhere())))), 1)
 
     def with_effects(self, effects: tuple[Any, ...]) -> Self:
@@ -104,8 +109,8 @@ class Task:
     def unknowns(self, start: State) -> Unknowns:
         """All parameters about `start`, all free, with what is known of them."""
         names = [session.name for session in self.sessions[1:]]
-        taught = Unknowns.of(start, self.points, self.tolerances, sessions=names)
-        flat = Unknowns.of(start, self.points, self.tolerances, flat=_PLACED, sessions=names)
+        taught = Unknowns.of(start, self.points, self.tolerances, sessions=names, datums=self.datums)
+        flat = Unknowns.of(start, self.points, self.tolerances, flat=_PLACED, sessions=names, datums=self.datums)
         seen = self._seen_by(taught, (PositionRows, PoseRows))
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))
@@ -113,11 +118,13 @@ class Task:
         return self._with_prior(taught, flat.sigma, seen)
 
     def registration(self, unknowns: Unknowns) -> Bools:
-        """Which parameters (P,) tie nominal to the measurement: points always, base and tool to an instrument."""
+        """Which parameters (P,) tie nominal to the measurement: points and datums always, base and tool to an
+        instrument.
+        """
         instrument = self._seen_by(unknowns, (PositionRows, PoseRows))
         later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any older model
         placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
-        return np.asarray(placed | unknowns.among(frozenset({"points"})))
+        return np.asarray(placed | unknowns.among(frozenset({"points", "datums"})))
 
     def identification(self, unknowns: Unknowns) -> Bools:
         """Which parameters (P,) are identified, registration among them."""
@@ -139,13 +146,15 @@ class Task:
     def start(self, rows: Mixture) -> State:
         """Where to begin, from the model and `rows` alone."""
         models = self._placed(rows)
-        return State.of_sessions(models, [session.own for session in self.sessions[1:]], self._points(models, rows))
+        own = [session.own for session in self.sessions[1:]]
+        state = State.of_sessions(models, own, self._points(models, rows), np.zeros(len(self.datums)))
+        return with_datums(state, rows.blocks) if self.datums else state
 
     def _somewhere(self) -> State:
         """A state of the right shape."""
         models = [self.model] * len(self.sessions)
         own = [session.own for session in self.sessions[1:]]
-        return State.of_sessions(models, own, np.zeros((len(self.points), 3)))
+        return State.of_sessions(models, own, np.zeros((len(self.points), 3)), np.zeros(len(self.datums)))
 
     def _seen_by(self, unknowns: Unknowns, kinds: tuple[type, ...]) -> Bools:
         """Which base and tool parameters (P,) act on rows of these kinds."""
@@ -219,7 +228,7 @@ def _places(models: list[RobotModel], rows: Mixture, index: int) -> Iterator[Flo
     for block in rows.blocks:
         if not isinstance(block, TouchRows | SocketRows):
             continue
-        mine = block.point == index
+        mine = telling(block, index)
         if not np.any(mine):
             continue
         tips = models[block.session].tip(block.postures.pick(mine))

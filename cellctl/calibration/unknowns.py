@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self, TypeAlias, final
 
 import numpy as np
@@ -13,7 +13,7 @@ from cellctl.calibration.model import RobotModel
 from cellctl.kinematics import Bools, Floats, SerialChain
 
 Group: TypeAlias = str
-"""Parameters that are freed or held together: base, tool, zeros, links, points, or an effect's own group."""
+"""Parameters that are freed or held together: base, tool, zeros, links, points, datums, or an effect's own group."""
 
 GEOMETRY = "geometry"
 """The name for all that a table of links holds: joint zeros and links."""
@@ -53,12 +53,14 @@ class State:
     """Where a fit stands: the robot in each session, and the unknown points (S, 3), mm, in the measuring frame.
 
     models: one for each session, alike but for base and tool. columns: for each, which of the `width` columns of a
-    Jacobian each of its parameters has; the points' x, y, z are the last.
+    Jacobian each of its parameters has; the points' x, y, z come after them, the datums last. datums (D,): what each
+    instrument whose zero nobody knows would show at no length at all, mm.
     """
 
     models: tuple[RobotModel, ...]
     points: Floats
     columns: tuple[Any, ...]
+    datums: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def alone(cls, model: RobotModel, points: Floats | None = None) -> Self:
@@ -67,7 +69,13 @@ class State:
         return cls((model,), places, (np.arange(len(model.parameters)),))
 
     @classmethod
-    def of_sessions(cls, models: Sequence[RobotModel], own: Sequence[frozenset[Group]], points: Floats) -> Self:
+    def of_sessions(
+        cls,
+        models: Sequence[RobotModel],
+        own: Sequence[frozenset[Group]],
+        points: Floats,
+        datums: Floats | None = None,
+    ) -> Self:
         """Several sessions; `own` names for each after the first which of base and tool it has to itself."""
         names = models[0].parameters
         columns, width = [np.arange(len(names))], len(names)
@@ -78,7 +86,7 @@ class State:
             ]
             mine[apart] = np.arange(width, width + len(apart))
             columns, width = [*columns, mine], width + len(apart)
-        return cls(tuple(models), points, tuple(columns))
+        return cls(tuple(models), points, tuple(columns), np.zeros(0) if datums is None else datums)
 
     @property
     def model(self) -> RobotModel:
@@ -91,9 +99,19 @@ class State:
         return 1 + max(int(columns.max()) for columns in self.columns)
 
     @property
+    def datums_at(self) -> int:
+        """The first column of the datums."""
+        return self.points_at + self.points.size
+
+    @property
+    def of_points(self) -> slice:
+        """The columns of the points."""
+        return slice(self.points_at, self.datums_at)
+
+    @property
     def width(self) -> int:
         """How many columns a Jacobian has."""
-        return self.points_at + self.points.size
+        return self.datums_at + self.datums.size
 
     def with_amount(self, name: str, value: float) -> Self:
         """This state with parameter `name` of the robot at `value`, in all sessions."""
@@ -114,7 +132,7 @@ class State:
 @final
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """All parameters of a fit in one row: the model's, each further session's own, then the points' x, y, z.
+    """All parameters of a fit in one row: the model's, each further session's own, the points' x, y, z, the datums.
 
     names, groups (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: where each is
     expected. prior (P, P): covariance in place of `sigma`, where more is known than that; those not free are then not
@@ -139,10 +157,12 @@ class Unknowns:
         *,
         flat: frozenset[Group] = frozenset(),
         sessions: Sequence[str] = (),
+        datums: Sequence[str] = (),
     ) -> Self:
         """Every parameter of `start`, all free. In groups named `flat`, nothing is known beforehand.
 
-        sessions: names of those after the first: their own parameters are called `base_x@NAME`.
+        sessions: names of those after the first: their own parameters are called `base_x@NAME`. Those of points are
+        called `NAME_x`, datums `NAME_zero`.
         """
         model = start.model
         names = list(model.parameters) + [""] * (start.points_at - len(model.parameters))
@@ -151,9 +171,9 @@ class Unknowns:
                 names[column] = names[column] or f"{name}@{session}"
         sigma = [_sigma(model, name.partition("@")[0], flat, tolerances) for name in names]
         groups = [group_of(model, name.partition("@")[0]) for name in names]
-        names += [f"{point}_{axis}" for point in points for axis in "xyz"]
-        sigma += [tolerances.flat_mm] * start.points.size
-        groups += ["points"] * start.points.size
+        names += [f"{point}_{axis}" for point in points for axis in "xyz"] + [f"{datum}_zero" for datum in datums]
+        sigma += [tolerances.flat_mm] * (start.points.size + start.datums.size)
+        groups += ["points"] * start.points.size + ["datums"] * start.datums.size
         return cls(start, tuple(names), tuple(groups), np.array(sigma), np.ones(len(names), bool))
 
     def only(self, groups: frozenset[Group]) -> Self:
@@ -194,7 +214,8 @@ class Unknowns:
             model.with_deviations(model.deviations + deviations[columns])
             for model, columns in zip(start.models, start.columns, strict=True)
         )
-        return replace(start, models=models, points=start.points + deviations[start.points_at :].reshape(-1, 3))
+        points = start.points + deviations[start.of_points].reshape(-1, 3)
+        return replace(start, models=models, points=points, datums=start.datums + deviations[start.datums_at :])
 
 
 def group_of(model: RobotModel, name: str) -> Group:

@@ -23,8 +23,10 @@ _TURNS = {"a": "Z", "b": "Y", "c": "X"}
 
 
 def in_words(names: Sequence[str]) -> list[str]:
-    """The parameters `names` as phrases, alike ones in one: links first, then tool and base, effects, points."""
-    known = [*_links(names), *_axes(names), *_frames(names), *_effects(names), *_points(names)]
+    """The parameters `names` as phrases, alike ones in one: links first, then tool and base, effects, points, lengths'
+    zeros.
+    """
+    known = [*_links(names), *_axes(names), *_frames(names), *_effects(names), *_points(names), *_datums(names)]
     return known + [name for name in names if not _is_known(name)]
 
 
@@ -78,6 +80,15 @@ def _points(names: Sequence[str]) -> list[str]:
     return [f"centre{'' if len(points) == 1 else 's'} of {', '.join(points)}"] if points else []
 
 
+def _datums(names: Sequence[str]) -> list[str]:
+    datums = [name.removesuffix("_zero") for name in names if _is_datum(name)]
+    return [f"zero{'' if len(datums) == 1 else 's'} of {', '.join(datums)}"] if datums else []
+
+
+def _is_datum(name: str) -> bool:
+    return name.endswith("_zero") and not _of_robot(name)
+
+
 def _is_point(name: str) -> bool:
     return bool(re.search(r"_[xyz]$", name)) and not _of_robot(name)
 
@@ -88,4 +99,4 @@ def _of_robot(name: str) -> bool:
 
 
 def _is_known(name: str) -> bool:
-    return _of_robot(name) or _is_point(name)
+    return _of_robot(name) or _is_point(name) or _is_datum(name)

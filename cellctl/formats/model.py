@@ -52,6 +52,16 @@ class Centre(BaseModel):
 
 
 @final
+class LengthZero(BaseModel):
+    """What an instrument whose zero nobody knew shows at no length, mm."""
+
+    model_config = _STRICT
+    id: str
+    mm: Number
+    sigma: Number
+
+
+@final
 class SessionPlace(BaseModel):
     """A session: what it has to itself, and base and tool (4, 4) in it as identified, mm."""
 
@@ -107,6 +117,7 @@ class ModelFile(BaseModel):
     robot: the nominal robot file. start: poses (4, 4) of base and tool from which their deviations count. effects: what
     bends, warms or plays besides, with its settings (None in files that knew the tool's bending alone). parameters: in
     the first session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors.
+    datums: zeros of instruments that measured lengths.
     sessions: where there are several. outside_mm: nominal's RMS error, 3-D: 1 σ of the doubt half a span outside the
     joint region. figures: what the fit said of itself. provenance: SHA-256 of what it was made from.
     """
@@ -120,6 +131,7 @@ class ModelFile(BaseModel):
     parameters: list[Parameter]
     covariance: list[list[Number]]
     centres: list[Centre] = []
+    datums: list[LengthZero] = []
     sessions: list[SessionPlace] = []
     joint_region: JointRegion
     outside_mm: Number = 0.0
@@ -145,7 +157,7 @@ class ModelFile(BaseModel):
         unknowns, count = found.unknowns, found.unknowns.robot
         model = unknowns.start.model
         used = measured.readings[list(result.identification.used)]
-        sigma = np.sqrt(np.diag(found.covariance))
+        sigma, state = np.sqrt(np.diag(found.covariance)), found.state
         return cls(
             robot=robot,
             model=result.model,
@@ -153,7 +165,8 @@ class ModelFile(BaseModel):
             effects=settings_of(model.effects),
             parameters=_parameters(result.identification),
             covariance=found.covariance[:count, :count].tolist(),
-            centres=_centres(measured.task.points, found.state.points, sigma[found.state.points_at :].reshape(-1, 3)),
+            centres=_centres(measured.task.points, state.points, sigma[state.of_points].reshape(-1, 3)),
+            datums=_datums(measured.task.datums, state.datums, sigma[state.datums_at :]),
             sessions=_sessions(measured, result.identification),
             joint_region=JointRegion.of(used, prior.joint_region if prior else None),
             outside_mm=prior.outside_mm if prior else _in_space(measured, result.nominal.rms),
@@ -312,3 +325,8 @@ def _sessions(measured: Measurements, found: Identification) -> list[SessionPlac
 def _centres(spheres: tuple[str, ...], centres: Floats, sigma: Floats) -> list[Centre]:
     rows = zip(spheres, centres.tolist(), sigma.tolist(), strict=True)
     return [Centre(id=name, xyz=place, sigma=spread) for name, place, spread in rows]
+
+
+def _datums(names: tuple[str, ...], values: Floats, sigma: Floats) -> list[LengthZero]:
+    rows = zip(names, values.tolist(), sigma.tolist(), strict=True)
+    return [LengthZero(id=name, mm=value, sigma=spread) for name, value, spread in rows]

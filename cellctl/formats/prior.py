@@ -14,7 +14,7 @@ from cellctl.formats.robot import RobotFile
 if TYPE_CHECKING:
     from cellctl.calibration import RobotModel
 
-GROUPS = ("zeros", "links", "geometry", "tool", "base", "points")
+GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
 """Groups that every model has; its effects are groups of their own."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 from scipy.stats import qmc
@@ -108,13 +108,23 @@ def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats
     at = _as_before(block.postures, reached[chosen])
     if isinstance(block, SocketRows):
         return replace(block, at=at, point=point[chosen], sigma=sigma)
-    return replace(block, at=at, point=point[chosen], sigma=sigma, reach=np.linalg.norm(away[chosen], axis=1))
+    datum = _datums(block)[point[chosen]]
+    reach = np.linalg.norm(away[chosen], axis=1) + np.append(state.datums, 0.0)[datum]
+    return replace(block, at=at, point=point[chosen], sigma=sigma, reach=reach, datum=datum)
 
 
 def _away(block: TouchRows, state: State, point: Floats) -> Floats:
     """From the centre of each of `point` (M,) to where it could be touched (M, 3), mm."""
-    reach = {name: float(np.median(block.reach[block.point == name])) for name in np.unique(block.point)}
+    lengths = block.lengths(state)
+    reach = {name: float(np.median(lengths[block.point == name])) for name in np.unique(block.point)}
     return np.array([reach[name] for name in point])[:, None] * _normals(block, state, point)
+
+
+def _datums(block: TouchRows) -> Any:
+    """For each point, up to the last that the block has, with which datum it was last measured to."""
+    result = np.full(int(block.point.max()) + 1, -1)
+    result[block.point] = block.datum
+    return result
 
 
 def led_to(model: RobotModel, q: Floats, targets: Floats) -> tuple[Floats, Bools]:

@@ -47,10 +47,12 @@ def _squares(case: Case, block: Measured, q: Floats) -> Floats:
     chain = case.task.model.chain
     if isinstance(block, TouchRows | SocketRows):
         tips = chain.forward(q)[..., :3, 3]
-        groups = [np.flatnonzero(block.point == index) for index in np.unique(block.point)]
-        found = [
-            _of_point(tips[:, mine], block.reach[mine] if isinstance(block, TouchRows) else None) for mine in groups
-        ]
+        if isinstance(block, SocketRows):
+            found = [_of_socket(tips[:, block.point == index]) for index in np.unique(block.point)]
+        else:
+            pairs = np.column_stack([block.point, block.datum])
+            groups = [(pair[1] >= 0, np.all(pairs == pair, axis=1)) for pair in np.unique(pairs, axis=0)]
+            found = [_of_point(tips[:, mine], block.reach[mine], shifted) for shifted, mine in groups]
         return _nearest(np.concatenate(found, axis=1))
     assert isinstance(block, PositionRows | PoseRows)
     if case.task.partial and case.task.registered != PLACED:
@@ -58,15 +60,25 @@ def _squares(case: Case, block: Measured, q: Floats) -> Floats:
     return _of_instrument(chain.with_base(np.eye(4)).forward_flange(q), block.xyz)
 
 
-def _of_point(tips: Floats, reach: Floats | None) -> Floats:
-    """Squared distances (C, N) from a socket, or from a sphere's surface, where `tips` (C, N, 3) want it."""
+def _of_socket(tips: Floats) -> Floats:
+    """Squared distances (C, N) from a socket, where `tips` (C, N, 3) want it."""
+    return np.asarray(np.sum((tips - tips.mean(axis=1, keepdims=True)) ** 2, axis=-1))
+
+
+def _of_point(tips: Floats, reach: Floats, shifted: bool) -> Floats:
+    """Squared distances (C, N) from a sphere's surface, where `tips` (C, N, 3) want it.
+
+    shifted: its radius and what `reach` (N,) says are apart by something that nobody knows.
+    """
+    if tips.shape[1] < 5 + shifted:
+        return _of_socket(tips)
     away = tips - tips.mean(axis=1, keepdims=True)
-    if reach is None or tips.shape[1] < 5:
-        return np.asarray(np.sum(away**2, axis=-1))
-    lines = np.concatenate([2.0 * away, np.ones((*away.shape[:2], 1))], axis=-1)
-    right = np.sum(away**2, axis=-1) - reach**2
-    centre = _solved(lines, right)[..., :3]
-    return np.asarray((np.linalg.norm(away - centre[:, None], axis=-1) - reach) ** 2)
+    unit, own = np.ones((*away.shape[:2], 1)), reach - reach.mean() if shifted else reach
+    besides = [np.broadcast_to(-2.0 * own[:, None], unit.shape)] if shifted else []
+    lines = np.concatenate([2.0 * away, unit, *besides], axis=-1)
+    found = _solved(lines, np.sum(away**2, axis=-1) - own**2)
+    length = own - found[:, 4:] if shifted else own
+    return np.asarray((np.linalg.norm(away - found[:, None, :3], axis=-1) - length) ** 2)
 
 
 def _of_instrument(flange: Floats, xyz: Floats) -> Floats:

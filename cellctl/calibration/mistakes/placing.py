@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cellctl.calibration.datums import telling, with_datums
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.registration import register_positions, rigid_fit, sphere_centre, turned_tool
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, TouchRows
@@ -34,7 +35,8 @@ def placed(task: Task, kept: list[Any]) -> State:
         free = (own[number - 1] if number else PLACED) & (task.registered if task.partial else PLACED)
         begin = models[0] if number else task.model
         models.append(_on_instrument(begin, [block for block in blocks if block.session == number], free))
-    return State.of_sessions(models, own, _points(task, models, blocks))
+    state = State.of_sessions(models, own, _points(task, models, blocks), np.zeros(len(task.datums)))
+    return with_datums(state, blocks) if task.datums else state
 
 
 def _on_instrument(model: RobotModel, blocks: list[Measured], free: frozenset[Group]) -> RobotModel:
@@ -111,7 +113,7 @@ def _points(task: Task, models: list[RobotModel], blocks: list[Measured]) -> Flo
     points = np.zeros((len(task.points), 3))
     for index in range(len(task.points)):
         for block in blocks:
-            if isinstance(block, TouchRows | SocketRows) and np.any(mine := block.point == index):
+            if isinstance(block, TouchRows | SocketRows) and np.any(mine := telling(block, index)):
                 tips = models[block.session].tip(block.postures.pick(mine))
                 points[index] = tips.mean(axis=0)
                 if isinstance(block, TouchRows):

@@ -22,11 +22,14 @@ AGREE_MM = 1e-3
 @final
 @dataclass(frozen=True, eq=False)
 class Reaches:
-    """Distances from fixed points. names (N): of the point, empty where a row is none; reach (N,), sigma (N, 1), mm."""
+    """Distances from fixed points. names (N): of the point, empty where a row is none; reach (N,), sigma (N, 1), mm.
+    zeros (N): of what each reach counts from, empty where that is known.
+    """
 
     names: Sequence[str]
     reach: Floats
     sigma: Floats
+    zeros: Sequence[str]
 
     @classmethod
     def of_touches(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
@@ -35,7 +38,7 @@ class Reaches:
 
         names = sieve.data.texts("sphere")
         reach = np.array(_touched(sieve, artefact, names, rows))
-        return cls(names, reach, distance_sigma(sieve, robot, rows))
+        return cls(names, reach, distance_sigma(sieve, robot, rows), [""] * len(names))
 
     @classmethod
     def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
@@ -43,18 +46,23 @@ class Reaches:
         import numpy as np
 
         names, reach = sieve.data.texts("anchor"), sieve.numbers("distance", rows=rows)
+        zeros = sieve.data.texts("zero")
         for row in rows:
             if not names[row]:
                 sieve.reject(row, "anchor is missing")
-            elif reach[row] <= 0.0:
+            elif reach[row] <= 0.0 and not zeros[row]:
                 sieve.reject(row, f"distance is {reach[row]:g}")
-        return cls(names, np.array(reach), distance_sigma(sieve, robot, rows))
+        return cls(names, np.array(reach), distance_sigma(sieve, robot, rows), zeros)
 
-    def block(self, rows: list[int], at: Postures, session: int, points: Any) -> TouchRows:
-        """Those at `rows`, at the points of numbers `points`, for the estimator."""
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str] = ()) -> TouchRows:
+        """Those at `rows`, at the points of numbers `points`, for the estimator, which counts the zeros by `datums`."""
+        import numpy as np
+
         from cellctl.calibration import TouchRows
 
-        return TouchRows(at, points, self.reach[rows], self.sigma[rows], session)
+        numbers = {name: number for number, name in enumerate(datums)}
+        datum = np.array([numbers.get(self.zeros[row], -1) for row in rows])
+        return TouchRows(at, points, self.reach[rows], self.sigma[rows], session, datum)
 
 
 @final

@@ -63,6 +63,13 @@ def kinds_of(sieve: Sieve, asked: Kind | None) -> list[Kind]:
     return kinds
 
 
+def reject_zeros(sieve: Sieve, kinds: Collection[Kind]) -> None:
+    """Reject the rows that name a zero to count from and are no distance."""
+    for row, (zero, kind) in enumerate(zip(sieve.data.texts("zero"), kinds, strict=True)):
+        if zero and kind != "distance":
+            sieve.reject(row, f"zero '{zero}' is of a distance from an anchor, and this is {_ONE[kind]}")
+
+
 def check_columns(data: DataSet, kinds: Collection[Kind], artefact: Artefact | None) -> None:
     """Raise InputError where rows of these kinds lack a whole column."""
     for kind in [each for each in KINDS if each in kinds]:

@@ -14,9 +14,14 @@ from cellctl.formats.measurements.certified import Spacing, known_spacings, roug
 from cellctl.formats.measurements.conditions import Conditions
 from cellctl.formats.measurements.fixed_points import Reaches, Sockets
 from cellctl.formats.measurements.instrument import Poses, Positions
-from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, check_columns, kinds_of
+from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, check_columns, kinds_of, reject_zeros
 from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms
-from cellctl.formats.measurements.repeats import posture_numbers, reject_copies, reject_lone
+from cellctl.formats.measurements.repeats import (
+    posture_numbers,
+    reject_copies,
+    reject_lone,
+    reject_lone_zeros,
+)
 from cellctl.formats.measurements.sessions import OWN_BASE, Points, session_names, sessions_of
 from cellctl.formats.measurements.sigmas import has_own_sigma
 from cellctl.formats.robot import RobotFile
@@ -63,13 +68,16 @@ class Measurements:
         return posture_numbers(self.readings)
 
     def sightings(self) -> list[int]:
-        """The number of what each row saw (N,): the same for repeats, of one kind, session, point and posture."""
+        """The number of what each row saw (N,): the same for repeats, of one kind, session, point, zero and posture."""
         import numpy as np
 
         blocks = self.task.rows.blocks
         number = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
-        point = np.concatenate([np.broadcast_to(getattr(block, "point", 0), len(block)) for block in blocks])
-        return posture_numbers(np.column_stack([self.readings, number, point]))
+        point, datum = (
+            np.concatenate([np.broadcast_to(getattr(block, name, 0), len(block)) for block in blocks])
+            for name in ("point", "datum")
+        )
+        return posture_numbers(np.column_stack([self.readings, number, point, datum]))
 
     def texts(self, column: str) -> list[str]:
         """A column's cells (N,), in the order of the rows here."""
@@ -96,12 +104,14 @@ def measurements(
     """
     sieve, terms = Sieve(data), ModelTerms.parse(model)
     kinds = kinds_of(sieve, measure)
+    reject_zeros(sieve, kinds)
     check_columns(data, {measure} if measure else set(kinds), artefact)
     readings = joint_readings(sieve, robot)
     conditions = Conditions(sieve, robot, readings)
     rows = _Rows(conditions, _read(sieve, robot, kinds, artefact), kinds, session_names(sieve), own)
     sets = _sets(sieve)
     reject_copies(sieve, readings, sieve.kept())
+    reject_lone_zeros(sieve, rows.zeros(), sieve.kept())
     known = known_spacings(artefact if use_distances else None, spacings)
     reject_lone(sieve, rows.points(), kinds, Counter(name for each in known for name in each.between), sieve.kept())
     found = rows.arranged(sieve.kept())
@@ -109,6 +119,7 @@ def measurements(
     touched = any(kinds[row] == "sphere" for row in found.order)
     given = {
         "points": points.names,
+        "datums": found.datums,
         "rough": rough_places(points, artefact),
         "spacings": spacing_rows(points, artefact, spacings, use_artefact=use_distances),
         "tolerances": tolerances_of(robot),
@@ -145,6 +156,7 @@ class _Arranged:
     blocks: list[Measured]
     points: Points
     sessions: tuple[Session, ...]
+    datums: tuple[str, ...]
 
 
 @final
@@ -164,6 +176,7 @@ class _Rows:
         of_rows = [self.sessions[row] for row in kept]
         sessions = sessions_of(of_rows, self.own, instrument=instrument)
         points = Points.of([self._point(row) for row in kept], of_rows, apart=self._apart)
+        datums = tuple(sorted({zero for row in kept if (zero := self._zero(row))}))
         order: list[int] = []
         blocks: list[Measured] = []
         for number, session in enumerate(sessions):
@@ -172,12 +185,16 @@ class _Rows:
                 rows = [row for row in mine if self.kinds[row] == kind]
                 if rows:
                     order += rows
-                    blocks.append(self._block(kind, rows, number, points))
-        return _Arranged(order, blocks, points, sessions)
+                    blocks.append(self._block(kind, rows, number, points, datums))
+        return _Arranged(order, blocks, points, sessions, datums)
 
     def points(self) -> list[tuple[str, str]]:
         """Name and session of each row's point (N): "" for none, and for a session that does not matter."""
         return [(self._point(row), self.sessions[row] if self._apart else "") for row in range(len(self.kinds))]
+
+    def zeros(self) -> list[str]:
+        """The zero that each row (N) counts its length from, "" where that is known or there is none."""
+        return [self._zero(row) for row in range(len(self.kinds))]
 
     @property
     def _apart(self) -> bool:
@@ -188,13 +205,19 @@ class _Rows:
         part = self.parts[self.kinds[row]]
         return part.names[row] if isinstance(part, Reaches | Sockets) else ""
 
-    def _block(self, kind: Kind, rows: list[int], session: int, points: Points) -> Measured:
+    def _zero(self, row: int) -> str:
+        part = self.parts[self.kinds[row]]
+        return part.zeros[row] if isinstance(part, Reaches) else ""
+
+    def _block(self, kind: Kind, rows: list[int], session: int, points: Points, datums: tuple[str, ...]) -> Measured:
         import numpy as np
 
         part, at = self.parts[kind], self.conditions.at(rows)
         if isinstance(part, Positions | Poses):
             return part.block(rows, at, session)
         numbers = np.array([points.number(part.names[row], self.sessions[row]) for row in rows])
+        if isinstance(part, Reaches):
+            return part.block(rows, at, session, numbers, datums)
         return part.block(rows, at, session, numbers)
 
 

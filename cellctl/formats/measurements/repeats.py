@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "socket": "socket", "distance": "anchor"}
 """The column that names a row's point, for each kind that has one."""
 
-_NAMES = ("sphere", "socket", "anchor", "session", "time")
+_NAMES = ("sphere", "socket", "anchor", "zero", "session", "time")
 _NUMBERS = (
     *PLACE, *ABC, *QUATERNION, "radius", "tip_radius", "drift", "distance", *SIGMAS, OF_ROTATION, OF_DISTANCE,
     "temperature", "payload",
@@ -55,6 +55,18 @@ def reject_lone(
         name, session = points[row]
         where = f" in session '{session}'" if session else ""
         sieve.reject(row, f"the only row of {POINT_COLUMNS[kinds[row]]} '{name}'{where}: mistyped?")
+
+
+def reject_lone_zeros(sieve: Sieve, zeros: Sequence[str], kept: list[int]) -> None:
+    """Reject those of the rows `kept` that alone count from a zero nobody knows, where others are left: one length
+    finds its zero, whatever the robot is. zeros (N): its name in each row, "" where there is none.
+    """
+    rows_of = Counter(zeros[row] for row in kept)
+    lone = [row for row in kept if zeros[row] and rows_of[zeros[row]] == 1]
+    if len(lone) == len(kept):
+        return  # that there are too few rows is said in other words
+    for row in lone:
+        sieve.reject(row, f"one length only with zero '{zeros[row]}': the zero cannot be told from it; mistyped?")
 
 
 def posture_numbers(readings: Floats) -> list[int]:

@@ -26,8 +26,8 @@ _LEVELS = np.array([0.15, 0.3, 0.5, 0.7, 0.85, 0.95])
 def correlation(story: FitStory) -> tuple[list[str], Floats]:
     """Symbols (F,) and correlation matrix (F, F) of the free parameters of the robot, its places among them."""
     unknowns, covariance = story.found.unknowns, story.found.covariance
-    points = np.arange(len(unknowns.names)) >= story.found.state.points_at
-    free = np.flatnonzero(unknowns.free & ~points & (np.diag(covariance) > 0.0))
+    places = np.arange(len(unknowns.names)) >= story.found.state.points_at
+    free = np.flatnonzero(unknowns.free & ~places & (np.diag(covariance) > 0.0))
     sigma = np.sqrt(np.diag(covariance)[free])
     return [symbol(unknowns.names[index]) for index in free], covariance[np.ix_(free, free)] / np.outer(sigma, sigma)
 

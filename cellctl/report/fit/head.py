@@ -69,6 +69,7 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
         ("robot", f"{story.robot.name}, {story.robot.n} joints, {story.robot.convention}"),
         ("rows", ", ".join(_counted(story))),
         ("points", f"{len(task.points)} spheres or sockets" if len(task.points) > 3 else ", ".join(task.points)),
+        ("zeros of lengths", ", ".join(task.datums)),
         ("certified distances", str(len(task.spacings)) if task.spacings is not None else ""),
         ("sessions", ", ".join(story.sessions) if len(task.sessions) > 1 else ""),
         ("model", f"{result.model}: {result.n_parameters} free parameters, {result.observability.rank} seen"),

@@ -1,4 +1,4 @@
-"""Where things turned out to be: base and tool where an instrument had to say it, spheres and sockets."""
+"""Where things turned out to be: base and tool where an instrument had to say it, spheres, sockets, lengths' zeros."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ MANY = 24
 def points(story: FitStory) -> list[Section]:
     """Each sphere or socket with its σ; those that no row of the fit visited say so."""
     found = story.found
-    sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.points_at :], 0.0)).reshape(-1, 3)
-    visits = _visits(story)
+    sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.of_points], 0.0)).reshape(-1, 3)
+    visits = _counts(story, "point", len(story.task.points))
     return [
         {
             "name": name,
@@ -33,11 +33,22 @@ def points(story: FitStory) -> list[Section]:
     ]
 
 
-def _visits(story: FitStory) -> Any:
+def datums(story: FitStory) -> list[Section]:
+    """What each instrument of unknown zero shows at no length, with its σ; none where no row of the fit is of it."""
+    found, rows = story.found, _counts(story, "datum", len(story.task.datums))
+    sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.datums_at :], 0.0))
+    return [
+        {"name": name, "rows": int(rows[at]), "mm": fixed(float(value), 3), "sigma": significant(float(sigma[at]))}
+        for at, (name, value) in enumerate(zip(story.task.datums, found.state.datums, strict=True))
+        if rows[at]
+    ]
+
+
+def _counts(story: FitStory, column: str, count: int) -> Any:
+    """How many rows of the fit there are of each number (`count`,) of a column of their blocks."""
     blocks = story.task.rows.pick(story.used).blocks
-    numbers = [block.point for block in blocks if hasattr(block, "point")]
-    visited = np.concatenate([np.zeros(0, int), *numbers]).astype(int)
-    return np.bincount(visited, minlength=len(story.task.points))
+    numbers = np.concatenate([np.zeros(0, int), *(getattr(block, column, np.zeros(0, int)) for block in blocks)])
+    return np.bincount(numbers[numbers >= 0].astype(int), minlength=count)
 
 
 def placements(story: FitStory) -> list[Section]:

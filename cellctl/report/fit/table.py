@@ -77,7 +77,7 @@ def known_before(story: FitStory) -> Floats:
 def found_anew(story: FitStory) -> Bools:
     """Which parameters (P,) nobody knew anything of before: points, and base and tool in an instrument's frame."""
     unknowns, tolerances = story.found.unknowns, story.task.tolerances
-    place = unknowns.among(frozenset({"base", "tool", "points"}))
+    place = unknowns.among(frozenset({"base", "tool", "points", "datums"}))
     return np.asarray(place & (known_before(story) >= min(tolerances.flat_rad, tolerances.flat_mm)))
 
 
