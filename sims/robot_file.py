@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import cos, radians, sin
 from typing import final
 
 from sims.section import Section
@@ -13,6 +14,10 @@ HAYATI = "mdh-hayati"
 """T = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
 CRAIG = "dh-craig"
 """T = Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)."""
+
+
+_WORDS: dict[str, Triple] = {"floor": (0.0, 0.0, 0.0), "wall": (0.0, 90.0, 0.0), "ceiling": (0.0, 180.0, 0.0)}
+"""Ways to mount a robot, as A, B, C, deg; on a wall its X points down."""
 
 
 @final
@@ -61,7 +66,10 @@ class Tool:
 @final
 @dataclass(frozen=True, slots=True)
 class RobotFile:
-    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm. `convention`: `HAYATI` or `CRAIG`."""
+    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm. `convention`: `HAYATI` or `CRAIG`.
+
+    `down`: which way weight pulls, a unit vector in the frame that `base` is given in.
+    """
 
     name: str
     links: tuple[Link, ...]
@@ -70,6 +78,7 @@ class RobotFile:
     tool: Tool
     repeatability: float
     convention: str = HAYATI
+    down: Triple = (0.0, 0.0, -1.0)
 
 
 def read_robot(section: Section) -> RobotFile:
@@ -89,7 +98,20 @@ def read_robot(section: Section) -> RobotFile:
         tool=Tool(tool.triple("xyz", zero), tool.triple("abc", zero), tool.number("mass", 0.0, 0.0)),
         repeatability=section.number("repeatability", 0.0, 0.0),
         convention=convention,
+        down=_down(section),
     )
+
+
+def _down(section: Section) -> Triple:
+    """−z of a level world, as a robot sees it that stands as `mounting` says: a word, or its tilt A, B, C (deg)."""
+    tilted = isinstance(section.entries.get("mounting"), dict)
+    tilt = section.below("mounting").triple("tilt") if tilted else _WORDS[_mounting(section)]
+    b, c = radians(tilt[1]), radians(tilt[2])
+    return sin(b), -cos(b) * sin(c), -cos(b) * cos(c)
+
+
+def _mounting(section: Section) -> str:
+    return section.word("mounting", "floor", among=_WORDS) or "floor"
 
 
 def _link(link: Section) -> Link:

@@ -6,9 +6,11 @@
 from cellctl.calibration.drift import Drift, linear_drift
 from cellctl.calibration.effects import (
     DEFLECTION,
+    DOWN,
     EFFECTS,
     STANDARD_GRAVITY,
     Backlash,
+    Direction,
     Effect,
     Growth,
     Harmonics,
@@ -43,10 +45,12 @@ from cellctl.calibration.verdict import (
 
 __all__ = [
     "DEFLECTION",
+    "DOWN",
     "EFFECTS",
     "STANDARD_GRAVITY",
     "At",
     "Backlash",
+    "Direction",
     "Drift",
     "Effect",
     "ErrorFigures",

@@ -118,6 +118,8 @@ def _text(robot: RobotDescription, to: Form, table: Table | None, source: str) -
     from cellctl.formats.robot_text import robot_text
     from cellctl.formats.urdf_text import urdf_text
 
+    if to in (Form.URDF, Form.DH_CSV) and robot.mounting != "floor":
+        typer.echo("cellctl: left out, as this form has no place for it: mounting", err=True)
     if to is Form.URDF:
         return urdf_text(robot)
     if to is Form.DH_CSV:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self, final
 
-from cellctl.formats.robot import RobotFile, StatedTolerances
+from cellctl.formats.robot import UPRIGHT, Mounting, RobotFile, StatedTolerances, Tilt
 
 if TYPE_CHECKING:
     from cellctl.kinematics import JointMap, SerialChain
+
+
+LEVEL = 1e-9
+"""A frame that leans less than this stands upright, rad: what rounding makes of it."""
 
 
 @final
@@ -29,7 +34,8 @@ class JointSaid:
 class RobotDescription:
     """A robot: its chain without deviations, its joints, and what else its file said.
 
-    repeatability: 1 σ, 3-D, mm; None where the form has no place for it.
+    repeatability: 1 σ, 3-D, mm; None where the form has no place for it. mounting: how the frame that the chain's base
+    is given in stands; a form that does not say it has z up.
     """
 
     name: str
@@ -38,6 +44,7 @@ class RobotDescription:
     repeatability: float | None = None
     tool_mass: float = 0.0
     tolerances: StatedTolerances | None = field(default=None)
+    mounting: Mounting = "floor"
 
     @classmethod
     def of(cls, robot: RobotFile, chain: SerialChain | None = None) -> Self:
@@ -45,11 +52,19 @@ class RobotDescription:
         from cellctl.kinematics import settled
 
         joints = tuple(JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed) for row in robot.joints)
-        form = settled(chain or robot.chain())
-        return cls(robot.name, form, joints, robot.repeatability, robot.tool.mass, robot.tolerances)
+        form, mounting = settled(chain or robot.chain()), _mounting(robot, chain)
+        return cls(robot.name, form, joints, robot.repeatability, robot.tool.mass, robot.tolerances, mounting)
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
         from cellctl.kinematics import JointMap
 
         return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
+
+
+def _mounting(robot: RobotFile, chain: SerialChain | None) -> Mounting:
+    """How the measuring frame of `chain` stands, where that is not the one that the file's base is given in."""
+    if chain is None or (chain.base_now[:3, :3] == robot.chain().base[:3, :3]).all():
+        return robot.mounting
+    down = (chain.base_now[:3, :3] @ robot.down()).tolist()
+    return "floor" if math.dist(down, UPRIGHT) < LEVEL else Tilt.under(down)

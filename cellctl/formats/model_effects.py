@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cellctl.formats.robot import Number
+from cellctl.formats.robot import UPRIGHT, Number
 
 if TYPE_CHECKING:
     from cellctl.calibration import Effect
@@ -15,38 +15,48 @@ if TYPE_CHECKING:
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+Down: TypeAlias = Annotated[tuple[Number, Number, Number], Field(strict=False)]
+"""A unit vector; files from before robots could stand otherwise do not have it."""
+
+
 @final
 class DeflectionSettings(BaseModel):
-    """Tool deflection: length (m) and load (N) of the taught tool; expected: prior 1 σ, 1/(N m²)."""
+    """Tool deflection: length (m) and load (N) of the taught tool; expected: prior 1 σ, 1/(N m²); down: which way
+    weight pulls, in the robot's own base frame.
+    """
 
     model_config = _STRICT
     kind: Literal["deflection"] = "deflection"
     length_m: Number
     load_n: Number
     expected: Number
+    down: Down = UPRIGHT
 
     def effect(self) -> Effect:
         """The effect with these settings."""
         from cellctl.calibration import ToolDeflection
 
-        return ToolDeflection(self.length_m, self.load_n, self.expected)
+        return ToolDeflection(self.length_m, self.load_n, self.expected, self.down)
 
 
 @final
 class ComplianceSettings(BaseModel):
-    """Joint compliance: whether payloads were known; joints (from 1) that carry no weight."""
+    """Joint compliance: whether payloads were known; joints (from 1) that carry no weight; down: which way it pulls, in
+    the robot's own base frame.
+    """
 
     model_config = _STRICT
     kind: Literal["compliance"] = "compliance"
     joints: int
     load_known: bool
     upright: list[int]
+    down: Down = UPRIGHT
 
     def effect(self) -> Effect:
         """The effect with these settings."""
         from cellctl.calibration import JointCompliance
 
-        return JointCompliance(self.joints, self.load_known, frozenset(self.upright))
+        return JointCompliance(self.joints, self.load_known, frozenset(self.upright), self.down)
 
 
 @final
@@ -117,10 +127,14 @@ def _settings(effect: Effect) -> EffectSettings:
 
     match effect:
         case ToolDeflection():
-            return DeflectionSettings(length_m=effect.length_m, load_n=effect.load_n, expected=effect.expected)
+            return DeflectionSettings(
+                length_m=effect.length_m, load_n=effect.load_n, expected=effect.expected, down=effect.down
+            )
         case JointCompliance():
             upright = sorted(effect.upright)
-            return ComplianceSettings(joints=effect.joints, load_known=effect.load_known, upright=upright)
+            return ComplianceSettings(
+                joints=effect.joints, load_known=effect.load_known, upright=upright, down=effect.down
+            )
         case Harmonics():
             ripple = [list(wave) for wave in effect.ripple]
             orders = list(effect.orders)

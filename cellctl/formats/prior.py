@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
 """Groups that every model has; its effects are groups of their own."""
 
+LEANING = 0.002
+"""Weight that pulls less than this beside where it did, rad, bends nothing otherwise that could be measured."""
+
 
 def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] = (), file: str = "") -> Measurements:
     """The same rows for `prior` in place of nominal. free: groups that alone may change, with nothing known of them;
@@ -27,10 +31,11 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
     import numpy as np
 
     problems = _another_robot(prior.robot, measured.robot, file)
-    problems += _unknown_groups(prior.robot_model(), free)
+    model, groups = prior.robot_model(), frozenset(free) or None
+    problems += _stands_otherwise(model, measured.robot, file)
+    problems += _unknown_groups(model, free)
     if problems:
         raise InputError(problems)
-    model, groups = prior.robot_model(), frozenset(free) or None
     if groups and "tool" in groups and measured.robot.tool != prior.robot.tool:
         model = model.on(model.chain.base_now, measured.robot.chain().tool)
     task = replace(measured.task, model=model, prior=np.array(prior.covariance), groups=groups, candidates=None)
@@ -57,6 +62,15 @@ def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Proble
         return []
     what = f"is a model of '{older.name}' with another {' and '.join(differ)} than '{robot.name}' has"
     return [Problem(file or "--prior", 0, 0, what, "give the robot file that the model was made with")]
+
+
+def _stands_otherwise(model: RobotModel, robot: RobotFile, file: str) -> list[Problem]:
+    """Where weight pulls another way than when the model was made, joints that carried none then may carry some."""
+    now, before = robot.down(), [getattr(effect, "down", robot.down()) for effect in model.effects]
+    if all(math.dist(down, now) < LEANING for down in before):
+        return []
+    what = f"is a model of a robot that stood otherwise than '{robot.name}' does (mounting, base)"
+    return [Problem(file or "--prior", 0, 0, what, "fit this robot as it stands now, without --prior")]
 
 
 def _joints(robot: RobotFile) -> list[tuple[int, float]]:

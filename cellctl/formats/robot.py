@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, final
 
-from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    model_serializer,
+)
 
 from cellctl.files import Document, InputError, load_yaml
 from cellctl.files.validated import validated
@@ -79,6 +88,36 @@ class Tool(BaseModel):
 
 
 @final
+class Tilt(BaseModel):
+    """How something stands in a level world: KUKA angles A, B, C in degrees; of these A, the heading, lifts nothing."""
+
+    model_config = _STRICT
+    tilt: Angles
+
+    @classmethod
+    def under(cls, down: Sequence[float]) -> Self:
+        """The tilt of no heading in which the world's −z is `down`, a unit vector."""
+        x, y, z = down
+        return cls(tilt=[0.0, math.degrees(math.atan2(x, math.hypot(y, z))), math.degrees(math.atan2(-y, -z))])
+
+
+UPRIGHT = (0.0, 0.0, -1.0)
+"""Which way weight pulls on a robot that stands upright."""
+
+STANDING: dict[str, tuple[float, float, float]] = {
+    "floor": (0.0, 0.0, 0.0),
+    "wall": (0.0, 90.0, 0.0),
+    "ceiling": (0.0, 180.0, 0.0),
+}
+"""A, B, C, deg, of each word for how a robot is mounted; on a wall the base's X points down."""
+
+Mounting: TypeAlias = Annotated[
+    Annotated[Literal["floor", "wall", "ceiling"], Tag("word")] | Annotated[Tilt, Tag("angles")],
+    Discriminator(lambda value: "angles" if isinstance(value, dict | Tilt) else "word"),
+]
+
+
+@final
 class StatedTolerances(BaseModel):
     """How far a robot of this make may be from its table, 1 σ, mm and degrees: what is known before a measurement.
 
@@ -98,7 +137,7 @@ class StatedTolerances(BaseModel):
 class RobotFile(BaseModel):
     """A robot as its file says it is: by `links`, or (`poe`) by `screws` and the flange's pose `home` at model zero.
 
-    repeatability: 1 σ of the distance to the mean, 3-D, mm.
+    repeatability: 1 σ of the distance to the mean, 3-D, mm. mounting: how the frame that `base` is given in stands.
     """
 
     model_config = _STRICT
@@ -108,6 +147,7 @@ class RobotFile(BaseModel):
     screws: Annotated[list[ScrewRow], Field(max_length=20)] = []
     home: Frame | None = None
     joints: Annotated[list[JointRow], Field(min_length=1, max_length=20)]
+    mounting: Mounting = "floor"
     base: Frame = Frame()
     tool: Tool = Tool()
     repeatability: Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]
@@ -146,6 +186,17 @@ class RobotFile(BaseModel):
             return SerialChain.from_axes(axes, _pose(self.home or Frame()), base, tool)
         return SerialChain.from_links(self.convention, [_link(row) for row in self.links], base, tool)
 
+    def down(self) -> tuple[float, float, float]:
+        """Which way weight pulls, in the robot's own base frame (behind `base`): a unit vector."""
+        import numpy as np
+
+        from cellctl.kinematics import rotation_from_abc
+
+        tilt = self.mounting.tilt if isinstance(self.mounting, Tilt) else STANDING[self.mounting]
+        turn = rotation_from_abc(tilt) @ rotation_from_abc(self.base.abc)
+        x, y, z = (np.round(-turn[2], 15) + 0.0).tolist()  # the cosine of 90° is none
+        return x, y, z
+
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
         from cellctl.kinematics import JointMap
@@ -168,6 +219,7 @@ class RobotFile(BaseModel):
     def _as_written(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Without the sections that the file does not have, so that a robot's hash is that of what it says."""
         absent = {name for name in ("links", "screws", "home", "tolerances") if not getattr(self, name)}
+        absent |= {"mounting"} if self.mounting == "floor" else set()
         return {name: value for name, value in serialize(self).items() if name not in absent}
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem, parse_yaml
 from cellctl.formats.description import JointSaid, RobotDescription
-from cellctl.formats.robot import RobotFile, StatedTolerances
+from cellctl.formats.robot import RobotFile, StatedTolerances, Tilt
 
 if TYPE_CHECKING:
     from cellctl.kinematics import AxisTable, Convention, Floats, Link, LinkTable, SerialChain
@@ -83,6 +83,7 @@ def _lines(robot: RobotDescription, convention: Convention) -> list[str]:
         *_geometry_lines(chain.table),
         "joints:",
         *(f"  - {{{_joint_words(joint)}}}" for joint in robot.joints),
+        *_mounting_lines(robot),
         f"base: {{{frame_words(chain.base)}}}",
         f"tool: {{{frame_words(chain.tool)}{mass}}}",
         f"repeatability: {number(robot.repeatability or 0.0, 9)}",
@@ -135,6 +136,12 @@ def _joint_words(joint: JointSaid) -> str:
         ("max_speed", joint.max_speed),
     ]
     return ", ".join(f"{name}: {number(float(value or 0.0), DECIMALS_DEG)}" for name, value in values)
+
+
+def _mounting_lines(robot: RobotDescription) -> list[str]:
+    if not isinstance(robot.mounting, Tilt):
+        return [f"mounting: {robot.mounting}"] if robot.mounting != "floor" else []
+    return [f"mounting: {{tilt: [{', '.join(number(angle, DECIMALS_DEG) for angle in robot.mounting.tilt)}]}}"]
 
 
 def _tolerance_lines(tolerances: StatedTolerances | None) -> list[str]:

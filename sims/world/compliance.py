@@ -21,13 +21,17 @@ class Falls(ArithmeticError):
 class Compliance:
     """Sag of every joint of one robot.
 
-    `axes`: the true ones; `tcp`: where a payload hangs, at model zero, mm; `scale` multiplies what joints turn by.
+    `axes`: the true ones; `tcp`: where a payload hangs, at model zero, mm; `scale` multiplies what joints turn by;
+    `down`: which way weight pulls, a unit vector in the base frame.
     """
 
-    def __init__(self, body: Body, axes: Sequence[Axis], tcp: Vector, scale: float) -> None:
+    def __init__(
+        self, body: Body, axes: Sequence[Axis], tcp: Vector, scale: float, down: Vector = (0.0, 0.0, -1.0)
+    ) -> None:
         self._axes = tuple(axes)
         self._links = body.links
         self._tcp = tcp
+        self._down = down
         self._rates = tuple(scale * rate for rate in body.compliance)
 
     def sagged(self, angles: Sequence[float], payload_kg: float = 0.0) -> list[float]:
@@ -40,7 +44,7 @@ class Compliance:
         here = list(angles)
         for _ in range(_MOST_ROUNDS):
             turned = turns(here)
-            pulls = torques(self._axes, levers(self._axes, links, turned), turned)
+            pulls = torques(self._axes, levers(self._axes, links, turned), turned, self._down)
             there = [angle + rate * pull for angle, rate, pull in zip(angles, self._rates, pulls, strict=True)]
             if max(abs(a - b) for a, b in zip(here, there, strict=True)) < AT_REST_RAD:
                 return there

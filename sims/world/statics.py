@@ -62,9 +62,11 @@ def levers(axes: Sequence[Axis], links: Sequence[Mass], turned: Sequence[Turn]) 
     return found
 
 
-def torques(axes: Sequence[Axis], found: Sequence[Vector], turned: Sequence[Turn]) -> list[float]:
-    """Of gravity about each axis, in its sense of rotation, N·mm, at the `levers` of that pose."""
-    down: Vector = (0.0, 0.0, -1.0)
+def torques(axes: Sequence[Axis], found: Sequence[Vector], turned: Sequence[Turn], down: Vector) -> list[float]:
+    """Of gravity about each axis, in its sense of rotation, N·mm, at the `levers` of that pose.
+
+    `down`: which way it pulls, a unit vector in the base frame.
+    """
     out = []
     for axis, (x, y, z), (c, s) in zip(axes, found, turned, strict=True):
         down = turned_about(axis.direction, (c, -s), down)  # gravity as the link sees it

@@ -41,8 +41,9 @@ class World:
     """One robot, its tool and the spheres around it, all errors drawn from `seed`.
 
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
-    file's `base`), mm; its z is up. The true chain is a product of perturbed screws, not a link table. `ageing` starts
-    fresh and cold. `backlash`: the joints' play, None where it is switched off; who moves the robot knows which way.
+    file's `base`), mm; its z is up, unless the file's `mounting` says otherwise. The true chain is a product of
+    perturbed screws, not a link table. `ageing` starts fresh and cold. `backlash`: the joints' play, None where it is
+    switched off; who moves the robot knows which way.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -64,6 +65,7 @@ class World:
         self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
         self._compliance = _compliance(robot, nominal, self._chain, seed, errors["compliance"])
         self._expansions = expansions(len(robot.links), seed, errors["expansion"])
+        self._down = robot.down
         self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
         self._nominal = Arm(nominal.axes)
@@ -117,9 +119,13 @@ class World:
 
     def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector) -> Vector:
         (x, y, z), (ux, uy, uz) = self._carried(chain, angles)
-        # ĝ = (0, 0, −1): the load bends the tool by what of it is across the flange's z
-        along = self._sag_mm * uz - self.ageing.worn_mm
-        return x + along * ux + scatter[0], y + along * uy + scatter[1], z + along * uz - self._sag_mm + scatter[2]
+        gx, gy, gz = self._down  # the load bends the tool by what of it is across the flange's z
+        along = -self._sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
+        return (
+            x + along * ux + self._sag_mm * gx + scatter[0],
+            y + along * uy + self._sag_mm * gy + scatter[1],
+            z + along * uz + self._sag_mm * gz + scatter[2],
+        )
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
         """The unbent tool centre point and the flange's z; warm links are longer, the tool is not."""
@@ -184,7 +190,9 @@ def _drives(joints: int, seed: int, errors: Mapping[str, float]) -> tuple[Gear |
 
 
 def _compliance(robot: RobotFile, nominal: Geometry, true: Chain, seed: int, scale: float) -> Compliance | None:
-    return Compliance(drawn_body(robot, nominal, seed), true.arm.axes, true.tcp, scale) if scale else None
+    if not scale:
+        return None
+    return Compliance(drawn_body(robot, nominal, seed), true.arm.axes, true.tcp, scale, robot.down)
 
 
 def _angles_abc(x: Vector, z: Vector) -> Vector:

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import (
+    DOWN,
     Backlash,
     Growth,
     Harmonics,
@@ -42,16 +43,16 @@ def chain_of(rng, convention, joints):
     return SerialChain.from_links(convention, links, base, tool)
 
 
-def effects_of(chain):
+def effects_of(chain, down=DOWN):
     """All five effects, with a ripple of twelve waves per turn of joint 1."""
-    compliance = JointCompliance.of(chain, load_known=True)
+    bend, compliance = ToolDeflection(0.4, 15.0, down=down), JointCompliance.of(chain, load_known=True, down=down)
     harmonics = Harmonics(chain.n, ripple=((1, 12),))
-    return (ToolDeflection(0.4, 15.0), compliance, harmonics, Backlash(chain.n), Growth.of(chain))
+    return (bend, compliance, harmonics, Backlash(chain.n), Growth.of(chain))
 
 
-def unknowns_of(rng, chain, own):
+def unknowns_of(rng, chain, own, down=DOWN):
     """Everything unknown of a bad robot in two sessions, effects ten times what is expected; where it is asked (P,)."""
-    model = RobotModel(chain, effects_of(chain))
+    model = RobotModel(chain, effects_of(chain, down))
     sizes = np.where(model.parameter_turns, 0.02, 3.0)
     amounts = np.concatenate([effect.sigma for effect in model.effects])
     sizes[len(sizes) - len(amounts) :] = 10.0 * amounts
@@ -108,6 +109,16 @@ def test_every_kind_of_row_moves_with_every_unknown_as_its_jacobian_says(convent
         frozenset() if joints == 1 and convention != "poe" else {"compliance"}
     )  # an upright joint carries no weight
     assert {"deflection", "harmonics", "backlash", "growth", *turning} < set(unknowns.groups)
+    assert_columns_are_differences(rows_of(kind, rng, unknowns, at), unknowns, at)
+
+
+@pytest.mark.parametrize(("convention", "joints"), [("mdh-hayati", 1), ("dh-craig", 6), ("poe", 2)])
+@pytest.mark.parametrize("kind", ["poses", "touches"])
+def test_so_it_does_where_the_robot_hangs_on_a_wall_or_stands_on_a_slope(convention, joints, kind):
+    rng = np.random.default_rng(joints)
+    down = tuple((lambda v: v / np.linalg.norm(v))(rng.normal(size=3)).tolist())
+    unknowns, at = unknowns_of(rng, chain_of(rng, convention, joints), frozenset({"base", "tool"}), down)
+    assert {"compliance1_1x", f"compliance_load{joints}"} < set(unknowns.names)
     assert_columns_are_differences(rows_of(kind, rng, unknowns, at), unknowns, at)
 
 

@@ -4,7 +4,7 @@ from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects.effect import Effect
-from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
+from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.effects.growth import Growth
 from cellctl.calibration.effects.harmonics import Harmonics, Wave
 from cellctl.calibration.effects.ripple import find_ripple
@@ -14,9 +14,11 @@ EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth")
 
 __all__ = [
     "DEFLECTION",
+    "DOWN",
     "EFFECTS",
     "STANDARD_GRAVITY",
     "Backlash",
+    "Direction",
     "Effect",
     "Growth",
     "Harmonics",

@@ -5,7 +5,8 @@ of vectors fixed in the frames behind joints j … k, so the moment is ẑ_j · 
 masses times lengths, which nobody needs to know. The part of s_k along z belongs to the frame before, as joint k's axis
 does not turn with joint k; along joint j's own axis, in the end, nothing has a moment about it. That leaves two amounts
 for each k ≥ j, and these are independent: the pair of k goes once round with joint k, which no pair before it knows.
-A joint whose axis is vertical at every posture feels no weight and has no amounts.
+A joint whose axis is vertical at every posture feels no weight and has no amounts: joint 1 of a robot on the floor or
+under a ceiling, none on a wall.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.gravity import STANDARD_GRAVITY
+from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
@@ -42,7 +43,7 @@ class JointCompliance:
     """Joints as torsion springs under gravity: what each turns by the weight of the links, and by a known payload.
 
     joints: how many. load_known: whether the rows say their payload. upright: joints (from 1) whose axis is vertical
-    at every posture, which have no amounts; `of` finds them.
+    at every posture, which have no amounts; `of` finds them. down: ĝ in the robot's base frame.
     `compliance{j}_{k}x`, `…y`: rad by which joint j turns under the weight moment that is fixed along x, y of the
     frame behind joint k, where that lies level and across joint j's axis. `compliance_load{j}`: rad/(N m) of joint j
     under the payload at the tool centre point. Positive is the way the weight pulls.
@@ -53,14 +54,15 @@ class JointCompliance:
     joints: int
     load_known: bool = False
     upright: frozenset[int] = frozenset()
+    down: Direction = DOWN
 
     @classmethod
-    def of(cls, nominal: SerialChain, load_known: bool = False) -> Self:
-        """The compliance of a robot that stands upright, without the joints that never carry weight.
+    def of(cls, nominal: SerialChain, load_known: bool = False, down: Direction = DOWN) -> Self:
+        """The compliance of a robot, without the joints that never carry weight.
 
-        Wherever `nominal` has its base: weight pulls along −z of it.
+        Wherever `nominal` has its base: weight pulls along `down` of that.
         """
-        return cls(nominal.n, load_known, _upright(nominal))
+        return cls(nominal.n, load_known, _upright(nominal, down), down)
 
     @property
     def group(self) -> str:
@@ -87,11 +89,11 @@ class JointCompliance:
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
         """Φ (N, n, K): moments about each joint of one newton's weight at unit levers; N m per N m of the payload."""
         frames = np.moveaxis(nominal.frames(at.q), 0, -1)  # each number a long vector, as in the chain itself
-        arms, levers = _weight_arms(frames[:-1]), frames[:-1, :2, :2]
+        arms, levers = _weight_arms(frames[:-1], self.down), frames[:-1, :3, :2]
         result = np.zeros((self.joints, len(self.parameters), len(at)))
         column = 0
         for joint in self._carrying():
-            moments = arms[joint, 0] * levers[joint:, 0] + arms[joint, 1] * levers[joint:, 1]
+            moments = sum(arms[joint, axis] * levers[joint:, axis] for axis in range(3))
             result[joint, column : column + 2 * len(moments)] = np.concatenate(moments)
             column += 2 * len(moments)
         if at.payload is not None:
@@ -114,19 +116,19 @@ class JointCompliance:
         return self._carrying() if self.load_known else []
 
 
-def _weight_arms(frames: Floats) -> Floats:
-    """x and y (n, 2, N) of ĝ × ẑ, ĝ = −z: ẑ · (lever × ĝ) = lever · (ĝ × ẑ) is the moment of one newton about ẑ."""
-    return np.stack([frames[:, 1, 2], -frames[:, 0, 2]], axis=1)
+def _weight_arms(frames: Floats, down: Direction) -> Floats:
+    """ĝ × ẑ (n, 3, N): ẑ · (lever × ĝ) = lever · (ĝ × ẑ) is the moment of one newton about ẑ."""
+    return np.cross(np.array(down)[:, None], frames[:, :3, 2], axisa=0, axisb=1, axisc=1)
 
 
 def _load_arms(nominal: SerialChain, at: Postures, frames: Floats, arms: Floats) -> Floats:
     """Moments (n, N) about the joints, N m, of the weight of one kilogram at the tool centre point."""
-    levers_m = (nominal.forward(at.q)[:, :2, 3].T - frames[:-1, :2, 3]) / 1000.0
+    levers_m = (nominal.forward(at.q)[:, :3, 3].T - frames[:-1, :3, 3]) / 1000.0
     return np.asarray(STANDARD_GRAVITY * np.sum(arms * levers_m, axis=1))
 
 
-def _upright(nominal: SerialChain) -> frozenset[int]:
+def _upright(nominal: SerialChain, down: Direction) -> frozenset[int]:
     """Joints (from 1) vertical at every posture: such as come before the first that is not."""
     axes = nominal.with_base(np.eye(4)).frames(np.zeros(nominal.n))[:-1, :3, 2]
-    leaning = np.linalg.norm(axes[:, :2], axis=-1) > UPRIGHT_RAD
+    leaning = np.linalg.norm(np.cross(axes, down), axis=-1) > UPRIGHT_RAD
     return frozenset((np.flatnonzero(~np.logical_or.accumulate(leaning)) + 1).tolist())

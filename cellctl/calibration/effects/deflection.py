@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration.effects.gravity import DOWN
+from cellctl.calibration.effects.gravity import DOWN, Direction
 from cellctl.calibration.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
@@ -22,7 +22,7 @@ class ToolDeflection:
 
     length_m: from the flange to the tool centre point, along z (of the taught tool: an error in it is taken up by c_t).
     load_n: weight at the end, N. expected: prior 1 σ of c_t = 1/(E·I) about 0, 1/(N m^2); 0.002 is what Wang et al.
-    simulate (0.00036 is what they identify).
+    simulate (0.00036 is what they identify). down: ĝ in the robot's base frame.
     Tip shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at
     the end is part of that shift already, and is not added to it again as their eq. 21 would. No orientation changes:
     the tilt (arc minutes) is left out. needs: the tool's mass.
@@ -31,6 +31,7 @@ class ToolDeflection:
     length_m: float
     load_n: float
     expected: float = 0.002
+    down: Direction = DOWN
 
     @property
     def group(self) -> str:
@@ -63,5 +64,5 @@ class ToolDeflection:
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
         """Ψ (N, 3, 1): the part of ĝ across the flange's z, times `mm_per_unit`."""
         axis = nominal.forward_flange(at.q)[..., :3, 2]
-        across = DOWN - (axis @ DOWN)[..., None] * axis
+        across = self.down - (axis @ self.down)[..., None] * axis
         return np.asarray(self.mm_per_unit * across[..., None])

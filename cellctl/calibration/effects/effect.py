@@ -11,10 +11,9 @@ from cellctl.kinematics import Floats, SerialChain
 class Effect(Protocol):
     """A cause of error with K amounts κ. It turns the joints by Φκ, and shifts the tool by Ψκ.
 
-    Both are worked out on the *nominal* chain standing upright in its own base frame (`with_base(identity)`, no
-    deviations): an error of a thousandth in where a load pulls is a thousandth of a thousandth at the tool, and so
-    every derivative stays exact and closed. `parameters` (K,): names; `units`: `rad`, `1/K`, …; `sigma` (K,): prior 1 σ
-    in those units.
+    Both are worked out on the *nominal* chain in its own base frame (`with_base(identity)`, no deviations): an error of
+    a thousandth in where a load pulls is a thousandth of a thousandth at the tool, and so every derivative stays exact
+    and closed. `parameters` (K,): names; `units`: `rad`, `1/K`, …; `sigma` (K,): prior 1 σ in those units.
     """
 
     @property

@@ -1,13 +1,14 @@
-"""Weight on a robot that stands upright: gravity is −z of its base frame."""
+"""Weight: which way it pulls, in the robot's own base frame."""
 
 from __future__ import annotations
 
-import numpy as np
-
-from cellctl.kinematics import Floats
+from typing import TypeAlias
 
 STANDARD_GRAVITY = 9.80665
 """N/kg."""
 
-DOWN: Floats = np.array([0.0, 0.0, -1.0])
-"""ĝ in the base frame of a robot that stands upright."""
+Direction: TypeAlias = tuple[float, float, float]
+"""A unit vector."""
+
+DOWN: Direction = (0.0, 0.0, -1.0)
+"""ĝ in the base frame of a robot that stands upright; of one on a wall, a ceiling or a slope it is another."""

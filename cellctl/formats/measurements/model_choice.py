@@ -98,13 +98,15 @@ def _deflection(robot: RobotFile, _at: Postures | None = None) -> tuple[Effect, 
     from cellctl.calibration import STANDARD_GRAVITY, ToolDeflection
 
     length_m, load_n = robot.tool.xyz[2] / 1000.0, robot.tool.mass * STANDARD_GRAVITY
-    return (ToolDeflection(length_m, load_n),) if length_m > 0.0 and load_n > 0.0 else ()
+    if length_m <= 0.0 or load_n <= 0.0:
+        return ()
+    return (ToolDeflection(length_m, load_n, down=robot.down()),)
 
 
 def _compliance(robot: RobotFile, at: Postures) -> tuple[Effect, ...]:
     from cellctl.calibration import JointCompliance
 
-    compliance = JointCompliance.of(robot.chain(), load_known=payload_varies(at))
+    compliance = JointCompliance.of(robot.chain(), load_known=payload_varies(at), down=robot.down())
     return (compliance,) if compliance.parameters else ()
 
 

@@ -50,11 +50,13 @@ def _slide(x=0.0, y=0.0, z=0.0):
 class Arm:
     """Joint axes (point, direction; mm) and what hangs behind each joint, as they are at model zero.
 
-    lean: the first axis is turned about x by this much from the vertical, deg: a fixed part of the first link's pose.
+    lean: the first axis is turned about x by this much from the base's z, deg: a fixed part of the first link's pose.
+    down: which way weight pulls, in the base frame.
     """
 
     lean: float
     rows: list
+    down: tuple = (0.0, 0.0, -1.0)
 
     def __post_init__(self):
         place, self.points, self.axes = _turn("x", self.lean), [], []
@@ -96,7 +98,7 @@ class Arm:
         result = np.zeros((len(q), self.n))
         for behind, place, kilograms in weights:
             centre = self.moved(q, behind, place)
-            weight = np.array([0.0, 0.0, -G]) * np.reshape(kilograms, (-1, 1))
+            weight = G * np.array(self.down) * np.reshape(kilograms, (-1, 1))
             for joint in range(behind + 1):
                 lever_m = (centre - self.moved(q, joint - 1, self.points[joint])) / 1000.0
                 axis = self.directed(q, joint - 1, self.axes[joint])
