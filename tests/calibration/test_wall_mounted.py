@@ -81,7 +81,7 @@ def test_a_robot_on_a_wall_is_found_to_its_noise_as_it_hangs_and_not_as_if_it_st
     least = NOISE_MM * np.sqrt(3.0)
     assert as_it_hangs.test.rms < 1.15 * least
     assert as_it_hangs.coverage_95 > 0.88
-    assert upright.test.rms > 2.0 * as_it_hangs.test.rms
+    assert upright.test.rms > 10.0 * as_it_hangs.test.rms
     assert fitted(data, {"tilt": [33, 90, 0]}).test.rms == pytest.approx(as_it_hangs.test.rms, rel=1e-6)
 
 

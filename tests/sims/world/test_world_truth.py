@@ -83,11 +83,13 @@ def test_the_tool_centre_point_is_taught_exactly_a_millimetre_and_a_half_wrong(r
     assert dist(world(seed, tool=1).true_tcp(readings), world().true_tcp(readings)) == pytest.approx(1.5)
 
 
-@given(READINGS)
-def test_the_tool_sinks_by_the_part_of_its_weight_across_it(readings):
-    rigid, soft = np.array(world().true_tcp(readings)), np.array(world(deflection=1).true_tcp(readings))
+@pytest.mark.parametrize("down", [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.48, -0.6, 0.64)])
+@given(readings=READINGS)
+def test_the_tool_sinks_by_the_part_of_its_weight_across_it(down, readings):
+    hung = replace(CELL, robot=replace(CELL.robot, down=down))
+    rigid, soft = np.array(world().true_tcp(readings)), np.array(world(cell=hung, deflection=1).true_tcp(readings))
     z6 = link_table(readings)[:3, 2]
-    down = np.array([0.0, 0.0, -1.0])
+    down = np.array(down)
     most = 0.00036 * 0.4103**3 / 3 * 1.535 * 9.80665 * 1e3
     assert most == pytest.approx(0.125, abs=5e-4)
     assert np.allclose(soft - rigid, most * (down - (down @ z6) * z6), atol=1e-9)
