@@ -34,12 +34,14 @@ def compensate(
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
     from cellctl.cli.learnt_on import learnt_on
+    from cellctl.cli.outputs import refuse_outputs, to_stdout
     from cellctl.cli.results import write_json
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.table_making import foreseen, sigma_among_rows
     from cellctl.formats.targets import read_targets
 
     _refuse(method, out, json_)
+    refuse_outputs({"--out": out, "--json": json_}, [model, targets])
     identified = ModelFile.load(model)
     wanted = read_targets(DataSet.load(targets), identified.robot)
     table = _table(identified, wanted, str(targets), method, learnt_on(model, identified, serial))
@@ -49,7 +51,7 @@ def compensate(
         if json_ != "-":
             typer.echo(_words(table, figures, out))
     elif json_ != "-":
-        typer.echo(table.text(), nl=False)
+        to_stdout(table.text())
     write_json({**figures, "file": str(out) if out else None}, json_)
 
 

@@ -50,7 +50,7 @@ def convert(
 
     Example: cellctl convert procedures/robots/kr5_r1400.yaml --to urdf -o kr5.urdf
     """
-    from cellctl.cli.outputs import refuse_outputs
+    from cellctl.cli.outputs import refuse_outputs, to_stdout
     from cellctl.files import write_atomically
 
     if table is not None and to is not Form.DH_CSV and robot.suffix.lower() != ".csv":
@@ -60,7 +60,7 @@ def convert(
     if out:
         write_atomically(out, text)
     else:
-        typer.echo(text, nl=False)
+        to_stdout(text)
 
 
 def _read(path: Path, tip: str | None, table: Table | None, repeatability: float | None) -> RobotDescription:

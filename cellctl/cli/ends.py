@@ -24,20 +24,23 @@ class Exit(IntEnum):
     ABORTED = 130
 
 
+@final
+class Interrupted(Exception):
+    """The operator pressed Ctrl-C."""
+
+
 def exit_code_of(call: Callable[[], object]) -> int:
     """Run `call`; what goes wrong is said on stderr and becomes an exit code."""
     try:
         result = call()
+        sys.stdout.flush()
         return result if isinstance(result, int) else Exit.GOOD
     except typer.Exit as end:
         return end.exit_code
     except typer.Abort:
         return _said("aborted", Exit.ABORTED)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Interrupted):
         return _said("aborted by the operator", Exit.ABORTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return Exit.GOOD
     except Exception as error:
         return _ended_by(error)
 

@@ -89,10 +89,10 @@ def fit(
 
         sources = {"robot file": robot.name, "data set": f"{data.name}, SHA-256 {files.data.sha256[:12]}…"}
         write_fit_page(page, FitStory.of(measured, result, split, report, sources))
+    write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
     if json_ != "-":
         say(report, prior=prior is not None)
     name_rows(report)
-    write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
     if report["verdict"] != "better":
         raise typer.Exit(Exit.NOT_BETTER)
 

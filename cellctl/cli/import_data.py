@@ -44,13 +44,15 @@ def import_data(
 
     Example: cellctl import messung.dat positions.csv --robot procedures/robots/kr5_r1400.yaml -o data.csv
     """
+    from cellctl.cli.outputs import refuse_outputs, to_stdout
     from cellctl.cli.results import write_json
     from cellctl.files import write_atomically
     from cellctl.formats import RobotFile
     from cellctl.formats.dataset import text_of
     from cellctl.formats.pendant import choices, imported
 
-    _refuse([joints, *([positions] if positions else [])], out, json_)
+    _refuse(out, json_)
+    refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
     given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation}
     answers = choices(given, columns or (), repeats=repeats)
     result = imported(joints, positions, answers, RobotFile.load(robot) if robot else None)
@@ -58,22 +60,17 @@ def import_data(
     if out:
         write_atomically(out, text)
     elif json_ != "-":
-        typer.echo(text, nl=False)
+        to_stdout(text)
     typer.echo(_words(result, out), err=True)
     left = [{"file": row.file, "line": row.line, "name": row.name, "reason": row.reason} for row in result.left_out]
     write_json({"rows": len(result.records), "decided": list(result.decided), "left_out": left}, json_)
 
 
-def _refuse(inputs: list[Path], out: Path | None, json_: str | None) -> None:
+def _refuse(out: Path | None, json_: str | None) -> None:
     from cellctl.files import InputError, Problem
 
-    problems = []
-    if out and out.exists() and any(path.exists() and path.samefile(out) for path in inputs):
-        problems.append(Problem("--out", 0, 0, f"{out} is what is read", "write to another file"))
     if json_ == "-" and out is None:
-        problems.append(Problem("--json", 0, 0, "the data set itself goes to stdout", "give -o DATA.csv too"))
-    if problems:
-        raise InputError(problems)
+        raise InputError(Problem("--json", 0, 0, "the data set itself goes to stdout", "give -o DATA.csv too"))
 
 
 def _words(result: Imported, out: Path | None) -> str:

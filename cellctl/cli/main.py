@@ -1,64 +1,20 @@
-"""`cellctl`: the verbs, and how every failure ends: one block on stderr, a fixed exit code, no traceback."""
+"""The console script: each call ends with a fixed exit code and in words, from the first import on."""
 
-from __future__ import annotations
-
-import os
 import sys
-from collections.abc import Callable
-
-import typer
-
-from cellctl import __version__
-from cellctl.cli import ends
-from cellctl.cli.check import check
-from cellctl.cli.compensate import compensate
-from cellctl.cli.convert import convert
-from cellctl.cli.fit import fit
-from cellctl.cli.import_data import import_data
-from cellctl.cli.krl import krl
-from cellctl.cli.predict import predict
-from cellctl.cli.report import report
-from cellctl.cli.run import run
-from cellctl.cli.runs import runs, show
-from cellctl.cli.sim import sim
-from cellctl.cli.table import app as table
-
-for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: threads of linear algebra only wait for each other
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-app = typer.Typer(
-    name="cellctl",
-    help="Robot-calibration cell controller: runs measurement campaigns, identifies the robot, proves the result.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
-def _version(value: bool) -> None:
-    if value:
-        typer.echo(f"cellctl {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    debug: bool = typer.Option(False, "--debug", help="Show tracebacks."),
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
-) -> None:
-    if debug:
-        os.environ["CELLCTL_DEBUG"] = "1"
-
-
-_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, convert, runs, show, report)
-for _verb in _VERBS:
-    app.command(_verb.__name__)(_verb)
-app.command("import")(import_data)
-app.add_typer(table, name="table")
 
 
 def main() -> None:
-    """The console script."""
-    sys.exit(ends.exit_code_of(lambda: app(standalone_mode=False)))
+    """Run `cellctl` with the words of the command line."""
+    try:  # the imports take a while, and Ctrl-C does not wait for them
+        import signal
+
+        from cellctl.cli import ends, streams
+        from cellctl.cli.verbs import app
+
+        streams.prepare()
+        code = ends.exit_code_of(lambda: app(standalone_mode=False))
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: nothing is left to be aborted
+    except KeyboardInterrupt:
+        print("cellctl: aborted by the operator", file=sys.stderr)
+        code = 130
+    sys.exit(code)

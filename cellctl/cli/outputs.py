@@ -1,33 +1,56 @@
-"""Files to be written: looked at before the work, not after it."""
+"""Files to be written: looked at before the work, not after it; and files that go to stdout."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Collection, Mapping
 from pathlib import Path
+
+import typer
 
 from cellctl.files import InputError, Problem
 
 
-def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Sequence[Path | None]) -> None:
-    """Raise InputError where an output (by its option; None and `-` are none) cannot be a file, is one of the `inputs`,
-    or is given twice.
+def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[Path | None]) -> None:
+    """Raise InputError where an output (by its option; None is none) cannot be a file, is one of the `inputs`, or is
+    given twice. `-` is stdout for the JSON, and a mistake elsewhere.
     """
-    wanted = {option: Path(path) for option, path in outputs.items() if path is not None and str(path) != "-"}
-    read = {path.resolve() for path in inputs if path is not None}
-    problems, taken = [], dict[Path, str]()
+    wanted = {option: Path(path) for option, path in outputs.items() if path is not None}
+    if str(wanted.get("--json")) == "-":
+        del wanted["--json"]
+    read = {os.path.realpath(path) for path in inputs if path is not None}
+    problems, taken = [], dict[str, str]()
     for option, path in wanted.items():
         if (what := _why_not(path, read, taken)) is not None:
             problems.append(Problem(str(path), 0, 0, what, f"give {option} another file"))
-        taken.setdefault(path.resolve(), option)
+        taken.setdefault(os.path.realpath(path), option)
     if problems:
         raise InputError(problems)
 
 
-def _why_not(path: Path, read: set[Path], taken: Mapping[Path, str]) -> str | None:
+def to_stdout(text: str) -> None:
+    """Write a file's `text` to stdout, in UTF-8 as files are, whatever the terminal knows."""
+    typer.echo(text.encode(), nl=False)
+
+
+def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str | None:
+    real = os.path.realpath(path)
+    if str(path) == "-":
+        return "is stdout for --json alone"
     if path.is_dir():
         return "is a folder"
     if not path.parent.is_dir():
         return "lies in a folder that is not there"
-    if path.resolve() in read:
+    if path.exists() and not path.is_file():
+        return None  # a device or a FIFO takes what it is given, again and again
+    if real in read:
         return "is read here: it would be written over"
-    return f"is written by {taken[path.resolve()]} as well" if path.resolve() in taken else None
+    if real in taken:
+        return f"is written by {taken[real]} as well"
+    return None if _may_be_written(path) else "may not be written"
+
+
+def _may_be_written(path: Path) -> bool:
+    """Whether the file may be replaced by a new one, which takes the folder's leave as well."""
+    folder = Path(os.path.realpath(path)).parent
+    return os.access(folder, os.W_OK | os.X_OK) and (not path.exists() or os.access(path, os.W_OK))

@@ -27,11 +27,13 @@ def predict(
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
+    from cellctl.cli.outputs import refuse_outputs, to_stdout
     from cellctl.files import InputError, Problem, write_atomically
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.columns import Sieve, joint_readings
     from cellctl.formats.measurements import Conditions
 
+    refuse_outputs({"--out": out}, [model, joints])
     identified, data = ModelFile.load(model), DataSet.load(joints)
     sieve = Sieve(data)
     readings = joint_readings(sieve, identified.robot)
@@ -43,7 +45,7 @@ def predict(
     if out:
         write_atomically(out, text)
     else:
-        typer.echo(text, nl=False)
+        to_stdout(text)
     if extrapolated:
         seen = f"{extrapolated} of {len(readings)} rows lie outside the joints of the fit (seen = 0)"
         typer.echo(f"cellctl: {seen}: their σ is wider by what nominal was wrong by", err=True)

@@ -19,6 +19,9 @@ def report(
 
     Example: cellctl report sphere_selfcal-20261121T192433Z -o report.html
     """
-    from cellctl.report import write_report
+    from cellctl.cli.outputs import refuse_outputs
+    from cellctl.report import FILE_NAME, write_report
 
-    typer.echo(write_report(run if run.exists() else runs / run, output))
+    place = run if run.exists() else runs / run
+    refuse_outputs({"--output": output}, [place, *(file for file in place.glob("*") if file.name != FILE_NAME)])
+    typer.echo(write_report(place, output))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from cellctl.cli.ends import Exit
+from cellctl.cli.outputs import to_stdout
 from cellctl.clock import calendar_time
 from cellctl.engine import Outcome, State
 from cellctl.files import InputError, Problem, write_atomically
@@ -67,22 +67,13 @@ def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
     }
 
 
-def refuse_unwritable(target: str | None) -> None:
-    """Raise InputError where the result could not be written to `target`: better before the robot moves than after."""
-    if target is None or target == "-":
-        return
-    path = Path(target)
-    if path.is_dir() or not path.parent.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise InputError(Problem(str(path), 0, 0, "the result cannot be written here", "give another file to --json"))
-
-
 def write_json(result: dict[str, Any], target: str | None) -> None:
     """Write `result` to a file, or to stdout for `-`."""
     if target is None:
         return
     text = json.dumps(result, indent=2, ensure_ascii=False) + "\n"
     if target == "-":
-        sys.stdout.write(text)
+        to_stdout(text)
     else:
         write_atomically(Path(target), text)
 

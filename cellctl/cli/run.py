@@ -31,11 +31,11 @@ def run(
 
     from cellctl.cli.campaign import load_campaign
     from cellctl.cli.launch import Options, run_campaign
+    from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.progress import progress
     from cellctl.cli.results import (
         exit_of,
         new_run_folder,
-        refuse_unwritable,
         report_of,
         result_of,
         say_end,
@@ -43,7 +43,7 @@ def run(
     )
     from cellctl.cli.resume import resumed_run
 
-    refuse_unwritable(json_)
+    refuse_outputs({"--json": json_}, [procedure, cell])
     campaign = load_campaign(procedure, cell, set_ or [])
     if resume:
         going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)

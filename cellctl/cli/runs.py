@@ -24,9 +24,11 @@ def runs(
 
     Example: cellctl runs --json -
     """
+    from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.results import write_json
     from cellctl.journal import JournalError, fold, read_journal
 
+    refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
     found: list[dict[str, Any]] = []
     journals = sorted(folder.glob("*/journal.sqlite"), key=lambda path: path.stat().st_mtime, reverse=True)
     for journal in journals:
@@ -54,10 +56,12 @@ def show(
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
+    from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.results import write_json
     from cellctl.journal import fold, read_journal
 
     place = run if run.exists() else folder / run
+    refuse_outputs({"--json": json_}, [place, *place.glob("*")])
     entries = list(read_journal(place))
     state = fold(entries)
     summary = _summary(place, state)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from cellctl.cli.ends import Exit
+from cellctl.cli.outputs import refuse_outputs
 
 if TYPE_CHECKING:
     from cellctl.cli.table_cell import TableCell
@@ -36,6 +37,7 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
     from cellctl.cli.table_cell import TableCell, push_checked
     from cellctl.formats import TableFile
 
+    refuse_outputs({"--json": json_}, [table, cell, state])
     file = TableFile.load(table)
     place = TableCell.load(cell, seed, state)
 
@@ -64,6 +66,7 @@ def show(
     from cellctl.formats import TableFile
 
     _one_of(table, cell)
+    refuse_outputs({"--json": json_}, [table, cell, state])
     if table:
         file = TableFile.load(table)
         _say(json_, file.model_dump(), table_words(file))
@@ -88,6 +91,7 @@ def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None,
     from cellctl.cli.table_cell import TableCell, controller_table, differences
     from cellctl.formats import TableFile
 
+    refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(TableFile.load(table))
 
     async def work(store: TableStore, who: Any) -> dict[str, Any]:
@@ -114,6 +118,8 @@ def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json
     Example: cellctl table rollback --cell procedures/cells/sphere_cell.yaml
     """
     from cellctl.cli.table_cell import TableCell, state_of, state_words
+
+    refuse_outputs({"--json": json_}, [cell, state])
 
     async def work(store: TableStore, who: Any) -> dict[str, Any]:
         return {"serial": who.serial, **state_of(await store.rollback_table())}
@@ -143,6 +149,6 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 def _say(json_: str | None, result: dict[str, Any], words: str) -> None:
     from cellctl.cli.results import write_json
 
+    write_json(result, json_)
     if json_ != "-":
         typer.echo(words)
-    write_json(result, json_)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 
 ROBOT = """\
 name: elbow arm

@@ -11,7 +11,7 @@ from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 from cellctl.calibration import Postures
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 
 NOISE_MM = 0.02 / math.sqrt(3)

@@ -8,7 +8,7 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends, table_cell
 from cellctl.cli.connected import Connected
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"

@@ -11,7 +11,7 @@ from cell_runs import CELL
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import connected, ends, table_cell
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.formats import TableFile
 
 

@@ -46,6 +46,41 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_beside_it(tmp_path, monkeyp
     assert [p.name for p in tmp_path.iterdir()] == ["f"]
 
 
+def test_a_file_that_is_replaced_keeps_its_permissions_and_a_new_one_has_what_the_umask_leaves(tmp_path):
+    (tmp_path / "own").write_text("old")
+    (tmp_path / "own").chmod(0o600)
+    before = os.umask(0o027)
+    try:
+        write_atomically(tmp_path / "own", "new")
+        write_atomically(tmp_path / "fresh", "new")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "own").stat().st_mode & 0o777 == 0o600
+    assert (tmp_path / "fresh").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_link_stays_a_link_and_what_it_points_to_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to("there/f")
+    write_atomically(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "there" / "f").read_text() == "new"
+
+
+def test_a_fifo_takes_what_is_written_and_stays_a_fifo(tmp_path):
+    os.mkfifo(tmp_path / "f")
+    reader = os.open(tmp_path / "f", os.O_RDONLY | os.O_NONBLOCK)
+    write_atomically(tmp_path / "f", "new")
+    assert os.read(reader, 10) == b"new"
+    os.close(reader)
+    assert (tmp_path / "f").is_fifo()
+
+
+def test_the_longest_name_that_a_file_can_have_can_be_written(tmp_path):
+    write_atomically(tmp_path / ("f" * 255), "new")
+    assert (tmp_path / ("f" * 255)).read_text() == "new"
+
+
 def test_text_that_utf8_cannot_hold_leaves_the_old_file(tmp_path):
     (tmp_path / "f").write_text("old")
     with pytest.raises(UnicodeEncodeError):

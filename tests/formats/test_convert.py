@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from own_kinematics import assert_same_pose, forward_of_dh_table, forward_of_robot_file, forward_of_urdf
 
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.formats.description import JointSaid, RobotDescription
 from cellctl.formats.dh_table import dh_table_text, load_dh_table

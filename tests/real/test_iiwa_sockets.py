@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 
 ROOT = Path(__file__).parents[2]

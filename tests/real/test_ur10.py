@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"

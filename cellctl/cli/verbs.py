@@ -1,0 +1,84 @@
+"""`cellctl`: the verbs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, final
+
+import typer
+from typer.core import TyperGroup
+
+from cellctl import __version__
+from cellctl.cli.check import check
+from cellctl.cli.compensate import compensate
+from cellctl.cli.convert import convert
+from cellctl.cli.ends import Interrupted
+from cellctl.cli.fit import fit
+from cellctl.cli.import_data import import_data
+from cellctl.cli.krl import krl
+from cellctl.cli.predict import predict
+from cellctl.cli.report import report
+from cellctl.cli.run import run
+from cellctl.cli.runs import runs, show
+from cellctl.cli.sim import sim
+from cellctl.cli.table import app as table
+
+for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: threads of linear algebra only wait for each other
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+
+@final
+class _Verbs(TyperGroup):
+    """The verbs. Ctrl-C ends them by `Interrupted`; of a KeyboardInterrupt Typer would make an end without a word."""
+
+    def make_context(self, *args: Any, **more: Any) -> Any:
+        with _interruptible():
+            return super().make_context(*args, **more)
+
+    def invoke(self, ctx: Any) -> Any:
+        with _interruptible():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        raise Interrupted from interrupt
+
+
+app = typer.Typer(
+    name="cellctl",
+    cls=_Verbs,
+    help="Robot-calibration cell controller: runs measurement campaigns, identifies the robot, proves the result.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"cellctl {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    debug: bool = typer.Option(False, "--debug", help="Show tracebacks."),
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+) -> None:
+    if debug:
+        os.environ["CELLCTL_DEBUG"] = "1"
+
+
+_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, convert, runs, show, report)
+for _verb in _VERBS:
+    app.command(_verb.__name__)(_verb)
+app.command("import")(import_data)
+app.add_typer(table, name="table")
