@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, Self, final
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
+from cellctl.formats.plain_text import decoded
+from cellctl.formats.separated import named, separator, with_points
 
 DOCUMENT = "docs/reference/data-sets.md"
 
@@ -46,36 +48,26 @@ class DataSet:
         """Read a data set. Raises InputError where the file as a whole cannot be used; single bad rows are rejected."""
         try:
             data = path.read_bytes()
-            return cls.parse(data.decode("utf-8-sig"), str(path), sha256_of(data))
         except OSError as error:
             raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
-        except UnicodeDecodeError as error:
-            cure = "save the file as UTF-8"
-            raise InputError(Problem(str(path), 0, 0, f"is not UTF-8 text (byte {error.start})", cure)) from error
+        return cls.parse(decoded(data, str(path)), str(path), sha256_of(data))
 
     @classmethod
     def parse(cls, text: str, file: str, sha256: str = "") -> Self:
         """A data set from its text; `file` names it in errors."""
-        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-        cells: list[tuple[str, ...]] = []
-        lines, rejected = [], []
-        header: tuple[str, ...] = ()
+        mark, said = separator(text)
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True)
         try:
-            header = tuple(name.strip() for name in next(reader, []))
-            _check_header(header, file)
-            before = reader.line_num
-            for row in reader:
-                line, before = before + 1, reader.line_num
-                if len(row) == len(header):
-                    cells.append(tuple(cell.strip() for cell in row))
-                    lines.append(line)
-                elif row:
-                    rejected.append(Rejected(line, f"{len(row)} cells for {len(header)} columns"))
+            if said:
+                next(reader)
+            header, cells, lines, rejected = _read(reader, file)
         except csv.Error as error:
             what = f"is not CSV here: {error}"
             raise InputError(Problem(file, reader.line_num, 0, what, "check the quotes")) from error
         if not cells and not rejected:
             raise InputError(Problem(file, 0, 0, "holds no rows", "a header row and one row for each measurement"))
+        if mark != ",":
+            cells = with_points(header, cells, lines, file)
         return cls(file, header, tuple(cells), tuple(lines), tuple(rejected), sha256)
 
     @classmethod
@@ -117,13 +109,36 @@ def _csv(rows: Iterable[Sequence[str]]) -> str:
     return stream.getvalue()
 
 
-def _check_header(header: tuple[str, ...], file: str) -> None:
+def _read(reader: Any, file: str) -> tuple[tuple[str, ...], list[tuple[str, ...]], list[int], list[Rejected]]:
+    """Header, rows, the line of each, and rows of another width. Rows without a filled cell are none."""
+    whole = tuple(name.strip() for name in next(reader, []))
+    header = whole[: named(whole)]
+    _check_header(header, file, reader.line_num)
+    cells, lines, rejected, before = [], [], [], reader.line_num
+    for row in reader:
+        line, before = before + 1, reader.line_num
+        texts = tuple(cell.strip() for cell in row)
+        own, beyond = texts[: len(header)], texts[len(header) :]
+        if len(own) == len(header) and any(own) and (len(row) == len(whole) or not any(beyond)):
+            cells.append(own)
+            lines.append(line)
+        elif any(texts):
+            rejected.append(Rejected(line, f"{len(row)} cells for {len(header)} columns"))
+    return header, cells, lines, rejected
+
+
+def _check_header(header: tuple[str, ...], file: str, line: int) -> None:
     if not any(header):
         raise InputError(Problem(file, 0, 0, "is empty", "a header row, then one row for each measurement"))
-    if len(header) == 1 and re.search(r"[;\t|]", header[0]):
-        what = "its columns are not separated by commas"
-        raise InputError(Problem(file, 1, 1, what, f"convert it: {DOCUMENT} says how"))
+    if any("\0" in name for name in header):
+        raise InputError(Problem(file, 0, 0, "is not text", "give a CSV file"))
+    if len(header) == 1 and "|" in header[0]:
+        what = "its columns are not separated by commas, semicolons or tabs"
+        raise InputError(Problem(file, line, 1, what, f"convert it: {DOCUMENT} says how"))
+    if 2 * sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?", name) is not None for name in header) > len(header):
+        what = "has no header: the first line holds numbers"
+        raise InputError(Problem(file, line, 0, what, "name the columns in a line above them: A1, A2, …, X, Y, Z"))
     twice = [name for name, count in Counter(header).items() if count > 1]
     if twice:
         names = ", ".join(f"'{name}'" for name in twice)
-        raise InputError(Problem(file, 1, 0, f"column {names} is there more than once", "remove or rename one"))
+        raise InputError(Problem(file, line, 0, f"column {names} is there more than once", "remove or rename one"))

@@ -53,6 +53,51 @@ def test_columns_may_stand_in_any_order_and_unknown_ones_are_kept(tmp_path):
     assert DataSet.load(tmp_path / "again.csv").texts("note") == ["a, b"]
 
 
+AS_TYPED = "A1,A2,X,Y,Z,sphere\n1.5,-2,1003.25,4,5e-1,\n2.5,-2,3.125,4,5,\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        AS_TYPED.replace(",", ";"),
+        AS_TYPED.replace(",", "\t"),
+        AS_TYPED.replace(",", ";").replace(".", ","),
+        AS_TYPED.replace(",", "\t").replace(".", ","),
+        AS_TYPED.replace(",", ";").replace(".", ",").replace("1003", "1.003"),
+        "sep=;\n" + AS_TYPED.replace(",", ";").replace(".", ","),
+        AS_TYPED.replace(",\n", ",,,,\n").replace("sphere\n", "sphere,,,\n"),
+        AS_TYPED.replace("sphere\n", "sphere,\n").replace(",\n", ",,\n", 1),
+        AS_TYPED + ",,,,,\n,,,,,\n",
+        AS_TYPED.replace("\n", "\r\n"),
+    ],
+)
+def test_a_table_as_a_spreadsheet_saves_it_is_read(text):
+    plain, read = DataSet.parse(AS_TYPED, "data.csv"), DataSet.parse(text, "data.csv")
+    assert not read.rejected
+    assert read.columns == plain.columns
+    for name in plain.columns:
+        assert [float(cell or "0") for cell in read.texts(name)] == [float(cell or "0") for cell in plain.texts(name)]
+
+
+def test_a_name_with_a_comma_is_no_number():
+    data = DataSet.parse("A1;A2;X;Y;Z;socket\n1,5;2,5;3;4;5;1,5\n", "data.csv")
+    assert data.texts("socket") == ["1,5"]
+    assert data.texts("A1") == ["1.5"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_a_data_set_is_read_in_whatever_a_spreadsheet_saved_it(tmp_path, encoding):
+    (tmp_path / "data.csv").write_text("A1,A2,X,Y,Z,ort\n1,2,3,4,5,Süd\n", encoding=encoding)
+    assert DataSet.load(tmp_path / "data.csv").texts("ort") == ["Süd"]
+
+
+@pytest.mark.parametrize("start", [b"PK\x03\x04", b"\xd0\xcf\x11\xe0"])
+def test_a_workbook_itself_is_named_as_such(tmp_path, start):
+    (tmp_path / "data.xlsx").write_bytes(start + bytes(range(256)))
+    with pytest.raises(InputError, match="not text\n    save the sheet as CSV"):
+        DataSet.load(tmp_path / "data.xlsx")
+
+
 BAD_ROWS = """\
 A1,A2,X,Y,Z
 1,2,3,4,5
@@ -183,7 +228,10 @@ def test_a_row_after_a_cell_with_a_line_break_keeps_its_own_line():
         ("", "is empty"),
         ("\n\n", "is empty"),
         ("A1,A2,X,Y,Z\n", "holds no rows"),
-        ("A1;A2;X;Y;Z\n1;2;3;4;5\n", "data-sets.md"),
+        ("A1|A2|X|Y|Z\n1|2|3|4|5\n", "data-sets.md"),
+        ("1,2,3,4,5\n2,3,4,5,6\n", "no header"),
+        ("A1;A2;X;Y;Z\n1;2;3,5;4.5;5\n", "data.csv:2: '3,5' has a decimal comma"),
+        ("A1;A2;X;Y;Z\n1;2;1,234;2,345;5\n", "may be 1234 or 1.234"),
         ("A1,A1,X,Y,Z\n1,2,3,4,5\n", "more than once"),
         ("A1,X,Y,Z\n1,3,4,5\n", "missing: A2"),
         ("A1,A2,q1,q2,X,Y,Z\n1,2,1,2,3,4,5\n", "both"),
@@ -199,8 +247,8 @@ def test_a_file_that_cannot_be_used_is_refused_and_says_why(text, words):
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path):
-    (tmp_path / "latin.csv").write_bytes(b"A1,A2,\xe4\n1,2,3\n")
-    for name in ("missing.csv", "latin.csv", "."):
+    (tmp_path / "picture.csv").write_bytes(b"\x89PNG\x00\x01\n1\n")
+    for name in ("missing.csv", "picture.csv", "."):
         with pytest.raises(InputError):
             DataSet.load(tmp_path / name)
 

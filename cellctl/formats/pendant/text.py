@@ -6,11 +6,7 @@ import re
 from pathlib import Path
 
 from cellctl.files import InputError, Problem
-
-_SPREADSHEETS = {
-    b"PK\x03\x04": "a spreadsheet (xlsx, ods) or another archive",
-    b"\xd0\xcf\x11\xe0": "a spreadsheet (xls)",
-}
+from cellctl.formats.plain_text import decoded
 
 
 def read_text(path: Path) -> str:
@@ -19,10 +15,7 @@ def read_text(path: Path) -> str:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
-    for start, what in _SPREADSHEETS.items():
-        if data.startswith(start):
-            raise InputError(Problem(str(path), 0, 0, f"is {what}, not text", "save the sheet as CSV"))
-    text = _decoded(data)
+    text = decoded(data, str(path))
     if "\0" in text:
         raise InputError(Problem(str(path), 0, 0, "is not text", "give a KRL, script or CSV file"))
     if not text.strip():
@@ -33,14 +26,3 @@ def read_text(path: Path) -> str:
 def lines_of(text: str) -> list[str]:
     """The lines, whatever ends them; unlike `str.splitlines`, nothing but CR and LF does."""
     return re.split(r"\r\n|\n|\r", text)
-
-
-def _decoded(data: bytes) -> str:
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16", "replace")
-    for encoding in ("utf-8-sig", "cp1252"):
-        try:
-            return data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-    return data.decode("latin-1")
