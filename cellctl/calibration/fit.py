@@ -31,7 +31,8 @@ class FitResult:
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over the joint region of the fit, apart from what moves all of it
     as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
-    foresees, unforeseen_mm: how far off; they are in the figures. ladder: the models tried, where it was left open.
+    foresees, unforeseen_mm: how far off, foreseen_mm: 1 σ (3-D) of each of them as foreseen; they are in the figures.
+    ladder: the models tried, where it was left open.
     """
 
     identification: Identification
@@ -49,6 +50,7 @@ class FitResult:
     verdict_reason: str
     unforeseen: tuple[int, ...]
     unforeseen_mm: tuple[float, ...]
+    foreseen_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
     ladder: tuple[Step, ...] = ()
@@ -152,11 +154,13 @@ def _observability(task: Task, found: Identification, own: Mixture) -> Observabi
 
 
 def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:
-    """The held-out rows far beyond what was foreseen, and how far off each was, by row."""
+    """The held-out rows far beyond what was foreseen, how far off each was, and how far it should be, by row."""
     places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
     which = held_out.unforeseen
-    found = sorted(zip(places[which].tolist(), held_out.identified[which].tolist(), strict=True))
-    return {"unforeseen": tuple(row for row, _ in found), "unforeseen_mm": tuple(error for _, error in found)}
+    columns = (places[which], held_out.identified[which], np.sqrt(held_out.variance[which]))
+    found = sorted(zip(*(column.tolist() for column in columns), strict=True))
+    rows, errors, foreseen = zip(*found, strict=True) if found else ((), (), ())
+    return {"unforeseen": rows, "unforeseen_mm": errors, "foreseen_mm": foreseen}
 
 
 def _over_region(found: Estimate, q: Floats) -> float:

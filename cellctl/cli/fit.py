@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ import typer
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
 from cellctl.cli.outputs import refuse_outputs
-from cellctl.files import InputError
+from cellctl.files import Document, InputError, load_yaml
 
 if TYPE_CHECKING:
     from cellctl.formats import Measurements, ModelFile, RobotFile
@@ -79,7 +80,7 @@ def fit(
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
     if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
-        refuse_mistakes(robot, data, measured, artefact)
+        refuse_mistakes(files.document, data, measured, artefact)
     result = fitted(measured.task, split)
     report = fit_report(measured, result, labels)
     if out:
@@ -87,7 +88,7 @@ def fit(
     if page:
         from cellctl.report.fit import FitStory, write_fit_page
 
-        sources = {"robot file": robot.name, "data set": f"{data.name}, SHA-256 {files.data.sha256[:12]}…"}
+        sources = {"robot file": _name(robot), "data set": f"{_name(data)}, SHA-256 {files.data.sha256[:12]}…"}
         write_fit_page(page, FitStory.of(measured, result, split, report, sources))
     write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
     if json_ != "-":
@@ -102,6 +103,7 @@ def fit(
 class _Files:
     """What was read, and the hashes that a model made from it carries."""
 
+    document: Document
     robot: RobotFile
     data: Any
     artefact: Any
@@ -112,19 +114,32 @@ class _Files:
     def of(cls, robot: Path, data: Path, asked: Asked) -> _Files:
         """All files, with all mistakes in them at once."""
         from cellctl.files import sha256_of
-        from cellctl.formats import DataSet, ModelFile, RobotFile, load_artefact
+        from cellctl.formats import DataSet, ModelFile, load_artefact
 
         artefact, prior = asked.artefact, asked.prior
-        loaders: list[Callable[[], Any]] = [lambda: RobotFile.load(robot), lambda: DataSet.load(data)]
+        loaders: list[Callable[[], Any]] = [lambda: _robot(robot), lambda: DataSet.load(data)]
         loaders.append(lambda: load_artefact(artefact) if artefact else None)
         loaders.append(lambda: ModelFile.load(prior) if prior else None)
-        robot_file, rows, points, older = _all_of(loaders)
+        (document, robot_file), rows, points, older = _all_of(loaders)
         hashes = {"data_sha256": rows.sha256}
         if points:
             hashes["artefact_sha256"] = sha256_of(points.model_dump())
         if older:
             hashes["prior_sha256"] = sha256_of(older.text())
-        return cls(robot_file, rows, points, older, hashes)
+        return cls(document, robot_file, rows, points, older, hashes)
+
+
+def _robot(path: Path) -> tuple[Document, RobotFile]:
+    """The robot file, read once: it may change while the fit runs, or be a pipe."""
+    from cellctl.formats import RobotFile
+
+    document = load_yaml(path)
+    return document, RobotFile.from_document(document)
+
+
+def _name(path: Path) -> str:
+    """A file's name as text, whatever bytes it is made of."""
+    return os.fsencode(path.name).decode(errors="replace")
 
 
 def _measured(files: _Files, asked: Asked) -> Measurements:

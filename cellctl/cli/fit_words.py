@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _SHOWN = 20
+_WIDTH = 80
 
 
 def say(report: dict[str, Any], *, prior: bool) -> None:
@@ -18,6 +19,7 @@ def say(report: dict[str, Any], *, prior: bool) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
+    console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but cut no figure
     _figures(console, report, "older model" if prior else "nominal")
     for words in (*_model(report), *_steps(report), *_unseen(report), *_far(report), *_mastering(report)):
         console.print(words, markup=False)

@@ -5,25 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cellctl.files import Document, InputError, Problem, load_yaml
+from cellctl.files import Document, InputError, Problem
 
 if TYPE_CHECKING:
     from cellctl.calibration.mistakes import Change, Mistake
     from cellctl.formats import Measurements
 
 
-def refuse_mistakes(robot: Path, data: Path, measured: Measurements, artefact: Path | None = None) -> None:
-    """Nothing, where `measured` goes together with the robot file; else raises InputError.
+def refuse_mistakes(document: Document, data: Path, measured: Measurements, artefact: Path | None = None) -> None:
+    """Nothing, where `measured` goes together with the robot file `document`; else raises InputError.
 
     One Problem for each mistake, at its place in the robot file, the data set or the artefact's file, with the evidence
     ("A3 reversed: RMS 214 → 0.9 mm") and the cure. Where the rows cannot tell between explanations, all are there.
     """
     from cellctl.calibration.mistakes import find_mistakes
-    from cellctl.formats import RobotFile
 
-    document = load_yaml(robot)
-    joints = RobotFile.from_document(document).joint_map()
-    found = find_mistakes(measured.task, joints, measured.readings).mistakes
+    found = find_mistakes(measured.task, measured.robot.joint_map(), measured.readings).mistakes
     files = {"data": str(data), "artefact": str(artefact or data)}
     several = len(found) > 1
     problems = [

@@ -63,6 +63,8 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
         clauses.append(
             f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
         )
+    if noise >= NOISY and measured.task.prior is None and "geometry" not in result.model.split("+"):
+        clauses.append("what this model cannot express passes for scatter, and is not in that σ")
     if measured.task.prior is not None and measured.task.groups is None and noise >= CHANGED:
         clauses.append(
             "or the robot is no longer what the older model says: --free zeros, tool or base finds what changed"
@@ -90,9 +92,9 @@ def _far_out(measured: Measurements, result: FitResult, row: int) -> str:
 
 
 def _unforeseen(measured: Measurements, result: FitResult, row: int) -> str:
-    foreseen = f"{result.predicted_test_rms:.3f} mm (RMS) was foreseen"
-    error = dict(zip(result.unforeseen, result.unforeseen_mm, strict=True))[row]
-    return f"held out and {error:.3f} mm off, where {foreseen}: counted all the same"
+    place = result.unforeseen.index(row)
+    error, foreseen = result.unforeseen_mm[place], result.foreseen_mm[place]
+    return f"held out and {error:.3f} mm off, where {foreseen:.3f} mm (1 σ) was foreseen of it: counted all the same"
 
 
 def _error(measured: Measurements, result: FitResult, row: int) -> float:

@@ -178,8 +178,7 @@ class ModelFile(BaseModel):
     def load(cls, path: Path) -> Self:
         """Read a model file. Raises InputError where it is none."""
         try:
-            content = json.loads(path.read_bytes())
-            model = cls.model_validate(content)
+            model = cls.model_validate(_of_this_format(json.loads(path.read_bytes())))
             model.robot_model()
         except OSError as error:
             raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
@@ -189,7 +188,7 @@ class ModelFile(BaseModel):
                 Problem(str(path), 0, 0, f"is no model file: {at or 'content'}: {why}") for at, why in places.items()
             ]
             raise InputError(problems[:5]) from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             what = f"is no model file: {error}"
             raise InputError(Problem(str(path), 0, 0, what, "give a file that `cellctl fit --out` wrote")) from error
         return model
@@ -220,7 +219,7 @@ class ModelFile(BaseModel):
         self._check_region()
         if max([abs(parameter.value) for parameter in self.parameters], default=0.0) > GREATEST:
             raise ValueError("a parameter is beyond all measure")
-        _check_covariance(np.array(self.covariance))
+        _check_covariance(np.array(self.covariance), np.array([parameter.sigma for parameter in self.parameters]))
         return placed.with_deviations([parameter.value for parameter in self.parameters])
 
     def _check_region(self) -> None:
@@ -272,8 +271,21 @@ class ModelFile(BaseModel):
         return self.outside_mm * self.joint_region.doubt(readings)
 
 
-def _check_covariance(covariance: Floats) -> None:
-    """Raises ValueError where no fit can have made it: not symmetric, or a variance below 0."""
+def _of_this_format(content: Any) -> Any:
+    """`content`, where it says that it is of the format that is read here. Raises ValueError."""
+    ours = ModelFile.model_fields["format"].default
+    theirs = content.get("format") if isinstance(content, dict) else None
+    if not isinstance(theirs, str) or not theirs.startswith(ours.rstrip("0123456789")):
+        raise ValueError(f'it does not say "format": "{ours}"')
+    if theirs != ours:
+        raise ValueError(
+            f"it is of format '{theirs}', and this cellctl reads '{ours}': give it to the one that wrote it"
+        )
+    return content
+
+
+def _check_covariance(covariance: Floats, sigma: Floats) -> None:
+    """Raises ValueError where no fit made it: not symmetric, a variance below 0, or another than its σ (P,)."""
     import numpy as np
 
     variances = np.diag(covariance)
@@ -284,6 +296,8 @@ def _check_covariance(covariance: Floats) -> None:
         raise ValueError("its covariance is none: not symmetric, or a variance below 0")
     if len(scaled) and np.linalg.eigvalsh(scaled).min() < -1e-6:
         raise ValueError("its covariance is none: some combination of parameters has a variance below 0")
+    if not np.allclose(np.sqrt(variances), sigma, rtol=1e-6, atol=0.0):
+        raise ValueError("its covariance does not go with the σ of its parameters")
 
 
 def _in_space(measured: Measurements, rms: float) -> float:

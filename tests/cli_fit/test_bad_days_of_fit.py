@@ -2,10 +2,13 @@
 
 import csv
 import json
+import os
+import re
 import resource
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +89,7 @@ def test_a_size_beyond_all_measure_costs_its_touch_alone(fit, rows, column, text
     assert [row["line"] for row in [*result["rejected"], *result["outliers"]]] == [9]
 
 
-@pytest.mark.parametrize("sigma", ["0", "-0.1", "1e-12", "1e-300", "1e300", "nan"])
+@pytest.mark.parametrize("sigma", ["0", "-0.1", "1e-12", "1e-300", "4e5", "1e300", "nan"])
 def test_a_standard_deviation_that_nothing_has_costs_its_row_alone(fit, rows, sigma):
     table = [row | {"sX": "0.017", "sY": "0.017", "sZ": "0.017"} for row in rows()]
     table[7]["sX"] = sigma
@@ -94,6 +97,18 @@ def test_a_standard_deviation_that_nothing_has_costs_its_row_alone(fit, rows, si
     assert code == 0
     assert [row["line"] for row in result["rejected"]] == [9]
     assert "sX" in result["rejected"][0]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("column", "text"), [("temperature", "5000"), ("temperature", "-300"), ("payload", "1e5"), ("payload", "-1")]
+)
+def test_a_condition_that_no_robot_works_in_costs_its_row_alone(fit, rows, column, text):
+    table = [row | {"temperature": "21.5", "payload": "2"} for row in rows()]
+    table[7][column] = text
+    code, result = fit(table)
+    assert code == 0
+    assert [row["line"] for row in result["rejected"]] == [9]
+    assert column in result["rejected"][0]["reason"]
 
 
 @pytest.mark.parametrize("change", [lambda line: line + ",1", lambda line: line.rsplit(",", 1)[0]])
@@ -228,6 +243,54 @@ def test_the_error_told_of_a_held_out_row_is_its_held_out_error(fit, rows):
     assert f"{result['test']['max']:.3f} mm off" in of_wild_row[0]
 
 
+def test_what_was_foreseen_of_a_held_out_row_is_of_that_row(fit, rows):
+    """Rows of two instruments, one a hundred times better than the other: each is held to its own σ."""
+    table = without_set(rows())
+    for number, row in enumerate(table):
+        row |= dict.fromkeys(("sX", "sY", "sZ"), "1.7" if number % 2 else "0.017")
+    pushed(table, [7, 8], [[0.0, 90.0, 0.0], [0.0, 9.0, 0.0]])
+    _, result = fit(table)
+    reasons = {row["line"]: row["reason"] for row in result["test_outliers"]}
+    foreseen = {line: float(reasons[line].split("where ")[1].split(" mm")[0]) for line in (9, 10)}
+    assert 1.7 < foreseen[9] < 6.0
+    assert 0.017 < foreseen[10] < 0.2
+
+
+def test_what_a_model_without_links_cannot_express_is_said_not_to_be_in_its_sigma(fit, rows):
+    said = "passes for scatter, and is not in that σ"
+    _, zeros = fit(rows(), model=("--model", "zeros"))
+    assert zeros["predicted_volumetric_rms"] < 0.5 * zeros["test"]["rms"]
+    assert said in zeros["sentence"]
+    _, geometry = fit(rows())
+    assert said not in geometry["sentence"]
+
+
+def test_a_robot_file_and_a_data_set_may_be_pipes(cellctl, files):
+    """Each is read once: a second look would wait for ever, or see another file."""
+    for name in ("robot.yaml", "positions.csv"):
+        text = (files / name).read_text()
+        (files / name).unlink()
+        os.mkfifo(files / name)
+        threading.Thread(target=(files / name).write_text, args=(text,), daemon=True).start()
+    assert cellctl("fit", "robot.yaml", "positions.csv", *GEOMETRY) == 0
+
+
+def test_a_narrow_terminal_folds_lines_and_cuts_no_figure(cellctl, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "12")
+    assert cellctl("fit", "robot.yaml", "positions.csv", *GEOMETRY) == 0
+    said = capsys.readouterr().out
+    assert "…" not in said
+    assert re.search(r"held out, identified +0\.0\d\d +0\.0\d\d +0\.0\d\d", said)
+
+
+def test_names_of_files_that_are_no_text_end_nothing(cellctl, files):
+    strange = os.fsdecode(b"r\xff.csv")
+    (files / strange).write_bytes((files / "positions.csv").read_bytes())
+    written = ("--out", os.fsdecode(b"m\xff"), "--report", os.fsdecode(b"p\xff"), "--json", os.fsdecode(b"j\xff"))
+    assert cellctl("fit", "robot.yaml", strange, *GEOMETRY, *written) == 0
+    assert all((files / name).exists() for name in written[1::2])
+
+
 def _covariance(change):
     def edited(model):
         change(np.array(model["covariance"]), model["covariance"])
@@ -260,7 +323,9 @@ EDITS = {
     ),
     "no start of the tool": lambda model: model["start"].pop("tool"),
     "a doubt below zero": lambda model: model.update(outside_mm=-5.0),
+    "a σ unlike its variance": lambda model: model["parameters"][8].update(sigma=7.0),
     "a newer format": lambda model: model.update(format="cellctl model 2"),
+    "no format": lambda model: model.pop("format"),
 }
 
 
@@ -274,6 +339,19 @@ def test_a_model_that_no_fit_wrote_is_refused_by_fit_and_predict(cellctl, files,
     assert capsys.readouterr().err.count("model.json: ") >= 2
     assert not (files / "tcp.csv").exists()
     assert not (files / "new.json").exists()
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "[]", "7", "\0", '{"format": "cellctl table 1"}'])
+def test_what_is_no_model_at_all_is_refused(cellctl, files, capsys, text):
+    (files / "model.json").write_text(text)
+    assert cellctl("predict", "model.json", "positions.csv") == 2
+    assert "model.json: is no model file: " in capsys.readouterr().err
+
+
+def test_a_newer_model_says_who_can_read_it(cellctl, files, identified, capsys):
+    (files / "model.json").write_text(identified.replace("cellctl model 1", "cellctl model 2"))
+    assert cellctl("predict", "model.json", "positions.csv") == 2
+    assert "of format 'cellctl model 2', and this cellctl reads 'cellctl model 1'" in capsys.readouterr().err
 
 
 def test_half_a_model_file_is_refused(cellctl, files, identified, capsys):

@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 
 from cellctl.cli.mistakes import refuse_mistakes
-from cellctl.files import InputError
+from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet, RobotFile, load_artefact, measurements
 
 
@@ -12,9 +12,10 @@ def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):
     """The problems that these files are refused with; none where they are not."""
     robot, data = files / robot, files / data
     spheres = load_artefact(files / artefact) if artefact else None
-    measured = measurements(RobotFile.load(robot), DataSet.load(data), artefact=spheres)
+    document = load_yaml(robot)
+    measured = measurements(RobotFile.from_document(document), DataSet.load(data), artefact=spheres)
     try:
-        refuse_mistakes(robot, data, measured, files / artefact if artefact else None)
+        refuse_mistakes(document, data, measured, files / artefact if artefact else None)
     except InputError as error:
         return error.problems
     return []
