@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 REFERENCE_C = 20.0
 """Temperature at which lengths hold (ISO 1)."""
 
+COLDEST_C, HOTTEST_C = -100.0, 1000.0
+HEAVIEST_KG = 1e4
+"""What no robot works at, and none carries: a typing error, which would drown all other rows."""
+
 
 @final
 class Conditions:
@@ -60,6 +64,9 @@ def _warmer(sieve: Sieve) -> Floats | None:
     if not any(sieve.data.texts("temperature")):
         return None
     degrees = np.array(sieve.numbers("temperature", missing=np.inf))
+    for row in np.flatnonzero(np.isfinite(degrees) & ((degrees < COLDEST_C) | (degrees > HOTTEST_C))):
+        sieve.reject(int(row), f"temperature is {degrees[row]:g} °C: no robot works at that")
+        degrees[row] = np.nan
     noted = np.isfinite(degrees)
     mean = degrees[noted].mean() if noted.any() else REFERENCE_C
     return np.where(noted, degrees, mean) - REFERENCE_C
@@ -72,7 +79,7 @@ def _payload(sieve: Sieve) -> Floats | None:
         return None
     values = sieve.numbers("payload", missing=0.0)
     for row, mass in enumerate(values):
-        if mass < 0.0:
+        if mass < 0.0 or mass > HEAVIEST_KG:
             sieve.reject(row, f"payload is {mass:g} kg")
     return np.array(values)
 

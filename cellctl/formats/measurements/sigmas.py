@@ -19,6 +19,9 @@ ROTATION_SIGMA_DEG = 0.005
 LEAST = 1e-6
 """No standard deviation is smaller, mm or degrees: a row so sure of itself would silence all others."""
 
+MOST = 1e3
+"""No standard deviation is greater, mm or degrees: what is known no better than that is not measured."""
+
 SIGMAS = ("sX", "sY", "sZ")
 OF_DISTANCE = "sD"
 OF_ROTATION = "sR"
@@ -61,4 +64,6 @@ def _positive(sieve: Sieve, name: str, rows: Collection[int], default: float) ->
             sieve.reject(row, f"{name} is {value:g}: a standard deviation is above 0")
         elif value < LEAST:
             sieve.reject(row, f"{name} is {value:g}: nothing is measured to less than {LEAST:g}")
+        elif MOST < value < math.inf:  # infinite: missing
+            sieve.reject(row, f"{name} is {value:g}: what is known no better than {MOST:g} is not measured")
     return values
