@@ -13,7 +13,7 @@ import typer
 
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
-from cellctl.cli.outputs import refuse_outputs
+from cellctl.cli.outputs import Unwritten, refuse_outputs
 from cellctl.files import Document, InputError, load_yaml
 
 if TYPE_CHECKING:
@@ -83,17 +83,22 @@ def fit(
         refuse_mistakes(files.document, data, measured, artefact)
     result = fitted(measured.task, split)
     report = fit_report(measured, result, labels)
+    unwritten = Unwritten()
     if out:
-        ModelFile.of(files.robot, measured, result, files.hashes, files.prior).save(out)
+        with unwritten.noted():
+            ModelFile.of(files.robot, measured, result, files.hashes, files.prior).save(out)
     if page:
         from cellctl.report.fit import FitStory, write_fit_page
 
         sources = {"robot file": _name(robot), "data set": f"{_name(data)}, SHA-256 {files.data.sha256[:12]}…"}
-        write_fit_page(page, FitStory.of(measured, result, split, report, sources))
-    write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
+        with unwritten.noted():
+            write_fit_page(page, FitStory.of(measured, result, split, report, sources))
+    with unwritten.noted():
+        write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
     if json_ != "-":
         say(report, prior=prior is not None)
     name_rows(report)
+    unwritten.refuse()
     if report["verdict"] != "better":
         raise typer.Exit(Exit.NOT_BETTER)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import final
 
 import typer
 
@@ -26,6 +28,28 @@ def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[
         taken.setdefault(os.path.realpath(path), option)
     if problems:
         raise InputError(problems)
+
+
+@final
+class Unwritten:
+    """Outputs that could not be written after all (a disk that filled up): told when the others are, and the result."""
+
+    def __init__(self) -> None:
+        self._problems: list[Problem] = []
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """Writes one output; an OSError is kept for later."""
+        try:
+            yield
+        except OSError as error:
+            what = f"could not be written: {error.strerror or error}"
+            self._problems.append(Problem(str(error.filename), 0, 0, what, "make room, or write it elsewhere"))
+
+    def refuse(self) -> None:
+        """Raise InputError with every one of them."""
+        if self._problems:
+            raise InputError(self._problems)
 
 
 def to_stdout(text: str) -> None:

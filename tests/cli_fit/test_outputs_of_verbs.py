@@ -1,5 +1,6 @@
 """Where results go is looked at before the work: no verb writes over what it reads, or two results into one file."""
 
+import errno
 import os
 import shutil
 import sqlite3
@@ -81,6 +82,20 @@ def test_where_a_result_cannot_go_is_told_before_anything_is_written(cellctl, fo
     assert cellctl(*words, target) == 2
     assert f"{target}: " in capsys.readouterr().err
     assert _content(folder) == before
+
+
+def test_an_output_that_fails_costs_no_other_and_not_the_verdict(cellctl, folder, capsys, monkeypatch):
+    monkeypatch.setattr("cellctl.formats.ModelFile.save", _full)
+    written = ("--report", "p.html", "--json", "r.json")
+    assert cellctl(*FIT[:3], "--model", "geometry", "--out", "m.json", *written) == 2
+    said = capsys.readouterr()
+    assert "m.json: could not be written: No space left on device" in said.err
+    assert "Better: " in said.out
+    assert all((folder / name).exists() for name in written[1::2])
+
+
+def _full(_, path):
+    raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
 
 @pytest.mark.parametrize("words", [(*COMPENSATE, "-o", "one", "--json", "one"), (*IMPORT, "-o", "a", "--json", "./a")])
