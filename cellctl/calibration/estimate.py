@@ -79,9 +79,7 @@ class _Problem:
     def of(cls, unknowns: Unknowns, blocks: Sequence[Rows]) -> Self:
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
-        whitening = np.eye(free.size)
-        if unknowns.prior is not None:
-            whitening = _inverse_root(unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale))
+        whitening = _whitening(unknowns, free)
         pins = np.zeros((0, free.size)) if unknowns.pinned is None else PINNED * unknowns.pinned[:, free]
         return cls(unknowns, tuple(blocks), free, scale, whitening, np.vstack([whitening, pins]))
 
@@ -197,7 +195,7 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
     if unknowns.pinned is not None and len(unknowns.pinned) and free.size:
         own = own + _of_the_pinned(unknowns.pinned[:, free], triangle, exact)
     if unknowns.prior is not None:
-        doubted = np.flatnonzero(~unknowns.free & (np.diag(unknowns.prior) > 0.0))
+        doubted = np.flatnonzero(unknowns.doubted)
         columns = np.concatenate([free, doubted])
         folded = problem.fold(x, columns, np.concatenate([scale, np.ones(len(doubted))]))[:, :-1]
         count, known = free.size, unknowns.prior[np.ix_(doubted, doubted)]
@@ -229,11 +227,13 @@ def _posterior(triangle: Floats, whitening: Floats) -> Floats:
 
 def prior_inverse(unknowns: Unknowns, free: Any) -> Floats:
     """What is known of the `free` unknowns (indices) beforehand, in tolerances, as normal equations (F, F)."""
-    if unknowns.prior is None:
-        return np.eye(len(free))
-    scale = unknowns.sigma[free]
-    root = _inverse_root(unknowns.prior[np.ix_(free, free)] / np.outer(scale, scale))
+    root = _whitening(unknowns, free)
     return np.asarray(root.T @ root)
+
+
+def _whitening(unknowns: Unknowns, free: Any) -> Floats:
+    """Root (F, F) of what is known of the `free` unknowns (indices) beforehand, in tolerances."""
+    return np.eye(len(free)) if unknowns.prior is None else _inverse_root(unknowns.known(free))
 
 
 def _inverse_root(covariance: Floats) -> Floats:

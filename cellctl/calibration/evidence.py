@@ -1,4 +1,5 @@
-"""Whether rows are noisier than they say, or the robot is further from nominal than its tolerances say.
+"""Whether rows are noisier than they say, or the robot is further from nominal than its tolerances say, or from an
+older model than that was sure of.
 
 Both make the residuals large, and who takes the one for the other is wrong twice: tolerances that are too tight push a
 robot's true errors into the residuals, which then look like noise, which makes the tolerances weigh more. So both are
@@ -15,7 +16,7 @@ from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, linearised, prior_inverse
+from cellctl.calibration.estimate import PINNED, Estimate, linearised
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows, SocketRows
 from cellctl.calibration.unknowns import Unknowns
@@ -35,7 +36,7 @@ _NEVER_LOOSENED = ("points", "datums", "base", "deflection")
 
 def unexpected(found: Estimate, rows: Mixture) -> bool:
     """Whether residuals or parameters of a fit are larger than noise and tolerances say, for any kind or group."""
-    state, free = found.state, found.unknowns.free
+    state = found.state
     share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
     for block, _, _ in rows.parts():
         squares = (block.residual(state) / block.sigma) ** 2
@@ -43,21 +44,24 @@ def unexpected(found: Estimate, rows: Mixture) -> bool:
             mine = squares[:, np.array(block.quantities) == quantity]
             if _beyond(float(mine.sum()), mine.size * share):
                 return True
-    if found.unknowns.prior is not None:
-        return False
-    x = found.deviations / found.unknowns.sigma
-    groups = np.array(found.unknowns.groups)
-    return any(
-        _beyond(float(np.sum(x[mine] ** 2)), int(mine.sum()))
-        for group in loosenable(found.unknowns)
-        if (mine := free & (groups == group)).any()
-    )
+    return _strange(found)
+
+
+def _strange(found: Estimate) -> bool:
+    """Whether parameters are further from where they were expected than tolerances, or an older model, say."""
+    unknowns, x = found.unknowns, found.deviations / found.unknowns.sigma
+    groups, loose = np.array(unknowns.groups), loosenable(unknowns)
+    if unknowns.prior is not None:  # its errors of one group are those of the others, too
+        mine = unknowns.free & np.isin(groups, loose)
+        return _beyond(float(np.sum((found.whitening @ x[unknowns.free]) ** 2)), int(mine.sum()))
+    each = [unknowns.free & (groups == group) for group in loose]
+    return any(_beyond(float(np.sum(x[mine] ** 2)), int(mine.sum())) for mine in each)
 
 
 def loosenable(unknowns: Unknowns) -> tuple[str, ...]:
-    """Groups whose tolerances may be too tight: free ones of which something was known that is no older model."""
-    if unknowns.prior is not None:
-        return ()
+    """Groups whose tolerances may be too tight, or of which an older model may be too sure: free ones of which
+    something was known.
+    """
     known = unknowns.free & (unknowns.sigma < 100.0)  # what is registered to an instrument was not known at all
     there = dict.fromkeys(group for group, is_known in zip(unknowns.groups, known, strict=True) if is_known)
     flat = {group for group, is_flat in zip(unknowns.groups, unknowns.sigma >= 100.0, strict=True) if is_flat}
@@ -120,9 +124,11 @@ class _Normal:
 @final
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The linearised problem: rows by kind of number; fixed: rows that are never in doubt, and what else is known.
+    """The linearised problem: rows by kind of number; fixed: rows that are never in doubt, and what is pinned.
 
-    groups (F,): for each free unknown its factor's place in `loose`, or −1. x (F,): where the fit is, in tolerances.
+    Its unknowns are those of the fit and what is held but doubted: what an older model did not know is no noise. groups
+    (F,): for each its factor's place in `loose`, or −1. known (F, F): their covariance beforehand; change (F,): by how
+    much each variance grows with its factor²; x (F,): where the fit is; all in tolerances.
     """
 
     numbers: Mapping[Factor, _Normal]
@@ -130,16 +136,17 @@ class _System:
     loose: tuple[Factor, ...]
     groups: Any
     known: Floats
+    change: Floats
     x: Floats
 
     @classmethod
     def of(cls, found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> Self:
-        free = np.flatnonzero(unknowns.free)
-        scale = unknowns.sigma[free]
-        state, x = found.state, found.deviations[free] / scale
+        about = np.flatnonzero(unknowns.free | unknowns.doubted)
+        scale = unknowns.sigma[about]
+        state, x = found.state, found.deviations[about] / scale
 
         def of(block: Rows) -> tuple[Floats, Floats]:
-            columns, away = linearised(block, state, free, scale)
+            columns, away = linearised(block, state, about, scale)
             return columns, away - columns @ x
 
         numbers: dict[Factor, _Normal] = {}
@@ -152,10 +159,11 @@ class _System:
         place = {group: number for number, group in enumerate(loose)}
         return cls(
             numbers=numbers,
-            fixed=tuple(_Normal.of(*of(block)) for block in certain),
+            fixed=(*(_Normal.of(*of(block)) for block in certain), _pins(unknowns, about)),
             loose=tuple((group, 0) for group in loose),
-            groups=np.array([place.get(unknowns.groups[column], -1) for column in free]),
-            known=prior_inverse(unknowns, free),
+            groups=np.array([place.get(unknowns.groups[at], -1) if unknowns.free[at] else -1 for at in about]),
+            known=unknowns.known(about),
+            change=unknowns.change[about],
             x=x,
         )
 
@@ -171,7 +179,7 @@ class _System:
             squares = normal.rest + 2.0 * normal.pull @ self.x + self.x @ normal.square @ self.x
             return max(0.5 * float(np.log(max(float(squares) / normal.count, 1.0))), 0.3)
         mine = self.groups == self.loose.index(factor)
-        return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2)), 1.0))), 0.3)
+        return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2 / self.change[mine])), 1.0))), 0.3)
 
     def evidence(self, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
         """Logarithm of the probability of the rows with these factors' logarithms, but for a constant; and how fast it
@@ -185,14 +193,21 @@ class _System:
             square, pull = square + weight * normal.square, pull + weight * normal.pull
             rest, value = rest + weight * normal.rest, value - normal.count * log
         tolerances = np.array([*(logs.get(factor, 0.0) for factor in self.loose), 0.0])[self.groups]
-        known = self.known * np.exp(-tolerances - tolerances[:, None])
+        known, before = _inverse(self.known + np.diag(self.change * np.expm1(2.0 * tolerances)))
         covariance, volume = _inverse(square + known)
         x = -covariance @ pull
-        value += -tolerances.sum() - 0.5 * (rest + pull @ x) - 0.5 * volume
+        value += -0.5 * float(before + rest + pull @ x + volume)
         slopes = {factor: normal.slope(logs.get(factor, 0.0), x, covariance) for factor, normal in self.numbers.items()}
-        own = np.diag(known) * (x**2 + np.diag(covariance)) - 1.0
+        widened = np.diag(known @ (np.outer(x, x) + covariance) @ known - known)
+        own = np.exp(2.0 * tolerances) * self.change * widened
         slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
         return float(value), slopes
+
+
+def _pins(unknowns: Unknowns, about: Any) -> _Normal:
+    """What stays where it starts, as the estimate has it, for the unknowns at `about` (F,)."""
+    pinned = np.zeros((0, len(about))) if unknowns.pinned is None else PINNED * unknowns.pinned[:, about]
+    return _Normal.of(pinned, np.zeros(len(pinned)))
 
 
 def _inverse(square: Floats) -> tuple[Floats, float]:

@@ -42,9 +42,10 @@ class Task:
     sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
 
     prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
-    everything is free within what that model was sure of, but for base and tool where an instrument measured: they are
-    found anew. With `groups` these alone are free, with nothing known of them
-    (a crash, a new motor, a new tool), and the rest is held, as uncertain as it was.
+    everything is free within what that model was sure of, or further from it where the rows are evidence that the robot
+    has changed since; but for base and tool where an instrument measured: they are found anew. With `groups` these
+    alone are free, with nothing known of them (a crash, a new motor, a new tool), and the rest is held, as uncertain as
+    it was.
 
     candidates: effects that the model may be widened by, in this order, as far as the rows pay for it (`ladder`); None:
     the model is as it is.

@@ -194,9 +194,44 @@ class Unknowns:
         return replace(self, free=self.free & np.array([name not in names for name in self.names]))
 
     def loosened(self, factors: Mapping[Group, float]) -> Self:
-        """These unknowns with the tolerances of some groups wider by a factor."""
+        """These unknowns with the tolerances of some groups wider by a factor; or, of an older model, with as much more
+        that may have changed since (`change`).
+        """
         wider = np.array([factors.get(group, 1.0) for group in self.groups])
-        return replace(self, sigma=self.sigma * wider)
+        if self.prior is None:
+            return replace(self, sigma=self.sigma * wider)
+        return replace(self, prior=self.prior + np.diag((wider**2 - 1.0) * self.change * self.sigma**2))
+
+    @property
+    def change(self) -> Floats:
+        """Variance (P,), in tolerances, that each parameter gains where its group's factor² grows by 1.
+
+        A robot changes without regard to how well it was known: all that is free of a group gains alike, so much that
+        the 1 σ grow by the factor in the root mean square. Without an older model that is 1.
+        """
+        if self.prior is None:
+            return np.ones(len(self.names))
+        known, groups = np.diag(self.prior) / self.sigma**2, np.array(self.groups)
+        result = np.zeros(len(known))
+        for group in dict.fromkeys(self.groups):
+            mine = self.free & (groups == group) & (known > 0.0)
+            if mine.any():
+                result[mine] = 1.0 / np.mean(1.0 / known[mine])
+        return result
+
+    @property
+    def doubted(self) -> Bools:
+        """Which parameters (P,) are held although an older model was not certain of them."""
+        if self.prior is None:
+            return np.zeros(len(self.names), bool)
+        return np.asarray(~self.free & (np.diag(self.prior) > 0.0))
+
+    def known(self, columns: Any) -> Floats:
+        """What is known beforehand of the parameters at `columns` (C,): their covariance (C, C), in tolerances."""
+        if self.prior is None:
+            return np.eye(len(columns))
+        scale = self.sigma[columns]
+        return np.asarray(self.prior[np.ix_(columns, columns)] / np.outer(scale, scale))
 
     def restarted(self, start: State) -> Self:
         """The same unknowns, expected at `start`."""

@@ -4,12 +4,16 @@ Truth, measurements and the optimum to compare with come from an arm, a posterio
 (`own_arm`, `own_posterior`), not from cellctl.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from fitted import fitted, unseen_by
+from fitted import fitted, task_of, unseen_by
 from fixed_orientations import TILTED, UPRIGHT, fixed
 from honesty import Summary, elsewhere, honesty
 from simulated_setups import OUTSIDE, SETUPS
+
+from cellctl.calibration import Mixture, identify
 
 SEEDS = 20
 FEWEST_INSIDE = 16 / SEEDS
@@ -98,3 +102,18 @@ def test_few_orientations_leave_tool_and_base_untold_apart_and_it_is_said(turns)
         letters = {letter for words in together for letter in words.partition("tool translation along ")[2][:7]}
         assert fitted(draw).converged
         assert {"X", "Y", "Z"} <= letters if turns is ONE_ORIENTATION else together
+
+
+def test_what_stays_where_it_starts_does_not_explain_residuals_that_are_left():
+    """One orientation, joints as a controller writes them; the rows are off as if the tool were 3 m off, and the base
+    with it. The fit does not go there, as no row can tell that from its noise; so what is left has to be noise.
+    """
+    task = task_of(fixed(0, ONE_ORIENTATION)[0])
+    rows = task.rows.only
+    rounded = replace(rows, at=np.radians(np.round(np.degrees(rows.q), 2)))
+    found = identify(replace(task, rows=Mixture.of(rounded))).identified
+    unseen = found.unknowns.pinned[0] * found.unknowns.sigma
+    wrong = replace(rounded, xyz=rounded.xyz + 3.0 * rounded.jacobian(found.state) @ unseen)
+    done = identify(replace(task, rows=Mixture.of(wrong)))
+    left = wrong.residual(done.identified.state) / wrong.sigma
+    assert np.sqrt(np.mean(left**2)) < 1.1 * done.noise.max()

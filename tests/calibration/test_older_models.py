@@ -130,6 +130,21 @@ def test_the_older_model_holds_again_once_its_zeros_are_found(crashes):
     assert np.sqrt(np.mean(true)) < 0.1
 
 
+def test_what_a_poor_older_model_did_not_know_is_not_taken_for_noise_of_the_rows():
+    """Of 25 positions; their errors, held, are as large as the new rows' noise."""
+    for seed in range(8, 20):
+        crashed, _ = Older.of(seed, count=25).crashed()
+        task = crashed.task(crashed.campaign.positions(20, SIGMA), "zeros")
+        assert identify(task).noise.max() == 1.0
+
+
+def test_rows_after_a_crash_that_are_noisier_than_they_say_are_found_to_be(olders):
+    for older in olders[:4]:
+        crashed, _ = older.crashed()
+        rows = crashed.campaign.positions(20, 3.0 * SIGMA, said=SIGMA)
+        assert identify(crashed.task(rows, "zeros")).noise.max() == pytest.approx(3.0, rel=0.4)
+
+
 def test_all_but_the_zeros_stays_as_it_was(crashes):
     _, _, task, done = crashes[0]
     before, after = task.model.deviations, done.identified.state.model.deviations
@@ -137,7 +152,14 @@ def test_all_but_the_zeros_stays_as_it_was(crashes):
     assert moved == set(ZEROS)
 
 
+def sigma_of_changes(task):
+    """1 σ of what each zero has moved by, for rows as good as they say."""
+    done = identify(task)
+    return zero_changes(task, done.identified)[1] / done.noise.max()
+
+
 def test_what_the_older_model_was_unsure_of_is_carried_over(olders):
+    """Taken to be exact, its errors are noise to the evidence; so σ is compared for rows as good as they say."""
     for seed in range(3):
         poor, good = Older.of(seed, count=25), olders[seed]
         lost = np.radians([0.5, -1.0, 1.5, 0.3, -0.8, 2.0])
@@ -145,7 +167,7 @@ def test_what_the_older_model_was_unsure_of_is_carried_over(olders):
         rows = replace(good.campaign, truth=truth).positions(20, SIGMA)
         exact = Task(good.found.state.model, rows, groups=frozenset({"zeros"}), prior=1e-8 * good.covariance)
         tasks = exact, good.task(rows, "zeros"), poor.task(rows, "zeros")
-        sigmas = [zero_changes(task, identify(task).identified)[1] for task in tasks]
+        sigmas = [sigma_of_changes(task) for task in tasks]
         assert np.all(sigmas[0] < sigmas[1])
         assert np.sqrt(np.mean(sigmas[1] ** 2)) < np.sqrt(np.mean(sigmas[2] ** 2))
 
