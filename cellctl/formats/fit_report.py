@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cellctl.formats.fit_findings import by_label, free_groups, mastering, sessions, wide
@@ -13,9 +13,6 @@ if TYPE_CHECKING:
 
 _LINES = 5
 
-
-CHANGED = 3.0
-"""From this factor on rows that update an older model may as well be those of a robot that has changed since."""
 
 NOISY = 1.5
 """From this factor on it is said that the rows scatter more than they should."""
@@ -65,15 +62,19 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
         )
     if noise >= NOISY and measured.task.prior is None and "geometry" not in result.model.split("+"):
         clauses.append("what this model cannot express passes for scatter, and is not in that σ")
-    if measured.task.prior is not None and measured.task.groups is None and noise >= CHANGED:
-        clauses.append(
-            "or the robot is no longer what the older model says: --free zeros, tool or base finds what changed"
-        )
+    if measured.task.prior is not None and measured.task.groups is None and result.identification.loosened:
+        clauses.append(_changed(result.identification.loosened))
     if result.unforeseen:
         lines = [str(line) for line in sorted(measured.lines[row] for row in result.unforeseen)]
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
         clauses.append(f"{len(lines)} of the held-out {kind} far beyond what the model foresees (line {where})")
     return clauses
+
+
+def _changed(loosened: Mapping[str, float]) -> str:
+    """What an update found of a robot that has changed since its older model."""
+    by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in loosened.items())
+    return f"further from the older model than it was sure of: {by}: was there a crash? --free {','.join(loosened)}"
 
 
 def _promise(measured: Measurements) -> str:

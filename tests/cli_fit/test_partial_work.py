@@ -107,6 +107,15 @@ def test_an_update_is_surer_than_the_older_model_and_has_seen_what_that_saw(fold
     assert newer["provenance"]["prior_sha256"]
 
 
+def test_an_update_of_a_robot_that_lost_its_zeros_finds_them_and_asks_for_the_crash(folder):
+    crashed = replace(ARM, lost_deg=(0.0, 0.2, 0.0))
+    result = afterwards(folder, crashed, rows=30)
+    assert list(result["loosened"]) == ["zeros"]
+    assert max(result["noise_growth"]) == 1.0
+    assert f"zeros × {result['loosened']['zeros']:.0f}: was there a crash? --free zeros" in result["sentence"]
+    assert errors_of(folder, "new.json", crashed, drawn(np.random.default_rng(3), 40)).max() < 0.1
+
+
 def test_the_sentence_compares_with_the_older_model_not_with_nominal(folder, capsys):
     result = afterwards(folder, ARM, "--free", "tool", code=1)
     assert "older model" in result["sentence"]

@@ -24,7 +24,7 @@ from fit_stories import (
     truth,
 )
 
-from cellctl.calibration import Backlash, PositionRows, Postures
+from cellctl.calibration import Backlash, PositionRows, Postures, Task, identify
 from cellctl.report.fit import by_joint, by_order, by_place, correlation, hints, places, table, trends
 from cellctl.report.fit.advice import advice, narrows
 from cellctl.report.fit.head import head
@@ -397,3 +397,17 @@ def test_tolerances_that_the_rows_widened_are_told_as_stated_with_the_factor():
     assert float(line.tolerance) == pytest.approx(0.5)
     assert float(line.in_tolerances.replace("−", "-")) == pytest.approx(-8.0, abs=0.5)
     assert f"links {factor:.1f} times as wide as stated" in dict(head(story)["setup"])["tolerances"]
+
+
+def test_a_parameter_that_changed_since_the_older_model_is_told_by_what_that_knew():
+    rows = positions(80)
+    older = identify(measured(rows)).identified
+    known = older.covariance[: older.unknowns.robot, : older.unknowns.robot]
+    changed = truth(errors={**ERRORS, "theta3": ERRORS["theta3"] + 0.005})
+    task = Task(older.state.model, positions(60, seed=1, true=changed), prior=known)
+    story = told(task)
+    line = next(line for group in table.groups(story) for line in group.lines if line.symbol == "θ3")
+    at = older.state.model.parameters.index("theta3")
+    assert list(story.result.identification.loosened) == ["zeros"]
+    assert float(line.tolerance) == pytest.approx(np.degrees(np.sqrt(known[at, at])), rel=0.1)
+    assert line.wide

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from cellctl.calibration import Unknowns
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import DASH, MINUS, fixed, significant, with_sigma
@@ -70,7 +71,10 @@ class Group:
 
 def known_before(story: FitStory) -> Floats:
     """1 σ of each parameter (P,) before the rows, widened where these said so."""
-    unknowns = story.found.unknowns
+    return _sigma(story.found.unknowns)
+
+
+def _sigma(unknowns: Unknowns) -> Floats:
     return unknowns.sigma if unknowns.prior is None else np.sqrt(np.diag(unknowns.prior))
 
 
@@ -107,7 +111,7 @@ def _line(story: FitStory, index: int) -> Line:
     change = (float(model.deviations[index]) - before) * factor
     sigma = float(np.sqrt(max(found.covariance[index, index], 0.0))) * factor
     before_it = float(known_before(story)[index]) * factor
-    tolerance = before_it / story.result.identification.loosened.get(found.unknowns.groups[index], 1.0)
+    tolerance = float(_sigma(story.result.identification.nominal.unknowns)[index]) * factor
     return Line(
         symbol=symbol(name),
         unit=unit,
