@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.formats.measurements import Measurements, nominal_model
+from cellctl.formats.model_checks import GREATEST, check_covariance, check_sigmas, of_this_format
 from cellctl.formats.model_effects import EffectSettings, settings_of
 from cellctl.formats.robot import Number, RobotFile
 
@@ -22,8 +23,7 @@ Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-GREATEST = 1e9
-"""No parameter, and no σ, is greater than this, in whatever unit."""
+FORMAT: Literal["cellctl model 1"] = "cellctl model 1"
 
 REGION_MARGIN_DEG = 2.0
 """A reading this far outside those of the fit still counts as seen."""
@@ -123,7 +123,7 @@ class ModelFile(BaseModel):
     """
 
     model_config = _STRICT
-    format: Literal["cellctl model 1"] = "cellctl model 1"
+    format: Literal["cellctl model 1"] = FORMAT
     robot: RobotFile
     model: str
     start: dict[Literal["base", "tool"], Matrix]
@@ -178,8 +178,9 @@ class ModelFile(BaseModel):
     def load(cls, path: Path) -> Self:
         """Read a model file. Raises InputError where it is none."""
         try:
-            model = cls.model_validate(_of_this_format(json.loads(path.read_bytes())))
+            model = cls.model_validate(of_this_format(json.loads(path.read_bytes()), FORMAT))
             model.robot_model()
+            check_sigmas(model.covariance, [parameter.sigma for parameter in model.parameters])
         except OSError as error:
             raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
         except ValidationError as error:
@@ -219,7 +220,7 @@ class ModelFile(BaseModel):
         self._check_region()
         if max([abs(parameter.value) for parameter in self.parameters], default=0.0) > GREATEST:
             raise ValueError("a parameter is beyond all measure")
-        _check_covariance(np.array(self.covariance), np.array([parameter.sigma for parameter in self.parameters]))
+        check_covariance(np.array(self.covariance))
         return placed.with_deviations([parameter.value for parameter in self.parameters])
 
     def _check_region(self) -> None:
@@ -269,35 +270,6 @@ class ModelFile(BaseModel):
     def _doubt(self, readings: Floats) -> Floats:
         """1 σ (N,), 3-D, mm, of what the model never saw."""
         return self.outside_mm * self.joint_region.doubt(readings)
-
-
-def _of_this_format(content: Any) -> Any:
-    """`content`, where it says that it is of the format that is read here. Raises ValueError."""
-    ours = ModelFile.model_fields["format"].default
-    theirs = content.get("format") if isinstance(content, dict) else None
-    if not isinstance(theirs, str) or not theirs.startswith(ours.rstrip("0123456789")):
-        raise ValueError(f'it does not say "format": "{ours}"')
-    if theirs != ours:
-        raise ValueError(
-            f"it is of format '{theirs}', and this cellctl reads '{ours}': give it to the one that wrote it"
-        )
-    return content
-
-
-def _check_covariance(covariance: Floats, sigma: Floats) -> None:
-    """Raises ValueError where no fit made it: not symmetric, a variance below 0, or another than its σ (P,)."""
-    import numpy as np
-
-    variances = np.diag(covariance)
-    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    scaled = covariance / scale / scale[:, None]
-    symmetric = np.isfinite(scaled).all() and np.allclose(scaled, scaled.T, atol=1e-6)
-    if not symmetric or (variances < 0.0).any() or (variances > GREATEST**2).any():
-        raise ValueError("its covariance is none: not symmetric, or a variance below 0")
-    if len(scaled) and np.linalg.eigvalsh(scaled).min() < -1e-6:
-        raise ValueError("its covariance is none: some combination of parameters has a variance below 0")
-    if not np.allclose(np.sqrt(variances), sigma, rtol=1e-6, atol=0.0):
-        raise ValueError("its covariance does not go with the σ of its parameters")
 
 
 def _in_space(measured: Measurements, rms: float) -> float:
