@@ -8,7 +8,7 @@ import pytest
 from elbow_arm import ROBOT, ElbowArm, csv_text, drawn
 
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 
 NOISE_MM = 0.01

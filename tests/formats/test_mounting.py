@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import DOWN, JointCompliance, Split, ToolDeflection, fit
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 from cellctl.files import InputError, parse_yaml, sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements, nominal_model
 from cellctl.formats.description import RobotDescription
