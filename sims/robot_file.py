@@ -14,6 +14,8 @@ HAYATI = "mdh-hayati"
 """T = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
 CRAIG = "dh-craig"
 """T = Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)."""
+POE = "poe"
+"""By the joints' axes at model zero, and the flange's place there."""
 
 
 _WORDS: dict[str, Triple] = {"floor": (0.0, 0.0, 0.0), "wall": (0.0, 90.0, 0.0), "ceiling": (0.0, 180.0, 0.0)}
@@ -30,6 +32,15 @@ class Link:
     a: float
     alpha: float
     beta: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Screw:
+    """A joint's axis at model zero, in the robot's base: a direction of any length but 0, and a point on it, mm."""
+
+    axis: Triple
+    point: Triple
 
 
 @final
@@ -66,7 +77,8 @@ class Tool:
 @final
 @dataclass(frozen=True, slots=True)
 class RobotFile:
-    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm. `convention`: `HAYATI` or `CRAIG`.
+    """Nominal geometry of a robot; `repeatability` is 1 σ, 3-D, mm. `convention`: `HAYATI` or `CRAIG`, with `links`, or
+    `POE`, with `screws` and `home`, the flange's place at model zero.
 
     `down`: which way weight pulls, a unit vector in the frame that `base` is given in.
     """
@@ -79,16 +91,21 @@ class RobotFile:
     repeatability: float
     convention: str = HAYATI
     down: Triple = (0.0, 0.0, -1.0)
+    screws: tuple[Screw, ...] = ()
+    home: Frame = Frame((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def read_robot(section: Section) -> RobotFile:
     """The robot of a robot file; mistakes are noted in the section's problems."""
-    convention = section.word("convention", among=[HAYATI, CRAIG])
-    links = tuple(_link(link) for link in section.each("links", required=True))
+    convention = section.word("convention", among=[HAYATI, CRAIG, POE])
+    by_axes = convention == POE
+    links = tuple(_link(link) for link in section.each("links", required=not by_axes))
+    screws = tuple(_screw(screw) for screw in section.each("screws", required=by_axes))
     joints = tuple(_joint(joint) for joint in section.each("joints", required=True))
-    if len(links) != len(joints):
-        section.note("joints", f"{len(joints)} joints for {len(links)} links")
-    base, tool = section.below("base"), section.below("tool")
+    if len(screws if by_axes else links) != len(joints):
+        rows = f"{len(screws)} screws" if by_axes else f"{len(links)} links"
+        section.note("joints", f"{len(joints)} joints for {rows}")
+    base, tool, home = section.below("base"), section.below("tool"), section.below("home", required=by_axes)
     zero = (0.0, 0.0, 0.0)
     return RobotFile(
         name=section.word("name"),
@@ -99,6 +116,8 @@ def read_robot(section: Section) -> RobotFile:
         repeatability=section.number("repeatability", 0.0, 0.0),
         convention=convention,
         down=_down(section),
+        screws=screws,
+        home=Frame(home.triple("xyz", zero), home.triple("abc", zero)),
     )
 
 
@@ -116,6 +135,13 @@ def _mounting(section: Section) -> str:
 
 def _link(link: Section) -> Link:
     return Link(*(link.number(key, 0.0) for key in ("theta", "d", "a", "alpha", "beta")))
+
+
+def _screw(screw: Section) -> Screw:
+    axis = screw.triple("axis")
+    if not any(axis):
+        screw.note("axis", "a direction is expected, not all 0")
+    return Screw(axis, screw.triple("point"))
 
 
 def _joint(joint: Section) -> Joint:

@@ -1,4 +1,4 @@
-"""The robot as its file says: joint axes and home pose of the flange, from the link table."""
+"""The robot as its file says: joint axes and home pose of the flange, from the link table or as they stand there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from sims.robot_file import CRAIG, Link, RobotFile
+from sims.robot_file import CRAIG, POE, Link, RobotFile, Screw
 from sims.world.screws import Axis, Vector
 
 Matrix = NDArray[np.float64]
@@ -27,6 +27,10 @@ class Geometry:
 def nominal_geometry(robot: RobotFile) -> Geometry:
     """Axis i is where the table's row i turns about z, at model zero; the flange is the last frame."""
     frame = pose(robot.base.xyz, robot.base.abc)
+    if robot.convention == POE:
+        return Geometry(
+            tuple(_placed(frame, screw) for screw in robot.screws), frame @ pose(robot.home.xyz, robot.home.abc)
+        )
     axes = []
     for link in robot.links:
         about_z, about_x = link_transforms(link)
@@ -37,6 +41,15 @@ def nominal_geometry(robot: RobotFile) -> Geometry:
         if robot.convention != CRAIG:
             frame = frame @ about_x
     return Geometry(tuple(axes), frame)
+
+
+def _placed(base: Matrix, screw: Screw) -> Axis:
+    """The axis that stands so in a base, 4×4, in the frame that this is given in."""
+    direction = base[:3, :3] @ np.array(screw.axis)
+    return Axis(
+        point=vector(base[:3, :3] @ np.array(screw.point) + base[:3, 3]),
+        direction=vector(direction / np.linalg.norm(direction)),
+    )
 
 
 def link_transforms(link: Link) -> tuple[Matrix, Matrix]:

@@ -64,7 +64,7 @@ class World:
         self._chain = chain_of(true, self._tool_pose)
         self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
         self._compliance = _compliance(robot, nominal, self._chain, seed, errors["compliance"])
-        self._expansions = expansions(len(robot.links), seed, errors["expansion"])
+        self._expansions = expansions(len(robot.joints), seed, errors["expansion"])
         self._down = robot.down
         self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
