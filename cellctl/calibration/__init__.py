@@ -23,7 +23,7 @@ from cellctl.calibration.identify import Identification, identify
 from cellctl.calibration.ladder import Step
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
-from cellctl.calibration.observability import Observability, observability
+from cellctl.calibration.observability import Hidden, Observability, observability
 from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
 from cellctl.calibration.region import doubt
@@ -60,6 +60,7 @@ __all__ = [
     "Growth",
     "Harmonics",
     "HeldOut",
+    "Hidden",
     "Identification",
     "JointCompliance",
     "Judgement",

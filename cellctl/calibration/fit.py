@@ -7,7 +7,9 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration.causes import Rowed
 from cellctl.calibration.effects import EFFECTS
+from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows
 from cellctl.calibration.identify import Identification, certain, identify, rows_together
@@ -70,6 +72,7 @@ class FitResult:
             "n_parameters": self.n_parameters,
             "rank": self.observability.rank,
             "unobservable": list(self.observability.unseen),
+            "unseen": [hidden.summary() for hidden in self.observability.hidden],
             "nominal": asdict(self.nominal),
             "fit": asdict(self.fit),
             "test": asdict(self.test) if self.n_test else dict.fromkeys(asdict(self.test)),
@@ -145,12 +148,12 @@ def fit(task: Task, split: Split) -> FitResult:
 
 def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
     unknowns = replace(found.identified.unknowns, sigma=found.nominal.unknowns.sigma)
-    blocks = [*own.noisier(found.noise).blocks, *certain(task)]
-    seen = seen_at_start(unknowns, blocks)
+    rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
+    seen = seen_at_start(unknowns, [*rows, *certain(task)])
     if unknowns.pinned is not None and len(unknowns.pinned):  # what no row can tell from noise is not seen
         pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
         seen = seen - (seen @ pins) @ pins.T
-    return observability(found.identified, seen)
+    return observability(found.identified, seen, Rowed(unknowns, tuple(rows), task.spacings))
 
 
 def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:

@@ -171,7 +171,8 @@ class Unknowns:
                 names[column] = names[column] or f"{name}@{session}"
         sigma = [_sigma(model, name.partition("@")[0], flat, tolerances) for name in names]
         groups = [group_of(model, name.partition("@")[0]) for name in names]
-        names += [f"{point}_{axis}" for point in points for axis in "xyz"] + [f"{datum}_zero" for datum in datums]
+        names += [f"{_told_apart(point)}_{axis}" for point in points for axis in "xyz"]
+        names += [f"{datum}_zero" for datum in datums]
         sigma += [tolerances.flat_mm] * (start.points.size + start.datums.size)
         groups += ["points"] * start.points.size + ["datums"] * start.datums.size
         return cls(start, tuple(names), tuple(groups), np.array(sigma), np.ones(len(names), bool))
@@ -261,6 +262,11 @@ def group_of(model: RobotModel, name: str) -> Group:
     if name.startswith(("base_", "tool_")):
         return name.partition("_")[0]
     return "zeros" if re.fullmatch(r"theta\d+", name) else "links"
+
+
+def _told_apart(point: str) -> str:
+    """A point's name, of which `_x` makes no name of the robot's own: a sphere may well be called `tool`."""
+    return f"point {point}" if point in ("base", "tool") else point
 
 
 def _sigma(model: RobotModel, name: str, flat: frozenset[Group], tolerances: Tolerances) -> float:

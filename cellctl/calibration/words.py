@@ -18,6 +18,9 @@ _EFFECTS = (
     (re.compile(r"backlash(\d+)"), "backlash", "joint"),
     (re.compile(r"growth(\d+)"), "growth", "link"),
 )
+_WITH = " with "
+_NUMBER = re.compile(r"\d+")
+_OF_AXIS = {"turn": "tilt of axis {} about its", "slide": "place of axis {} along its"}
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β"}
 _TURNS = {"a": "Z", "b": "Y", "c": "X"}
 
@@ -28,6 +31,52 @@ def in_words(names: Sequence[str]) -> list[str]:
     """
     known = [*_links(names), *_axes(names), *_frames(names), *_effects(names), *_points(names), *_datums(names)]
     return known + [name for name in names if not _is_known(name)]
+
+
+def phrases(combinations: Sequence[Sequence[str]], most: int | None = None) -> list[str]:
+    """`θ2 with a2, α3` of each combination of parameters, with `and 24 others` beyond `most` phrases; those that stand
+    alone in one, last: `θ5; d5; backlash of joints 1, 2: each alone`.
+    """
+    said = [in_words(names) for names in combinations]
+    alone = [name for names, parts in zip(combinations, said, strict=True) if len(parts) == 1 for name in names]
+    found = [f"{parts[0]}{_WITH}{_cut(parts[1:], most)}" for parts in said if len(parts) > 1]
+    parts = in_words(list(dict.fromkeys(alone)))
+    several = len(alone) > 1
+    return [*found, f"{'; '.join(parts)}{': each' if several else ''} alone"] if parts else found
+
+
+def alike(said: Sequence[str]) -> list[str]:
+    """Phrases with the same others as one, and those that differ by one number alone: `θ7, d7 each with tool
+    translation along X`; `d of link i with growth of link i, i = 3, 5`.
+    """
+    heads: dict[str, list[str]] = {}
+    for phrase in said:
+        head, _, others = phrase.partition(_WITH)
+        heads.setdefault(others, []).append(head)
+    shorter = [_headed(first, others) for others, first in heads.items()]
+    forms: dict[str, list[str]] = {}
+    for phrase in shorter:
+        numbers = _NUMBER.findall(phrase)
+        forms.setdefault(_NUMBER.sub("i", phrase) if len(set(numbers)) == 1 else phrase, []).append(phrase)
+    return [_numbered(form, same) for form, same in forms.items()]
+
+
+def _headed(heads: list[str], others: str) -> str:
+    if not others:
+        return "; ".join(heads)
+    return f"{', '.join(heads)}{' each' if len(heads) > 1 else ''}{_WITH}{others}"
+
+
+def _numbered(form: str, same: list[str]) -> str:
+    if len(same) == 1:
+        return same[0]
+    return f"{form}, i = {', '.join(sorted((_NUMBER.findall(phrase)[0] for phrase in same), key=int))}"
+
+
+def _cut(parts: list[str], most: int | None) -> str:
+    if most is None or len(parts) <= most:
+        return ", ".join(parts)
+    return f"{', '.join(parts[: most - 1])} and {len(parts) - most + 1} others"
 
 
 def of_the_arm(name: str) -> bool:
@@ -42,9 +91,10 @@ def _links(names: Sequence[str]) -> list[str]:
 
 def _axes(names: Sequence[str]) -> list[str]:
     found = [match for name in names if (match := _AXIS.fullmatch(name))]
-    kinds = {"turn": "tilt", "slide": "place"}
-    return [f"{kinds[match[1]]} of axis {match[3]} {'about' if match[1] == 'turn' else 'along'} its {match[2]}"
-            for match in found]  # fmt: skip
+    letters: dict[tuple[str, str], list[str]] = {}
+    for match in found:
+        letters.setdefault((match[1], match[3]), []).append(match[2])
+    return [f"{_OF_AXIS[kind].format(axis)} {', '.join(own)}" for (kind, axis), own in letters.items()]
 
 
 def _frames(names: Sequence[str]) -> list[str]:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 _SHOWN = 20
 _WIDTH = 80
+_CAUSES = 5
+_LETTERS = 160
 
 
 def say(report: dict[str, Any], *, prior: bool) -> None:
@@ -75,8 +77,22 @@ def _steps(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _unseen(report: dict[str, Any]) -> Iterator[str]:
-    for words in report["unobservable"]:
-        yield f"  not seen by these rows: {words}"
+    """Why, and then what: a line for each cause."""
+    causes = report["unseen"]
+    if causes:
+        yield "Not seen by these rows:"
+    for cause in causes[:_CAUSES]:
+        yield f"  {': '.join([cause['cause'], *_shortly(cause['short'])])}"
+    if len(causes) > _CAUSES:
+        yield f"  and for {len(causes) - _CAUSES} more reasons (--json names them all)"
+
+
+def _shortly(phrases: list[str]) -> list[str]:
+    """As many of the phrases as a line or two hold, the first in any case; none of none."""
+    ends = [sum(len(phrase) + 2 for phrase in phrases[: count + 1]) for count in range(len(phrases))]
+    count = max(sum(end <= _LETTERS for end in ends), 1)
+    more = [f"and {len(phrases) - count} more"] if len(phrases) > count else []
+    return ["; ".join([*phrases[:count], *more])] if phrases else []
 
 
 def _far(report: dict[str, Any]) -> Iterator[str]:

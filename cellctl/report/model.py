@@ -8,7 +8,7 @@ from cellctl.report.numbers import fixed, percent, significant
 from cellctl.report.parameters import ParameterRow, held, parameter_rows
 from cellctl.report.run import Run
 from cellctl.report.volume import AROUND_MM, VolumeSigma, volume_sigma
-from cellctl.report.words import OTHERWISE, unseen_with_reason
+from cellctl.report.words import harmless, reasons
 
 Section = dict[str, Any]
 
@@ -18,8 +18,6 @@ def model_section(run: Run) -> Section | None:
     if run.model is None:
         return None
     figures, volume, rows = run.figures, volume_sigma(run.model), parameter_rows(run.model)
-    unseen = [str(phrase) for phrase in figures.get("unobservable", [])]
-    reasons = unseen_with_reason(unseen, run.model.robot.n)
     return {
         "name": run.model.model,
         "n_fit": figures.get("n_fit", 0),
@@ -32,8 +30,8 @@ def model_section(run: Run) -> Section | None:
         "any_wide": any(row.wide for row in rows),
         "held": held(run.model),
         "centres": [_centre(centre.id, centre.xyz, centre.sigma) for centre in run.model.centres],
-        "unseen": reasons,
-        "harmless": OTHERWISE not in dict(reasons),
+        "unseen": reasons(figures),
+        "harmless": harmless(figures),
         "volume": _volume(volume) if volume else None,
         "region": list(zip(run.model.joint_region.min, run.model.joint_region.max, strict=True)),
         "left_out": _left_out(run),

@@ -2,35 +2,52 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
 
 from cellctl.report.numbers import fixed, with_sigma
 
-_WITH_CENTRES = (
-    "The robot as a whole turns or shifts at its base and all that was measured goes with it: no row changes. It is "
-    "where the robot stands, not what shape it is."
+HARMLESS = (
+    "It is where the robot stands as a whole, or how the tool is bolted to the last link: what one of these parameters "
+    "gains the others lose, and the tool centre point stays where it is."
 )
-_AT_TOOL = (
-    "The last link and the tool frame are bolted together: what one gains the other loses, and the tool centre point "
-    "stays where it is. Only their sum moves the tip, and the sum is seen."
-)
-OTHERWISE = (
-    "The rows of the fit do not tell these parameters apart. What is not seen stays at its nominal value, within "
-    "its tolerance; its share is in every σ of this report."
-)
-
-_LINK = re.compile(r"\b([θdaαβ])(\d+)\b")
+OTHERWISE = "What is not seen stays at its nominal value, within its tolerance; its share is in every σ of this report."
 
 
-def unseen_with_reason(phrases: list[str], joints: int) -> list[tuple[str, list[str]]]:
-    """Why each combination that was not seen is not: the reason, and the combinations that it holds for.
+@final
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why some combinations of parameters were not seen, what that means, and which they are; perhaps none."""
 
-    phrases: as the fit words them; joints: how many the robot has.
-    """
-    found: dict[str, list[str]] = {}
-    for phrase in phrases:
-        found.setdefault(_reason(phrase, joints), []).append(phrase)
-    return list(found.items())
+    cause: str
+    meaning: str
+    phrases: Sequence[str]
+
+
+def reasons(figures: Mapping[str, Any]) -> list[Reason]:
+    """Of a fit's figures, as its JSON has them; those of an older fit know the combinations and no cause."""
+    known = [{"cause": _UNTOLD, "harmless": False, "words": list(figures.get("unobservable") or [])}]
+    found = figures.get("unseen", [each for each in known if each["words"]])
+    return [Reason(_sentence(each["cause"]), _meaning(each), each["words"]) for each in found]
+
+
+def harmless(figures: Mapping[str, Any]) -> bool:
+    """Whether nothing that was not seen can do any harm."""
+    return all(reason.meaning != OTHERWISE for reason in reasons(figures))
+
+
+_UNTOLD = "these rows do not tell apart"
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."
+
+
+def _meaning(cause: Mapping[str, Any]) -> str:
+    if not cause["words"]:
+        return ""
+    return HARMLESS if cause["harmless"] else OTHERWISE
 
 
 def mean_with_uncertainty(mean: float, rms: float, count: int) -> str:
@@ -39,14 +56,3 @@ def mean_with_uncertainty(mean: float, rms: float, count: int) -> str:
         return fixed(mean)
     spread = max(rms * rms - mean * mean, 0.0) * count / (count - 1)
     return with_sigma(mean, (spread / count) ** 0.5)
-
-
-def _reason(phrase: str, joints: int) -> str:
-    """Only the first joint's θ and d with the base, and the last link's with the tool, are known to do no harm."""
-    links = set(_LINK.findall(phrase))
-    outside = "centre" in phrase or "base" in phrase
-    if outside and "tool" not in phrase and links and links <= {("θ", "1"), ("d", "1")}:
-        return _WITH_CENTRES
-    if not outside and "tool translation" in phrase and {number for _, number in links} == {str(joints)}:
-        return _AT_TOOL
-    return OTHERWISE

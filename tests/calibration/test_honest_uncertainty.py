@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitted import fitted, task_of, unseen_by
+from fitted import fitted, observed, task_of
 from fixed_orientations import TILTED, UPRIGHT, fixed
 from honesty import Summary, elsewhere, honesty
 from simulated_setups import OUTSIDE, SETUPS
@@ -98,10 +98,14 @@ def test_few_orientations_leave_tool_and_base_untold_apart_and_it_is_said(turns)
     """In one orientation all three directions of the tool are the base's as well; in two, that of the turn's axis."""
     for seed in range(2):
         draw, _ = fixed(seed, turns)
-        together = [words for words in unseen_by(draw) if "tool translation" in words and "base translation" in words]
+        told = observed(draw)
+        together = [words for words in told.unseen if "tool translation" in words and "base translation" in words]
         letters = {letter for words in together for letter in words.partition("tool translation along ")[2][:7]}
         assert fitted(draw).converged
         assert {"X", "Y", "Z"} <= letters if turns is ONE_ORIENTATION else together
+        cause = next(hidden.cause for hidden in told.hidden if not hidden.harmless)
+        one = "orientation never changes in these rows"
+        assert cause == (one if turns is ONE_ORIENTATION else "orientation changes about one axis only")
 
 
 def test_what_stays_where_it_starts_does_not_explain_residuals_that_are_left():

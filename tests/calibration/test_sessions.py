@@ -113,6 +113,15 @@ def test_where_an_unseen_session_stood_has_no_say_in_how_it_is_judged():
     np.testing.assert_allclose(there.nominal_errors, here.nominal_errors, rtol=0, atol=1e-3 * SIGMA)
 
 
+@pytest.mark.parametrize("own", OWN.values(), ids=OWN)
+def test_of_a_session_that_has_no_row_in_the_fit_just_that_is_said(own):
+    split = Split(np.arange(ROWS * 2), ((np.arange(ROWS * 2), np.arange(ROWS * 2, ROWS * 3)),))
+    told = fit(Days(2).task(own), split).observability
+    assert not any("Wednesday" in words for words in told.unseen)
+    last = told.hidden[-1]
+    assert (last.cause, last.combinations) == ("no row of the fit belongs to session Wednesday", ())
+
+
 def test_another_robot_in_the_unseen_session_is_not_settled_away():
     days = Days(2)
     longer = days.truth(DAYS - 1, OWN["base,tool"]).moved(("a2", "d4"), (2.0, -2.0))

@@ -77,6 +77,20 @@ def test_the_unseen_size_is_named_among_lengths_and_sockets_and_only_where_there
     assert len(lengths) == (length == "none")
 
 
+SHAPE = 4 * 6 + 3 - 6
+"""Numbers that a robot of six joints has but for where it stands and what its tool is turned like."""
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+def test_sockets_show_a_robots_shape_and_their_own_places_and_only_a_length_its_size(length):
+    _, task = task_of(1, length)
+    found = fit(task, Split(np.arange(len(task.rows)), ())).observability
+    assert found.rank == SHAPE + 3 * len(task.points) - (length == "none")
+    named = [each for each in found.hidden if each.cause.startswith("no row has a length in it")]
+    assert [len(each.combinations) for each in named] == ([1] if length == "none" else [])
+    assert all(each.harmless for each in found.hidden if each not in named)
+
+
 def test_visits_to_one_socket_scatter_less_on_rows_never_seen_and_as_foretold():
     _, task = task_of(3, "none")
     found = fit(task, Split.holdout(60, 0.3, 1))

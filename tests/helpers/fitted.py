@@ -14,6 +14,7 @@ from simulated_setups import Draw
 from cellctl.calibration import (
     Identification,
     Mixture,
+    Observability,
     PoseRows,
     PositionRows,
     RobotModel,
@@ -79,9 +80,9 @@ def fitted(draw: Draw) -> Fitted:
     )
 
 
-def unseen_by(draw: Draw) -> tuple[str, ...]:
-    """What a user is told that `draw`'s rows cannot see, in words."""
-    return fit(task_of(draw), Split(np.arange(len(draw.rows.q)), ())).observability.unseen
+def observed(draw: Draw) -> Observability:
+    """What a user is told that `draw`'s rows can see, and what not."""
+    return fit(task_of(draw), Split(np.arange(len(draw.rows.q)), ())).observability
 
 
 def task_of(draw: Draw) -> Task:

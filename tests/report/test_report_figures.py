@@ -11,7 +11,7 @@ from kr5_model import kr5_model
 from cellctl.report.numbers import fixed, percent, plain, significant, with_sigma
 from cellctl.report.standoff import StandOff
 from cellctl.report.volume import volume_sigma, without_rigid_motion
-from cellctl.report.words import OTHERWISE, mean_with_uncertainty, unseen_with_reason
+from cellctl.report.words import HARMLESS, OTHERWISE, harmless, mean_with_uncertainty, reasons
 
 
 @pytest.mark.parametrize(
@@ -86,22 +86,26 @@ def test_an_unknown_length_is_seen_in_the_relative_sigma():
     assert 0.01 < found.relative_rms < 0.5
 
 
-def test_only_the_base_and_the_tool_excuse_what_is_not_seen():
-    harmless = ["θ1 with centres of S1, S2, S3", "d1 with base translation along Z", "a6 with tool translation along X"]
-    assert OTHERWISE not in dict(unseen_with_reason(harmless, 6))
-    harmful = [
-        "a2 with d4, d6, centre of S1",
-        "θ2 with centre of S1",
-        "d4 with tool translation along Z",
-        "a6 with tool translation along X, centre of S1",
-        "β2 alone",
-    ]
-    assert unseen_with_reason(harmful, 6) == [(OTHERWISE, harmful)]
+def test_what_was_not_seen_stands_under_its_cause_and_does_harm_but_for_base_and_tool():
+    bolted = {"cause": "no row can tell", "harmless": True, "words": ["θ1 with centre of S1"]}
+    still = {"cause": "joint 3 never moves in these rows", "harmless": False, "words": ["θ2 with α3"]}
+    away = {"cause": "no row of the fit belongs to session b", "harmless": False, "words": []}
+    first, second, third = reasons({"unseen": [still, bolted, away], "unobservable": ["θ2 with α3"]})
+    assert (first.cause, first.meaning, first.phrases) == (
+        "Joint 3 never moves in these rows.",
+        OTHERWISE,
+        ["θ2 with α3"],
+    )
+    assert (second.meaning, third.meaning) == (HARMLESS, "")
+    assert harmless({"unseen": [bolted, away]})
+    assert not harmless({"unseen": [still, bolted]})
 
 
-def test_the_last_link_is_that_of_the_robot_at_hand():
-    assert OTHERWISE in dict(unseen_with_reason(["a6 with tool translation along X"], 7))
-    assert OTHERWISE not in dict(unseen_with_reason(["a7 with tool translation along X"], 7))
+def test_figures_from_before_causes_were_known_do_harm_for_all_one_knows():
+    (only,) = reasons({"unobservable": ["θ1 with centre of S1", "a2 with d4"]})
+    assert (only.meaning, only.phrases) == (OTHERWISE, ["θ1 with centre of S1", "a2 with d4"])
+    assert reasons({"unobservable": []}) == reasons({}) == []
+    assert not harmless({"unobservable": ["a2 with d4"]})
 
 
 def test_stand_off_rows_of_another_run_or_without_an_error_do_not_count():

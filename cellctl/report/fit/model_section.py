@@ -10,7 +10,7 @@ from cellctl.report.fit.region import RegionSigma, figures, region_picture
 from cellctl.report.fit.story import FitStory
 from cellctl.report.fit.table import groups, held
 from cellctl.report.numbers import percent
-from cellctl.report.words import unseen_with_reason
+from cellctl.report.words import Reason, reasons
 
 Section = dict[str, Any]
 
@@ -55,13 +55,12 @@ def correlation(story: FitStory) -> Section | None:
     }
 
 
-def unseen(story: FitStory) -> list[tuple[str, list[str], list[str]]]:
+def unseen(story: FitStory) -> list[tuple[Reason, list[str], list[str]]]:
     """Why some combinations could not be seen, and which: those of few words, those of many."""
-    found = unseen_with_reason(list(story.result.observability.unseen), story.robot.n)
-    ordered = [(reason, sorted(phrases, key=len)) for reason, phrases in found]
+    found = [(reason, reason.phrases) for reason in reasons(story.result.summary())]
     return [
         (reason, [each for each in phrases if len(each) <= _LONG], [each for each in phrases if len(each) > _LONG])
-        for reason, phrases in ordered
+        for reason, phrases in found
     ]
 
 
