@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cellctl.files import Document, InputError, Problem
 
 if TYPE_CHECKING:
-    from cellctl.calibration.mistakes import Change, Mistake
+    from cellctl.calibration.mistakes import Change, DeniedSpacing, Mistake
     from cellctl.formats import Measurements
 
 
@@ -16,9 +16,10 @@ def refuse_mistakes(document: Document, data: Path, measured: Measurements, arte
     """Nothing, where `measured` goes together with the robot file `document`; else raises InputError.
 
     One Problem for each mistake, at its place in the robot file, the data set or the artefact's file, with the evidence
-    ("A3 reversed: RMS 214 → 0.9 mm") and the cure. Where the rows cannot tell between explanations, all are there.
+    ("A3 reversed: RMS 214 → 0.9 mm") and the cure. Where the rows cannot tell between explanations, all are there. Of a
+    set-up that is sound otherwise, the certified distances that the rows deny.
     """
-    from cellctl.calibration.mistakes import find_mistakes
+    from cellctl.calibration.mistakes import denied_spacings, find_mistakes
 
     found = find_mistakes(measured.task, measured.robot.joint_map(), measured.readings).mistakes
     files = {"data": str(data), "artefact": str(artefact or data)}
@@ -28,8 +29,26 @@ def refuse_mistakes(document: Document, data: Path, measured: Measurements, arte
         for mistake in found
         for change in mistake.changes
     ]
+    if not problems:
+        denied = denied_spacings(measured.task)
+        problems = [_denied(each, artefact, several=len(denied) > 1) for each in denied]
     if problems:
         raise InputError(problems)
+
+
+def _denied(spacing: DeniedSpacing, artefact: Path | None, *, several: bool) -> Problem:
+    """The distance at its place in the artefact's file, or as an option."""
+    cure = "mm? the right two points? correct it or leave it out"
+    if several and not spacing.certain:
+        cure += " (these rows cannot tell which of the distances named is wrong)"
+    if artefact is not None:
+        document = load_yaml(artefact)
+        at: tuple[str, ...] = ("artefact",) if "artefact" in document.data else ()
+        for index, said in enumerate((document.data[at[0]] if at else document.data).get("distances") or []):
+            names = {point.partition("@")[0] for point in spacing.between}
+            if set(said["between"]) == names and said["mm"] == spacing.given:
+                return document.problem((*at, "distances", index, "mm"), spacing.what, cure)
+    return Problem("--spacing", 0, 0, spacing.what, cure)
 
 
 def _problem(

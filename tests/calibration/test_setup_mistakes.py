@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PoseRows, PositionRows, SocketRows, Task
 from cellctl.calibration.mistakes import find_mistakes
+from cellctl.calibration.mistakes.case import Case
+from cellctl.calibration.mistakes.mixed_units import mixed_units
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import Link, SerialChain
 
@@ -433,3 +435,73 @@ def test_a_number_that_no_arithmetic_survives_accuses_nobody(kuka):
     xyz = kuka.xyz.copy()
     xyz[7, 1] = 1e300
     assert not found(positions(KR5, kuka.readings, xyz), KR5, kuka.readings)
+
+
+METRES, INCHES = 1000.0, 25.4
+HALF, TEN, FIVE = np.arange(20, 40), np.arange(3, 40, 4), np.arange(5)
+
+
+def in_lines(mistake):
+    """What is said, rows called by their number, and which: first and last of each stretch that is named."""
+    (change,) = mistake.changes
+    return change.words("{}".format).partition(" X, ")[0].partition(" Y l")[0].partition(" A1…")[0], change.what
+
+
+@pytest.mark.parametrize("robot", [KR5, UR10], ids=["kr5", "ur10"])
+@pytest.mark.parametrize(("mm", "unit"), [(METRES, "metres (× 1000)"), (INCHES, "inches (× 25.4)")])
+@pytest.mark.parametrize(
+    ("rows", "which"), [(HALF, "in 20 to 39"), (TEN, "in 3, 7, 11, … (10 rows)"), (FIVE, "in 0 to 4")]
+)
+def test_positions_of_some_rows_in_another_unit_are_named_by_row(robot, mm, unit, rows, which):
+    data = Measured(31, 40, robot=robot)
+    data.xyz[rows] /= mm
+    (mistake,) = found(positions(robot, data.readings, data.xyz), robot, data.readings)
+    said, what = in_lines(mistake)
+    assert (said, what.partition(" X, ")[2]) == (which, f"Y, Z look like {unit}")
+    assert mistake.before > 100.0 > 3.0 > mistake.after
+
+
+def test_one_coordinate_in_metres_is_named_in_some_rows_or_in_all():
+    some, every = Measured(32, 40), Measured(32, 40)
+    some.xyz[HALF, 1] /= METRES
+    every.xyz[:, 2] /= METRES
+    told = [found(positions(KR5, data.readings, data.xyz), KR5, data.readings) for data in (some, every)]
+    assert in_lines(told[0][0]) == ("in 20 to 39", "in {0} to {1} Y looks like metres (× 1000)")
+    assert told[1][0].changes[0].what == "in all rows Z looks like metres (× 1000)"
+
+
+def test_poses_of_some_rows_in_metres_are_named():
+    data = Measured(33, 40)
+    data.xyz[HALF] /= METRES
+    (mistake,) = found(poses(KR5, data.readings, data.xyz, data.turns), KR5, data.readings)
+    assert in_lines(mistake)[0] == "in 20 to 39"
+
+
+@pytest.mark.parametrize(("rows", "which"), [(HALF, "in 20 to 39"), (TEN, "in 3, 7, 11, … (10 rows)")])
+def test_joints_of_some_rows_in_radians_are_named(rows, which):
+    data = Measured(34, 40)
+    data.readings[rows] = np.deg2rad(data.readings[rows])
+    (mistake,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
+    assert in_lines(mistake) == (
+        which,
+        f"{mistake.changes[0].what.partition(' A1')[0]} A1…A6 look like radians (× 180/π)",
+    )
+
+
+def test_of_rows_in_metres_wild_ones_are_not_claimed():
+    data = Measured(35, 40, wild=4)
+    data.xyz[HALF] /= METRES
+    (mistake,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
+    assert "look like metres" in mistake.changes[0].what
+    assert mistake.after < 3.0
+
+
+def test_no_sound_row_looks_like_another_unit_even_where_all_are_asked():
+    """Asked outright, whatever nominal is like: sound sets, wild rows, robots three times as bad, a frame amid them."""
+    for seed in range(3):
+        usual, wild = Measured(seed, 50), Measured(seed, 50, wild=20, wrong=3.0, robot=UR10)
+        amid = Measured(seed, 50)
+        amid.xyz -= amid.xyz.mean(axis=0)
+        for data in (usual, wild, amid):
+            case = Case(positions(data.robot, data.readings, data.xyz), data.robot.joint_map(), data.readings)
+            assert list(mixed_units(case)) == []

@@ -101,3 +101,34 @@ def test_what_explains_as_much_is_told_as_the_other_possibility(files):
 def test_left_handed_positions_are_told_at_the_data_set(files):
     rewritten(files, lambda rows: [row | {"Y": str(-float(row["Y"]))} for row in rows])
     assert any(problem.what.startswith("the measuring frame is left-handed: RMS ") for problem in problems(files))
+
+
+def test_rows_in_metres_among_others_are_told_by_their_lines(files):
+    def mixed(rows):
+        small = [row | {axis: str(float(row[axis]) / 1000) for axis in "XYZ"} for row in rows[20:40]]
+        return [*rows[:20], *small, *rows[40:]]
+
+    rewritten(files, mixed)
+    (problem,) = problems(files)
+    assert problem.line == 22
+    assert problem.what.startswith("in line 22 to line 41 X, Y, Z look like metres (× 1000): RMS ")
+    assert problem.cure.startswith("write X, Y, Z in one unit: mm")
+
+
+def test_a_wrong_certified_distance_is_told_where_it_stands_with_what_the_rows_say(files):
+    text = (files / "artefact.yaml").read_text()
+    (files / "artefact.yaml").write_text(text.replace("403.113", "503.113"))
+    text = text.replace("centre: [600, 201, 350]", "centre: [600, 301, 350]")  # or the file denies itself
+    (files / "artefact.yaml").write_text(text.replace("403.113", "503.113"))
+    (problem,) = problems(files, data="touches.csv", artefact="artefact.yaml")
+    assert (Path(problem.file).name, problem.line) == ("artefact.yaml", 6)
+    given, said = problem.what.split(", these rows say ")
+    assert given == "spacing S1–S2: 503.113 mm given"
+    distance, sigma = map(float, said.removesuffix(" mm").split(" ± "))
+    assert abs(distance - 403.113) < 4.0 * sigma < 4.0
+
+
+def test_a_distance_said_on_the_command_line_is_refused_like_any_mistake(cellctl, capsys):
+    wrong = ["--artefact", "artefact.yaml", "--no-distances", "--spacing", "S1,S2=405.1±0.01"]
+    assert cellctl("fit", "robot.yaml", "touches.csv", *wrong, "--model", "geometry") == 2
+    assert "--spacing: spacing S1–S2: 405.1 mm given, these rows say 403.1" in capsys.readouterr().err

@@ -30,6 +30,7 @@ from cellctl.calibration.mistakes.misfit import (
     row_errors,
     steps_of,
 )
+from cellctl.calibration.mistakes.mixed_units import mixed_units
 from cellctl.calibration.mistakes.order import out_of_step, put_in_step, wild_rows
 from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.mistakes.table import metres, other_convention
@@ -60,6 +61,7 @@ PROMISING = 8
 NAMED = 4
 
 ROWS_AT_LEAST = 8
+WILD = 2
 
 MISPLACED_MM = 100.0
 """Spheres that are found further than this from where they roughly are raise the question of the readings' unit."""
@@ -124,7 +126,9 @@ def _searched(case: Case) -> SetUp:
     few = case.thinned(SAMPLE)
     nominal = misfit(few).foreseen(few)
     stages = _stages(case, nominal)
-    found = _explained(case, nominal, stages) if stages else list(_single_rows(case, nominal))
+    found = list(_some_rows(case, mixed_units(case))) if nominal.suspicious or _wild(case, nominal) else []
+    if not found:
+        found = _explained(case, nominal, stages) if stages else list(_single_rows(case, nominal))
     return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found or _misplaced(few, nominal)))
 
 
@@ -239,13 +243,22 @@ def _mistake(supposed: Supposition, before: Misfit, after: Misfit) -> Mistake:
 
 
 def _single_rows(case: Case, nominal: Misfit) -> Iterator[Mistake]:
-    """Rows out of step, or exchanged, in a set-up that is right but for them: RMS over these rows."""
-    if wild_rows(case, nominal) < 2:
-        return
-    for supposed in put_in_step(case, nominal):
-        moved = np.flatnonzero(np.any(supposed.case.readings != case.readings, axis=1))
-        before, after = (_distances(one, nominal)[moved] for one in (case, supposed.case))
-        yield Mistake(supposed.changes, rms(before), rms(np.sort(after)[: max(int(CORE * len(after)), 1)]), "mm")
+    """Rows out of step, or exchanged, in a set-up that is right but for them."""
+    if _wild(case, nominal):
+        yield from _some_rows(case, put_in_step(case, nominal))
+
+
+def _wild(case: Case, nominal: Misfit) -> bool:
+    return wild_rows(case, nominal) >= WILD
+
+
+def _some_rows(case: Case, supposed: Iterable[Supposition]) -> Iterator[Mistake]:
+    """Suppositions about some rows alone, with RMS over these from where all rows together then put nominal."""
+    for one in supposed:
+        about = misfit(one.case.thinned(SAMPLE))
+        distances = [_distances(each, about) for each in (case, one.case)]
+        before, after = (mm[distances[0] != distances[1]] for mm in distances)
+        yield Mistake(one.changes, rms(before), rms(np.sort(after)[: max(int(CORE * len(after)), 1)]), "mm")
 
 
 def _misplaced(few: Case, nominal: Misfit) -> Iterator[Mistake]:

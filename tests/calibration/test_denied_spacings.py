@@ -1,0 +1,76 @@
+"""A certified distance that the rows deny is named with figures; one that is right, or that nobody can know, is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from own_campaigns import Campaign, certificate, nominal_of
+
+from cellctl.calibration import SpacingRows, Task
+from cellctl.calibration.mistakes import denied_spacings
+
+
+def with_spacings(task, by):
+    """The task with its certified distances S1–S2, S1–S3, S2–S3 wrong by `by` (3,), mm."""
+    return replace(task, spacings=replace(task.spacings, mm=task.spacings.mm + np.array(by, float)))
+
+
+@pytest.mark.parametrize("by", [100.0, -20.0, 1.0])
+def test_a_wrong_distance_is_named_with_what_is_given_and_what_the_rows_say(touches, touch_task, by):
+    task = with_spacings(touch_task(touches), [0.0, by, 0.0])
+    (denied,) = denied_spacings(task)
+    true = np.linalg.norm(touches.centres[0] - touches.centres[2])
+    assert denied.between == ("S1", "S3")
+    assert denied.certain
+    assert abs(denied.said - true) < 4.0 * denied.sigma < 0.5
+    assert denied.what.startswith(f"spacing S1–S3: {denied.given:g} mm given, these rows say {denied.said:.1f}"[:-2])
+
+
+def test_two_wrong_distances_are_both_named_and_the_right_one_is_not(touches, touch_task):
+    denied = denied_spacings(with_spacings(touch_task(touches), [30.0, -20.0, 0.0]))
+    assert [each.between for each in denied] == [("S1", "S2"), ("S1", "S3")]
+    assert all(each.certain for each in denied)
+
+
+def test_of_two_distances_between_the_same_points_the_rows_know_the_right_one(touches, touch_task):
+    task = touch_task(touches)
+    right = task.spacings.mm[0]
+    twice = SpacingRows(np.array([[0, 1], [0, 1]]), np.array([right, right + 5.0]), np.full((2, 1), 0.01))
+    (denied,) = denied_spacings(replace(task, spacings=twice))
+    assert denied.given == right + 5.0
+
+
+def test_distances_that_are_right_are_never_denied(draw, touch_task):
+    for seed in range(4):
+        drawn = draw(seed, 24 + 12 * (seed % 4))
+        if seed % 3 == 0:
+            drawn.readings[:3] += np.random.default_rng(seed).normal(0.0, 1.0, (3, 6))
+        assert denied_spacings(touch_task(drawn)) == ()
+
+
+SOCKETS = np.array([[800.0, 300.0, 500.0], [1000.0, -300.0, 350.0], [1100.0, 100.0, 250.0]])
+
+
+def sockets(by):
+    """60 visits to three sockets, and two certified distances wrong by `by` (2,), mm: nothing else knows a length."""
+    campaign = Campaign.of(3)
+    at_home = replace(campaign, truth=replace(campaign.truth, base=np.eye(4)))
+    certified = certificate(campaign.rng, SOCKETS, [(0, 1), (0, 2)], 0.01)
+    wrong = replace(certified, mm=certified.mm + np.array(by))
+    names = ("P", "Q", "R")
+    rows = [at_home.sockets(60, SOCKETS, 0.03)]
+    return Task(nominal_of(campaign.nominal), rows, names, np.full((3, 3), np.nan), wrong)
+
+
+def test_sockets_deny_what_no_robot_of_its_make_reaches_and_of_less_know_only_that_two_distances_disagree():
+    assert denied_spacings(sockets([0.0, 0.0])) == ()
+    (denied,) = denied_spacings(sockets([50.0, 0.0]))
+    assert (denied.between, denied.certain) == (("P", "Q"), True)
+    told = denied_spacings(sockets([0.6, 0.0]))
+    assert [each.between for each in told] == [("P", "Q"), ("P", "R")]
+    assert not any(each.certain for each in told)
+
+
+def test_all_sizes_wrong_by_as_little_as_the_robot_may_be_are_let_pass():
+    certified = sockets([0.0, 0.0]).spacings.mm
+    assert denied_spacings(sockets(0.0003 * certified)) == ()
