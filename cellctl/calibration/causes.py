@@ -6,17 +6,16 @@ cause hides a combination of parameters is no matter of opinion: the same rows w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from functools import partial
-from typing import final
 
 import numpy as np
 
-from cellctl.calibration.elsewhere import brought, lines, moved, thinned, under
-from cellctl.calibration.rows import Measured, SocketRows, SpacingRows, TouchRows
-from cellctl.calibration.unknowns import State, Unknowns
-from cellctl.kinematics import Bools, Floats, rotation_vector
+from cellctl.calibration.cause import MOVED_RAD, Cause, Rowed
+from cellctl.calibration.elsewhere import moved, under
+from cellctl.calibration.point_causes import of_no_length, of_points
+from cellctl.calibration.rows import Measured
+from cellctl.kinematics import Bools, Floats
 
 STILL_DEG = 0.1
 """A joint that covers less never moves: a controller's last digits."""
@@ -30,82 +29,16 @@ SAME_DEG = 1.0
 ONE_AXIS = 0.02
 """Turns about other axes are smaller than this share of those about the main one: there is one axis."""
 
-MOVED_RAD = 0.8
-"""By how much joints are supposed to have moved."""
-
-LENGTH_SIGMA_MM = 0.01
-LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
-
-APART = 0.3
-"""How far a second point is supposed to be from the first, as a share of that one's distance from the base."""
-
-SPHERE_MM = 150.0
-"""What is nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
-
-_POINTS = TouchRows | SocketRows
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """words: `joint 3 never moves in these rows`. lines: how rows without this cause move with the free unknowns
-    (K, F), in their σ per tolerance. of_frames: whether it only hides what is about base, tool or points.
-    """
-
-    words: str
-    lines: Callable[[], Floats]
-    of_frames: bool = False
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Rowed:
-    """Rows of a fit, with its unknowns where they start."""
-
-    unknowns: Unknowns
-    blocks: tuple[Measured, ...]
-    spacings: SpacingRows | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "blocks", tuple(block for block in self.blocks if len(block)))
-
-    @property
-    def state(self) -> State:
-        """Robot and points where they start."""
-        return self.unknowns.start
-
-    @property
-    def q(self) -> Floats:
-        """Angles (M, n) of all rows, rad."""
-        return np.concatenate([block.q for block in self.blocks])
-
-    def as_they_are(self) -> Floats:
-        """Lines of some of the rows."""
-        return self.otherwise(lambda block: block)()
-
-    def otherwise(self, change: Callable[[Measured], Measured]) -> Callable[[], Floats]:
-        """Lines of the rows as `change` makes each block."""
-        return lambda: lines(self.unknowns, [change(thinned(block)) for block in self.blocks])
-
-    @property
-    def lengthless(self) -> bool:
-        """Whether nothing but visits to sockets was measured, and nobody knows how far these are apart."""
-        return self.spacings is None and all(isinstance(block, SocketRows) for block in self.blocks)
-
-    def points(self) -> list[int]:
-        """The points that are visited."""
-        return sorted({int(point) for block in self.blocks if isinstance(block, _POINTS) for point in block.point})
-
 
 def causes(rows: Rowed) -> Iterator[Cause]:
     """What may hide something in these rows, single things before those that change many at once."""
     if rows.blocks:
         yield from _conditions(rows)
-        yield from _points(rows)
+        yield from of_points(rows)
         yield from _one_orientation(rows)
         yield from _joints(rows)
         yield from _one_axis(rows)
-        yield from _lengthless(rows)
+        yield from of_no_length(rows)
 
 
 def any_posture(rows: Rowed) -> Floats:
@@ -178,65 +111,9 @@ def _varying(condition: str, block: Measured) -> Measured:
     return under(block, **{condition: np.random.default_rng(0).permutation(np.linspace(0.0, 5.0, len(block)))})
 
 
-def _points(rows: Rowed) -> Iterator[Cause]:
-    """A single fixed point, or several without a length."""
-    points = rows.points()
-    if len(points) == 1 and all(isinstance(block, _POINTS) for block in rows.blocks):
-        yield Cause(f"all rows are {_where(rows.blocks)}", lambda: _at_second_point(rows))
-    elif points and rows.lengthless:
-        pair = SpacingRows(np.array([points[:2]]), np.zeros(1), np.full((1, 1), LENGTH_SIGMA_MM))
-        yield Cause(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
-
-
-def _lengthless(rows: Rowed) -> Iterator[Cause]:
-    """No length where all rows are at one point, whose distance from another nobody can know."""
-    if len(rows.points()) == 1 and rows.lengthless:
-        yield Cause(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
-
-
-def _on_a_bar(block: Measured, state: State) -> Measured:
-    """The rows with the tool away from its socket, and how far measured."""
-    assert isinstance(block, SocketRows)
-    there = replace(block.postures, q=block.q + np.random.default_rng(0).uniform(-MOVED_RAD, MOVED_RAD, block.q.shape))
-    far = np.linalg.norm(state.models[block.session].tip(there) - state.points[block.point], axis=1)
-    return TouchRows(there, block.point, far, np.full((len(block), 1), LENGTH_SIGMA_MM), block.session)
-
-
-def _where(blocks: Sequence[Measured]) -> str:
-    if all(isinstance(block, SocketRows) for block in blocks):
-        return "in one socket"
-    reach = max(float(block.reach.max()) for block in blocks if isinstance(block, TouchRows))
-    return "on one sphere" if reach < SPHERE_MM else "about one point"
-
-
-def _at_second_point(rows: Rowed) -> Floats:
-    """Lines of the same rows at another point, with that point's own unknown place worked out of them."""
-    point, free = rows.points()[0], np.flatnonzero(rows.unknowns.free)
-    first = rows.state.points[point]
-    away = APART * float(np.linalg.norm(first - rows.state.model.chain.base_now[:3, 3]))
-    found = [np.zeros((0, free.size))]
-    for direction in np.vstack([np.eye(3), -np.eye(3)]):
-        there = replace(rows.state, points=np.where(np.arange(len(rows.state.points))[:, None] == point,
-                                                    first + away * direction, rows.state.points))  # fmt: skip
-        shifted = [_shifted(thinned(block), there, away * direction) for block in rows.blocks]
-        moves = lines(replace(rows.unknowns, start=there, free=np.ones_like(rows.unknowns.free)), shifted)
-        own = rows.state.points_at + 3 * point + np.arange(3)
-        tied = np.linalg.qr(moves[:, own])[0] if len(moves) > 3 else moves[:, :0]
-        moves[:, own] = 0.0
-        found.append((moves - tied @ (tied.T @ moves))[:, free])
-    return np.concatenate(found)
-
-
-def _shifted(block: Measured, state: State, by: Floats) -> Measured:
-    """The rows with their tips elsewhere by (3,), mm."""
-    model = state.models[block.session]
-    everywhere = np.ones(model.n, bool)
-    return brought(block, model, block.q, model.tip(block.postures) + by, everywhere)
-
-
 def _one_orientation(rows: Rowed) -> Iterator[Cause]:
     """One orientation of the tool in all rows, or nearly."""
-    greatest = np.rad2deg(max(float(np.linalg.norm(_turns(rows.state, block), axis=1).max()) for block in rows.blocks))
+    greatest = np.rad2deg(float(np.linalg.norm(rows.turns, axis=1).max()))
     if greatest < HARDLY_DEG:
         few = f"orientation changes by {greatest:.2g}° only"
         yield _turned_elsewhere(rows, "orientation never changes in these rows" if greatest < SAME_DEG else few)
@@ -244,7 +121,7 @@ def _one_orientation(rows: Rowed) -> Iterator[Cause]:
 
 def _one_axis(rows: Rowed) -> Iterator[Cause]:
     """Turns of the tool about one axis only."""
-    shape = np.linalg.svd(np.concatenate([_turns(rows.state, block) for block in rows.blocks]), compute_uv=False)
+    shape = np.linalg.svd(rows.turns, compute_uv=False)
     if shape.size > 1 and shape[1] < ONE_AXIS * shape[0]:
         yield _turned_elsewhere(rows, "orientation changes about one axis only")
 
@@ -253,12 +130,6 @@ def _turned_elsewhere(rows: Rowed, words: str) -> Cause:
     everywhere = np.ones(rows.q.shape[1], bool)
     change = rows.otherwise(lambda block: moved(block, rows.state, everywhere, MOVED_RAD))
     return Cause(words, change, of_frames=True)
-
-
-def _turns(state: State, block: Measured) -> Floats:
-    """Turns (N, 3) of the tool from its orientation in the block's first row, rad."""
-    pose = state.models[block.session].pose(block.postures)[:, :3, :3]
-    return rotation_vector(np.matmul(pose, pose[0].T))
 
 
 def _listed(noun: str, which: Bools) -> str:

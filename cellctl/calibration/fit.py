@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.causes import Rowed
+from cellctl.calibration.cause import Rowed
 from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start

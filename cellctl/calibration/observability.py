@@ -8,7 +8,8 @@ from typing import Any, final
 import numpy as np
 import scipy.linalg
 
-from cellctl.calibration.causes import Rowed, any_posture, causes
+from cellctl.calibration.cause import Rowed
+from cellctl.calibration.causes import any_posture, causes
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.unknowns import Unknowns
 from cellctl.calibration.words import alike, of_the_arm, phrases

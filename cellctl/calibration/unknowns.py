@@ -31,10 +31,10 @@ def members(groups: frozenset[Group], chain: SerialChain) -> frozenset[Group]:
 class Tolerances:
     """What is known before the measurement: 1 σ of each kind of parameter about the nominal value.
 
-    `tool_mm` and `tool_deg` hold for a taught tool; `lost_zero_deg` for a joint that has lost its mastering, by a crash
-    or a new motor. `flat_mm` and `flat_rad` stand for *nothing is known* (base and tool in an instrument's frame,
-    sphere centres): so wide that they move no result, finite so that every problem is well posed. What an effect
-    expects, it says itself.
+    `link_mm` and `angle_deg` hold for a table's lengths and angles, and for the places and tilts of axes; `tool_mm` and
+    `tool_deg` for a taught tool; `lost_zero_deg` for a joint that has lost its mastering, by a crash or a new motor.
+    `flat_mm` and `flat_rad` stand for *nothing is known* (base and tool in an instrument's frame, sphere centres): so
+    wide that they move no result, finite so that every problem is well posed. What an effect expects, it says itself.
     """
 
     link_mm: float = 0.5

@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
-ARM = ElbowArm()
+ARM = ElbowArm(at=(0.0, 0.0, 0.0))
+SPHERES = {"S1": [600.0, -200.0, 300.0], "S2": [600.0, 200.0, 350.0], "S3": [500.0, 0.0, 600.0]}
+RADIUS = 30.0
 
 
 @pytest.fixture
 def told(files, cellctl, capsys):
-    """Fits positions at readings (N, 3), deg; the lines about what was not seen, and the JSON result."""
+    """Fits positions at readings (N, 3), deg, or touches on spheres; the lines about what was not seen; the JSON."""
 
-    def fit(readings, *options):
-        rng = np.random.default_rng(2)
-        xyz = ARM.tip(readings) + rng.normal(0.0, 0.01, readings.shape)
+    def fit(readings, *options, touched=()):
+        xyz = ARM.tip(readings) + np.random.default_rng(2).normal(0.0, 0.01, readings.shape)
+        columns = joints_and_places(readings, xyz)
+        if touched:
+            joints = {name: columns[name] for name in ("A1", "A2", "A3")}
+            columns = {**joints, "sphere": touched, "radius": [RADIUS] * len(touched)}
         (files / "robot.yaml").write_text(ROBOT)
-        (files / "data.csv").write_text(csv_text(joints_and_places(readings, xyz)))
+        (files / "data.csv").write_text(csv_text(columns))
         assert cellctl("fit", "robot.yaml", "data.csv", "--json", "r.json", *options) in (0, 1)
         lines = capsys.readouterr().out.splitlines()
         begin = lines.index("Not seen by these rows:")
@@ -54,3 +59,16 @@ def test_however_much_is_not_seen_the_screen_has_six_lines_of_it_at_most(told):
     assert len(lines) <= 6
     assert max(map(len, lines)) < 300
     assert all(isinstance(words, str) for words in result["unobservable"])
+
+
+@pytest.mark.parametrize("names", [["S1"], ["S1", "S2", "S3"]], ids=["one", "three"])
+def test_touches_all_on_one_sphere_are_told_so(told, names):
+    """Three joints that touch one sphere hardly move; a robot of six tells as much from one as from three."""
+    rng = np.random.default_rng(3)
+    touched = [names[row % len(names)] for row in range(30)]
+    normals = rng.normal(size=(30, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    centres = np.array([SPHERES[name] for name in touched])
+    lines, _ = told(ARM.reaching(centres + RADIUS * normals, rng), "--model", "geometry", touched=touched)
+    assert lines[0].startswith("  all rows are on one sphere: ") == (len(names) == 1)
+    assert lines[-1].startswith("  no row of these kinds can tell apart")

@@ -1,0 +1,79 @@
+"""What fixed points lack, as a cause of blindness: a second one, or a length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cellctl.calibration.cause import AT_POINTS, MOVED_RAD, Cause, Rowed
+from cellctl.calibration.elsewhere import brought, lines, thinned
+from cellctl.calibration.rows import Measured, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.unknowns import State
+from cellctl.kinematics import Floats
+
+SPHERE_MM = 150.0
+"""What is nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
+
+APART = 0.3
+"""How far a second point is supposed to be from the first, as a share of that one's distance from the base."""
+
+LENGTH_SIGMA_MM = 0.01
+LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
+
+
+def of_points(rows: Rowed) -> Iterator[Cause]:
+    """A single fixed point, or several without a length."""
+    points = rows.points()
+    if len(points) == 1 and all(isinstance(block, AT_POINTS) for block in rows.blocks):
+        yield Cause(f"all rows are {_where(rows.blocks)}", lambda: _at_second_point(rows))
+    elif points and rows.lengthless:
+        pair = SpacingRows(np.array([points[:2]]), np.zeros(1), np.full((1, 1), LENGTH_SIGMA_MM))
+        yield Cause(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
+
+
+def of_no_length(rows: Rowed) -> Iterator[Cause]:
+    """No length where all rows are at one point, whose distance from another nobody can know."""
+    if len(rows.points()) == 1 and rows.lengthless:
+        yield Cause(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
+
+
+def _on_a_bar(block: Measured, state: State) -> Measured:
+    """The rows with the tool away from its socket, and how far measured."""
+    assert isinstance(block, SocketRows)
+    there = replace(block.postures, q=block.q + np.random.default_rng(0).uniform(-MOVED_RAD, MOVED_RAD, block.q.shape))
+    far = np.linalg.norm(state.models[block.session].tip(there) - state.points[block.point], axis=1)
+    return TouchRows(there, block.point, far, np.full((len(block), 1), LENGTH_SIGMA_MM), block.session)
+
+
+def _where(blocks: Sequence[Measured]) -> str:
+    if all(isinstance(block, SocketRows) for block in blocks):
+        return "in one socket"
+    reach = max(float(block.reach.max()) for block in blocks if isinstance(block, TouchRows))
+    return "on one sphere" if reach < SPHERE_MM else "about one point"
+
+
+def _at_second_point(rows: Rowed) -> Floats:
+    """Lines of the same rows at another point, with that point's own unknown place worked out of them."""
+    point, free = rows.points()[0], np.flatnonzero(rows.unknowns.free)
+    first = rows.state.points[point]
+    away = APART * float(np.linalg.norm(first - rows.state.model.chain.base_now[:3, 3]))
+    found = [np.zeros((0, free.size))]
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        there = replace(rows.state, points=np.where(np.arange(len(rows.state.points))[:, None] == point,
+                                                    first + away * direction, rows.state.points))  # fmt: skip
+        shifted = [_shifted(thinned(block), there, away * direction) for block in rows.blocks]
+        moves = lines(replace(rows.unknowns, start=there, free=np.ones_like(rows.unknowns.free)), shifted)
+        own = rows.state.points_at + 3 * point + np.arange(3)
+        tied = np.linalg.qr(moves[:, own])[0] if len(moves) > 3 else moves[:, :0]
+        moves[:, own] = 0.0
+        found.append((moves - tied @ (tied.T @ moves))[:, free])
+    return np.concatenate(found)
+
+
+def _shifted(block: Measured, state: State, by: Floats) -> Measured:
+    """The rows with their tips elsewhere by (3,), mm."""
+    model = state.models[block.session]
+    everywhere = np.ones(model.n, bool)
+    return brought(block, model, block.q, model.tip(block.postures) + by, everywhere)
