@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cellctl.files import Document, InputError, Problem
+from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
     from cellctl.calibration.mistakes import Change, DeniedSpacing, Mistake
