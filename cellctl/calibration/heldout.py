@@ -80,7 +80,7 @@ def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State
 
 
 def _both_settled(task: Task, by: Identification, rows: Mixture, unseen: Bools) -> tuple[State, State]:
-    return task.as_kept(_settled(task, by.nominal, rows, unseen)), _settled(task, by.identified, rows, unseen)
+    return _settled(task, by.nominal, rows, unseen), _settled(task, by.identified, rows, unseen)
 
 
 def unseen_by(task: Task, unknowns: Unknowns, used: Mixture, rows: Mixture) -> Bools:

@@ -117,7 +117,7 @@ def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> 
     weights: where they are known, as from a fit of more rows.
     """
     nominal = _registered(task, rows)
-    start = _start_of(task, nominal)
+    start = _start_of(task, nominal, rows)
     if weights is None:
         return nominal, _weighed(start, rows, certain(task))
     return nominal, _fit_with(weights, start, rows, certain(task))
@@ -156,9 +156,12 @@ def _registered(task: Task, rows: Mixture) -> Estimate:
     return estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
 
 
-def _start_of(task: Task, nominal: Estimate) -> Unknowns:
-    """What is to be identified, expected where nominal is registered; what registration could not see stays there."""
-    unknowns = replace(task.unknowns(nominal.state), pinned=nominal.unknowns.pinned)
+def _start_of(task: Task, nominal: Estimate, rows: Mixture) -> Unknowns:
+    """What is to be identified, expected where nominal is registered, or, in partial work, where `rows` want what is
+    new; what registration could not see stays there.
+    """
+    start = task.changed(rows) if task.partial else nominal.state
+    unknowns = replace(task.unknowns(start), pinned=nominal.unknowns.pinned)
     return unknowns.masked(task.identification(unknowns))
 
 
@@ -189,7 +192,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
     """
     if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
-    start = _start_of(task, _registered_on_closest(task, rows))
+    start = _start_of(task, _registered_on_closest(task, rows), rows)
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
     if len(rows.kinds) > 1:  # one noisy kind among others is not a heap of wild rows
         first = _fit(start, [*rows.blocks, *certain(task)])

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.datums import telling, with_datums
+from cellctl.calibration.datums import with_datums
 from cellctl.calibration.effects import Effect
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
-from cellctl.calibration.registration import register_positions, sphere_centre, turned_tool
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, SpacingRows, TouchRows
-from cellctl.calibration.unknowns import GEOMETRY, Group, State, Tolerances, Unknowns
+from cellctl.calibration.registration import fixed_points, on_instrument
+from cellctl.calibration.rows import PoseRows, PositionRows, SpacingRows
+from cellctl.calibration.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
 from cellctl.kinematics import Bools, Floats
 
 _TURNS = ("tool_a", "tool_b", "tool_c")
-_PLACED = frozenset({"base", "tool"})
 
 
 @final
@@ -88,7 +86,7 @@ class Task:
         to be found besides, there is nothing to compare without its base.
         """
         if not self.partial:
-            return _PLACED
+            return PLACED
         return frozenset({"base"}) if "base" in self.freed and len(self.freed) > 1 else frozenset()
 
     @property
@@ -111,7 +109,7 @@ class Task:
         """All parameters about `start`, all free, with what is known of them."""
         names = [session.name for session in self.sessions[1:]]
         taught = Unknowns.of(start, self.points, self.tolerances, sessions=names, datums=self.datums)
-        flat = Unknowns.of(start, self.points, self.tolerances, flat=_PLACED, sessions=names, datums=self.datums)
+        flat = Unknowns.of(start, self.points, self.tolerances, flat=PLACED, sessions=names, datums=self.datums)
         seen = self._seen_by(taught, (PositionRows, PoseRows))
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))
@@ -136,20 +134,15 @@ class Task:
         assert known is not None
         return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
 
-    def as_kept(self, nominal: State) -> State:
-        """What a new tool, or a new place of the robot, is compared with: the older model as it is, not where the rows
-        put it to begin with. Else `nominal`.
-        """
-        if not self.partial or self.registered or len(self.sessions) > 1:
-            return nominal
-        return replace(nominal, models=(self.model,))
-
     def start(self, rows: Mixture) -> State:
-        """Where to begin, from the model and `rows` alone."""
-        models = self._placed(rows)
-        own = [session.own for session in self.sessions[1:]]
-        state = State.of_sessions(models, own, self._points(models, rows), np.zeros(len(self.datums)))
-        return with_datums(state, rows.blocks) if self.datums else state
+        """Where nominal begins, from the model and `rows` alone."""
+        return self._placed(rows, self.registered)
+
+    def changed(self, rows: Mixture) -> State:
+        """Where what is identified begins, from the model and `rows` alone: base or tool that are new to an older model
+        are where the rows want them.
+        """
+        return self._placed(rows, self.registered | (PLACED & self.freed))
 
     def _somewhere(self) -> State:
         """A state of the right shape."""
@@ -162,7 +155,7 @@ class Task:
         result = np.zeros(len(unknowns.names), bool)
         for session in {block.session for block in self.rows.blocks if isinstance(block, kinds) and len(block)}:
             result[unknowns.start.columns[session]] = True
-        return result & unknowns.among(_PLACED)
+        return result & unknowns.among(PLACED)
 
     def _unturned(self, unknowns: Unknowns) -> Bools:
         """The tool's turns (P,) where nothing measured them: a point has no orientation."""
@@ -189,48 +182,18 @@ class Task:
         """Prior 1 σ (P,) of what has been lost, or is new."""
         lost = np.deg2rad(self.tolerances.lost_zero_deg)
         sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
-        return np.asarray(np.where(unknowns.among(_PLACED), flat, sigma))
+        return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
 
-    def _placed(self, rows: Mixture) -> list[RobotModel]:
-        """The robot in each session, with base and tool near what its instrument says."""
-        result: list[RobotModel] = []
+    def _placed(self, rows: Mixture, groups: frozenset[Group]) -> State:
+        """The robot in each session, those of base and tool that are in `groups`, or the session's own, near what its
+        instrument says; and the points.
+        """
+        models: list[RobotModel] = []
         for number, session in enumerate(self.sessions):
-            groups = session.own if result else _PLACED & self.freed if self.partial else _PLACED
-            begin = self.model if not result else result[0]
-            result.append(_registered(begin, [b for b in rows.blocks if b.session == number], groups))
-        return result
-
-    def _points(self, models: list[RobotModel], rows: Mixture) -> Floats:
-        points = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough.copy()
-        for index in np.flatnonzero(np.isnan(points).any(axis=1)):
-            points[index] = next(_places(models, rows, int(index)), np.full(3, np.nan))
-        if np.isnan(points).any():
-            points = np.where(np.isnan(points), models[0].tip(rows.q).mean(axis=0), points)
-        return points
-
-
-def _registered(model: RobotModel, blocks: list[Measured], groups: frozenset[Group]) -> RobotModel:
-    """`model` with those of base and tool that are in `groups` near what instrument rows among `blocks` say."""
-    measured = [block for block in blocks if isinstance(block, PositionRows | PoseRows) and len(block)]
-    if not measured or not groups & _PLACED:
-        return model
-    q, xyz = np.concatenate([block.q for block in measured]), np.concatenate([block.xyz for block in measured])
-    base, tool = "base" in groups, "tool" in groups
-    chain = register_positions(model.chain, q, xyz, base=base, tool=tool)
-    turns = [block for block in measured if isinstance(block, PoseRows)]
-    if tool and turns:
-        rotations = np.concatenate([block.poses[:, :3, :3] for block in turns])
-        chain = turned_tool(chain, np.concatenate([block.q for block in turns]), rotations)
-    return replace(model, chain=chain)
-
-
-def _places(models: list[RobotModel], rows: Mixture, index: int) -> Iterator[Floats]:
-    """Where each block sees point `index`."""
-    for block in rows.blocks:
-        if not isinstance(block, TouchRows | SocketRows):
-            continue
-        mine = telling(block, index)
-        if not np.any(mine):
-            continue
-        tips = models[block.session].tip(block.postures.pick(mine))
-        yield tips.mean(axis=0) if isinstance(block, SocketRows) else sphere_centre(tips, block.reach[mine])
+            begin, free = (models[0], session.own) if models else (self.model, groups)
+            models.append(on_instrument(begin, [block for block in rows.blocks if block.session == number], free))
+        rough = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough
+        own = [session.own for session in self.sessions[1:]]
+        points = fixed_points(models, rows.blocks, rough)
+        state = State.of_sessions(models, own, points, np.zeros(len(self.datums)))
+        return with_datums(state, rows.blocks) if self.datums else state

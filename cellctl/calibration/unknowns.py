@@ -18,6 +18,9 @@ Group: TypeAlias = str
 GEOMETRY = "geometry"
 """The name for all that a table of links holds: joint zeros and links."""
 
+PLACED: frozenset[Group] = frozenset({"base", "tool"})
+"""What ties a robot to an instrument."""
+
 
 def members(groups: frozenset[Group], chain: SerialChain) -> frozenset[Group]:
     """`groups` with `geometry` replaced by what it stands for; screws need no joint zeros of their own beside it."""
@@ -81,9 +84,7 @@ class State:
         columns, width = [np.arange(len(names))], len(names)
         for groups in own:
             mine = np.arange(len(names))
-            apart = [
-                index for index, name in enumerate(names) if group_of(models[0], name) in groups & {"base", "tool"}
-            ]
+            apart = [index for index, name in enumerate(names) if group_of(models[0], name) in groups & PLACED]
             mine[apart] = np.arange(width, width + len(apart))
             columns, width = [*columns, mine], width + len(apart)
         return cls(tuple(models), points, tuple(columns), np.zeros(0) if datums is None else datums)

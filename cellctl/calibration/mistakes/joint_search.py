@@ -1,8 +1,8 @@
 """Thousands of suppositions about joints at once, roughly: how far each leaves nominal from a few rows.
 
 For an instrument's rows base and tool are found by a linear problem in which the base may be any affine map (see
-`placing`); points are found by linear problems anyway. Each is solved for all suppositions in one batch, and a second
-time on the rows that fitted best.
+`registration`); points are found by linear problems anyway. Each is solved for all suppositions in one batch, and a
+second time on the rows that fitted best.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.misfit import CORE
-from cellctl.calibration.mistakes.placing import PLACED
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.unknowns import PLACED
 from cellctl.kinematics import Floats
 
 ROWS = 40
@@ -55,7 +55,7 @@ def _squares(case: Case, block: Measured, q: Floats) -> Floats:
             found = [_of_point(tips[:, mine], block.reach[mine], shifted) for shifted, mine in groups]
         return _nearest(np.concatenate(found, axis=1))
     assert isinstance(block, PositionRows | PoseRows)
-    if case.task.partial and case.task.registered != PLACED:
+    if case.task.registered != PLACED:
         return _nearest(np.sum((chain.forward(q)[..., :3, 3] - block.xyz) ** 2, axis=-1))
     return _of_instrument(chain.with_base(np.eye(4)).forward_flange(q), block.xyz)
 

@@ -13,7 +13,6 @@ from cellctl.calibration.estimate import estimate
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.joint_search import ROWS, rough_sizes
 from cellctl.calibration.mistakes.misfit import misfit, steps_of
-from cellctl.calibration.mistakes.placing import PLACED
 from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.kinematics import Floats
@@ -155,14 +154,10 @@ def _seen(case: Case, joint: int, ways: list[tuple[float, float]]) -> list[tuple
     one of the last another turn of a tool that is registered. That harms nothing, and nobody is told of it.
     """
     instrument = case.task.rows.kinds & {PositionRows, PoseRows}
-    of_base = joint == 0 and (not instrument or "base" in _registered(case))
-    if of_base or (joint == case.n - 1 and instrument and "tool" in _registered(case)):
+    of_base = joint == 0 and (not instrument or "base" in case.task.registered)
+    if of_base or (joint == case.n - 1 and instrument and "tool" in case.task.registered):
         return [(sign, angle) for sign, angle in ways if angle == 0.0]
     return ways
-
-
-def _registered(case: Case) -> frozenset[str]:
-    return case.task.registered if case.task.partial else PLACED
 
 
 def _best(case: Case, many: list[_Joints]) -> list[_Joints]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, final
 
 import numpy as np
 
 from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.placing import placed
+from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import PoseRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State
@@ -86,10 +87,10 @@ class Misfit:
 
 def misfit(case: Case, rounds: int = ROUNDS) -> Misfit:
     """Nominal registered on all rows, then on those nearest to it, `rounds` times or until they stay the same."""
-    task = case.task
+    task = replace(case.task, rough=None)
     kept = [np.arange(len(block)) for block in task.rows.blocks]
     for _ in range(rounds):
-        state, before = placed(task, kept), kept
+        state, before = task.start(_only(task.rows, kept)), kept
         kept = [_nearest(errors[0]) for errors in row_errors(task, state)]
         if all(np.array_equal(now, then) for now, then in zip(kept, before, strict=True)):
             break
@@ -124,6 +125,10 @@ def steps_of(sizes: Floats) -> Floats:
     return np.asarray(np.floor(np.log(np.maximum(sizes, least) / least) / np.log(1.5)))
 
 
+def _only(rows: Mixture, kept: Sequence[Any]) -> Mixture:
+    return Mixture(tuple(block.pick(which) for block, which in zip(rows.blocks, kept, strict=True)))
+
+
 def _nearest(errors: Floats) -> Any:
     return np.sort(np.argsort(errors, kind="stable")[: int(np.ceil(CORE * len(errors)))])
 
@@ -134,7 +139,7 @@ def _foreseen(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, f
     known = np.diag(unknowns.sigma**2) if unknowns.prior is None else unknowns.prior
     values, vectors = np.linalg.eigh(known)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    blocks = [block.pick(which) for block, which in zip(task.rows.blocks, kept, strict=True)]
+    blocks = _only(task.rows, kept).blocks
     sigma = np.concatenate([block.sigma.ravel() for block in blocks])
     jacobian = np.concatenate([block.jacobian(state).reshape(-1, state.width) for block in blocks]) / sigma[:, None]
     free = task.registration(unknowns)

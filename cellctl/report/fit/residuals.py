@@ -57,7 +57,7 @@ class Residuals:
         parts: list[dict[str, Any]] = []
         for which, judging in ((in_fit, False), (held_out, True)):
             rows = story.task.rows.pick(which)
-            states = (story.task.as_kept(identification.nominal.state), identification.identified.state)
+            states = (identification.nominal.state, identification.identified.state)
             if judging and len(which):
                 states = settled(story.task, identification, rows)
             sure = _Sure.of(identification.identified, judging, judging and _settles(story, rows))
