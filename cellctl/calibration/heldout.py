@@ -121,8 +121,9 @@ def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
         _placed_anew(model, new, unseen[columns[: len(model.parameters)]])
         for model, new, columns in zip(state.models, afresh.models, state.columns, strict=True)
     ]
-    points = np.where(unseen[state.of_points].reshape(-1, 3), afresh.points, state.points)
-    datums = np.where(unseen[state.datums_at :], afresh.datums, state.datums)
+    seen = task.fixed_by(models, rows)
+    points = np.where(unseen[state.of_points].reshape(-1, 3), seen.points, state.points)
+    datums = np.where(unseen[state.datums_at :], seen.datums, state.datums)
     return replace(state, models=tuple(models), points=points, datums=datums)
 
 

@@ -17,6 +17,7 @@ from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import Group, Unknowns
+from cellctl.calibration.valleys import tools, undecided
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2
@@ -117,10 +118,15 @@ def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> 
     weights: where they are known, as from a fit of more rows.
     """
     nominal = _registered(task, rows)
-    start = _start_of(task, nominal, rows)
+    start, *others = _starts(task, nominal, rows)
     if weights is None:
-        return nominal, _weighed(start, rows, certain(task))
-    return nominal, _fit_with(weights, start, rows, certain(task))
+        weighed = _weighed(start, rows, certain(task))
+    else:
+        weighed = _fit_with(weights, start, rows, certain(task))
+    if not task.retooled:
+        return nominal, weighed
+    noisy, states = rows.noisier(weighed.weights.noise), [each.start for each in (start, *others)]
+    return nominal, replace(weighed, found=undecided(weighed.found, noisy, certain(task), states))
 
 
 def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
@@ -156,13 +162,16 @@ def _registered(task: Task, rows: Mixture) -> Estimate:
     return estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
 
 
-def _start_of(task: Task, nominal: Estimate, rows: Mixture) -> Unknowns:
+def _starts(task: Task, nominal: Estimate, rows: Mixture) -> list[Unknowns]:
     """What is to be identified, expected where nominal is registered, or, in partial work, where `rows` want what is
-    new; what registration could not see stays there.
+    new, the most probable place first; what registration could not see stays there.
     """
     start = task.changed(rows) if task.partial else nominal.state
     unknowns = replace(task.unknowns(start), pinned=nominal.unknowns.pinned)
-    return unknowns.masked(task.identification(unknowns))
+    unknowns = unknowns.masked(task.identification(unknowns))
+    if not task.retooled:
+        return [unknowns]
+    return [unknowns.restarted(state) for state in tools(unknowns, rows, certain(task))]
 
 
 def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
@@ -192,7 +201,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
     """
     if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
-    start = _start_of(task, _registered_on_closest(task, rows), rows)
+    start = _starts(task, _registered_on_closest(task, rows), rows)[0]
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
     if len(rows.kinds) > 1:  # one noisy kind among others is not a heap of wild rows
         first = _fit(start, [*rows.blocks, *certain(task)])

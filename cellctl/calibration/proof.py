@@ -31,7 +31,8 @@ def doubts(task: Task, split: Split, found: Identification) -> list[str]:
     few = [words for fit, test in split.judged for words in _too_few(task, fit, test)]
     apart = [f"the rows of the fit do not fit together: {found.apart} of {len(found.used)} contradict the others"]
     lost = [] if found.identified.converged else [f"the fit did not converge: {found.identified.ended}"]
-    return [*dict.fromkeys(few), *(apart if found.apart else []), *lost]
+    contrary = misgivings(task, found) if task.partial else []  # anything beats a tool that is there no more
+    return [*dict.fromkeys(few), *(apart if found.apart else []), *contrary, *lost]
 
 
 def misgivings(task: Task, found: Identification) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self, final
 
@@ -79,6 +80,12 @@ class Task:
         return self.prior is not None and self.groups is not None
 
     @property
+    def retooled(self) -> bool:
+        """Whether an older model has a new tool that nothing but fixed points tells of, at distances that are known."""
+        told = self.rows.kinds & {PositionRows, PoseRows} or self.datums
+        return self.partial and "tool" in self.freed and not told
+
+    @property
     def registered(self) -> frozenset[Group]:
         """Which of base and tool *nominal* is tied to an instrument by, with nothing known beforehand.
 
@@ -144,6 +151,16 @@ class Task:
         """
         return self._placed(rows, self.registered | (PLACED & self.freed))
 
+    def fixed_by(self, models: Sequence[RobotModel], rows: Mixture) -> State:
+        """`models`, one for each session, with points where they roughly are, or where the models see them by `rows`,
+        and with the zeros of lengths.
+        """
+        rough = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough
+        own = [session.own for session in self.sessions[1:]]
+        points = fixed_points(models, rows.blocks, rough)
+        state = State.of_sessions(models, own, points, np.zeros(len(self.datums)))
+        return with_datums(state, rows.blocks) if self.datums else state
+
     def _somewhere(self) -> State:
         """A state of the right shape."""
         models = [self.model] * len(self.sessions)
@@ -192,8 +209,4 @@ class Task:
         for number, session in enumerate(self.sessions):
             begin, free = (models[0], session.own) if models else (self.model, groups)
             models.append(on_instrument(begin, [block for block in rows.blocks if block.session == number], free))
-        rough = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough
-        own = [session.own for session in self.sessions[1:]]
-        points = fixed_points(models, rows.blocks, rough)
-        state = State.of_sessions(models, own, points, np.zeros(len(self.datums)))
-        return with_datums(state, rows.blocks) if self.datums else state
+        return self.fixed_by(models, rows)
