@@ -63,13 +63,18 @@ class LengthZero(BaseModel):
 
 @final
 class SessionPlace(BaseModel):
-    """A session: what it has to itself, and base and tool (4, 4) in it as identified, mm."""
+    """A session: what it has to itself, and base and tool (4, 4) in it as identified, mm.
+
+    covariance: of the parameters as they are in it, about these; None for the first, and in files that knew it of the
+    first alone.
+    """
 
     model_config = _STRICT
     name: str
     own: list[str]
     base: Matrix
     tool: Matrix
+    covariance: list[list[Number]] | None = None
 
 
 @final
@@ -296,15 +301,18 @@ def _sessions(measured: Measurements, found: Identification) -> list[SessionPlac
     sessions = measured.task.sessions
     if len(sessions) < 2:
         return []
-    chains = [model.chain for model in found.identified.state.models]
+    state, covariance = found.identified.state, found.identified.covariance
     return [
         SessionPlace(
             name=session.name,
             own=sorted(session.own),
-            base=chain.base_now.tolist(),
-            tool=chain.tool_now.tolist(),
+            base=model.chain.base_now.tolist(),
+            tool=model.chain.tool_now.tolist(),
+            covariance=covariance[columns][:, columns].tolist() if number else None,
         )
-        for session, chain in zip(sessions, chains, strict=True)
+        for number, (session, model, columns) in enumerate(
+            zip(sessions, state.models, state.columns, strict=True),
+        )
     ]
 
 

@@ -14,6 +14,7 @@ from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
     from cellctl.calibration import RobotModel
+    from cellctl.kinematics import Floats
 
 GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
 """Groups that every model has; its effects are groups of their own."""
@@ -26,19 +27,20 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
     """The same rows for `prior` in place of nominal. free: groups that alone may change, with nothing known of them;
     none named: everything that the older model was not sure of. file: names the model in errors.
 
-    Raises InputError where it is another robot's model, or has no such group.
+    Of a model of several sessions that session is gone on from which the rows name first. Raises InputError where it is
+    another robot's model, or has no such group, or where base or tool would have to be those of a session, and none is
+    named.
     """
-    import numpy as np
-
     problems = _another_robot(prior.robot, measured.robot, file)
     model, groups = prior.robot_model(), frozenset(free) or None
     problems += _stands_otherwise(model, measured.robot, file)
     problems += _unknown_groups(model, free)
     if problems:
         raise InputError(problems)
+    model, covariance = _in_session(prior, measured, groups, file)
     if groups and "tool" in groups and measured.robot.tool != prior.robot.tool:
         model = model.on(model.chain.base_now, measured.robot.chain().tool)
-    task = replace(measured.task, model=model, prior=np.array(prior.covariance), groups=groups, candidates=None)
+    task = replace(measured.task, model=model, prior=covariance, groups=groups, candidates=None)
     return replace(measured, task=task)
 
 
@@ -48,6 +50,38 @@ def only(measured: Measurements, free: Collection[str]) -> Measurements:
     if problems:
         raise InputError(problems)
     return replace(measured, task=replace(measured.task, groups=frozenset(free), candidates=None))
+
+
+def _in_session(
+    prior: ModelFile, measured: Measurements, groups: frozenset[str] | None, file: str
+) -> tuple[RobotModel, Floats]:
+    """The older model as it stood in the session that the rows name first, and its covariance (P, P)."""
+    import numpy as np
+
+    model, covariance = prior.robot_model(), np.array(prior.covariance)
+    name = next(iter(measured.texts("session")), "")
+    number = next((at for at, session in enumerate(prior.sessions) if session.name == name), None)
+    if number is None and _of_a_session(prior, measured, groups):
+        names = ", ".join(session.name for session in prior.sessions)
+        what = f"has a base or tool for each of its sessions ({names}), and the rows name none of them"
+        cure = "say in column `session` in which the rows were measured, or free what is new: --free base, tool"
+        raise InputError(Problem(file or "--prior", 0, 0, what, cure))
+    if not number:
+        return model, covariance
+    session = prior.sessions[number]
+    if session.covariance is None or np.shape(session.covariance) != covariance.shape:
+        what = f"does not say how sure it is of session {name}"
+        raise InputError(Problem(file or "--prior", 0, 0, what, "make the model anew from its data set"))
+    return model.on(session.base, session.tool), np.array(session.covariance)
+
+
+def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[str] | None) -> bool:
+    """Whether base or tool of one of several sessions would be taken over: not where they are found anew."""
+    if groups is None:
+        return False
+    own = {group for session in prior.sessions[1:] for group in session.own}
+    seen = own if {"position", "pose"} & set(measured.kinds) else own - {"base"}
+    return bool(seen - groups)
 
 
 def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:

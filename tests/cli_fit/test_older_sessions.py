@@ -1,0 +1,75 @@
+"""An older model of several sessions: partial work goes on from the one that the new rows name."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
+
+from cellctl.cli import ends
+from cellctl.cli.main import app
+
+NOISE_MM = 0.02 / math.sqrt(3)
+MONDAY = ElbowArm()
+TUESDAY = replace(MONDAY, at=(300.0, -250.0, 90.0), turn_deg=35.0)
+LOST = (0.4, -1.2, 0.7)
+
+
+def cellctl(*words):
+    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+
+
+def measured(days, count, seed):
+    """Rows of each day's arm; days: arm by name."""
+    rng = np.random.default_rng(seed)
+    texts = []
+    for name, arm in days.items():
+        readings = drawn(rng, count)
+        columns = joints_and_places(readings, arm.tip(readings) + rng.normal(0, NOISE_MM, (count, 3)))
+        texts.append(csv_text({**columns, "session": np.full(count, name)} if name else columns))
+    return texts[0] + "".join(text.split("\n", 1)[1] for text in texts[1:])
+
+
+@pytest.fixture(scope="module")
+def older(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sessions")
+    (folder / "robot.yaml").write_text(ROBOT)
+    (folder / "before.csv").write_text(measured({"Monday": MONDAY, "Tuesday": TUESDAY}, 40, 1))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert cellctl("fit", "robot.yaml", "before.csv", "--model", "geometry", "--out", "model.json") == 0
+    return folder
+
+
+@pytest.fixture
+def folder(older, monkeypatch):
+    monkeypatch.chdir(older)
+    return older
+
+
+@pytest.mark.parametrize(("name", "day"), [("Monday", MONDAY), ("Tuesday", TUESDAY)])
+def test_lost_zeros_are_found_where_the_robot_stood_in_the_session_of_that_name(folder, name, day):
+    (folder / "few.csv").write_text(measured({name: replace(day, lost_deg=LOST)}, 12, 2))
+    words = ["fit", "robot.yaml", "few.csv", "--prior", "model.json", "--free", "zeros", "--json", "r.json"]
+    assert cellctl(*words) == 0
+    result = json.loads((folder / "r.json").read_text())
+    assert max(result["noise_growth"]) < 2.0
+    for row, true in zip(result["mastering"], LOST, strict=True):
+        assert abs(row["offset_deg"] - true) < 4.0 * row["sigma_deg"]
+        assert row["sigma_deg"] < 0.02
+
+
+@pytest.mark.parametrize("name", ["", "Friday"])
+def test_rows_of_no_session_that_the_older_model_knows_are_refused_with_the_names(folder, name, capsys):
+    (folder / "few.csv").write_text(measured({name: TUESDAY}, 12, 2))
+    assert cellctl("fit", "robot.yaml", "few.csv", "--prior", "model.json", "--free", "zeros") == 2
+    assert "Monday, Tuesday" in capsys.readouterr().err
+
+
+def test_a_robot_set_up_anew_needs_no_session(folder):
+    (folder / "few.csv").write_text(measured({"": TUESDAY}, 12, 2))
+    words = ["fit", "robot.yaml", "few.csv", "--prior", "model.json", "--free", "base", "--json", "r.json"]
+    assert cellctl(*words) == 0
+    assert max(json.loads((folder / "r.json").read_text())["noise_growth"]) < 2.0
