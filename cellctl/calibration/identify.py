@@ -8,7 +8,6 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import DEFLECTION
 from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_at_start
 from cellctl.calibration.evidence import Factor, factors, unexpected
 from cellctl.calibration.mixture import Mixture
@@ -274,11 +273,14 @@ def _noise(rows: Mixture, grown: Mapping[Factor, float]) -> Floats:
 
 
 def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
-    """The fit; a bend held at 0, as it cannot be negative, leaves everything as uncertain as before it was held."""
-    found = estimate(unknowns, blocks, begin)
-    bend = found.state.model.amount(DEFLECTION)
-    if bend is None or bend >= 0.0:
+    """The fit; amounts that would fall below their effect's least are held there, and leave everything as uncertain as
+    before they were held.
+    """
+    found, held = estimate(unknowns, blocks, begin), np.zeros(len(unknowns.names), bool)
+    while (below := unknowns.free & ~held & (found.deviations < unknowns.least)).any():
+        held = held | below
+        at_least = unknowns.restarted(unknowns.state(np.where(held, unknowns.least, 0.0))).masked(~held)
+        found = estimate(at_least, blocks)
+    if not held.any():
         return found
-    straight = unknowns.restarted(unknowns.start.with_amount(DEFLECTION, 0.0)).without(frozenset({DEFLECTION}))
-    held = estimate(straight, blocks)
-    return replace(held, covariance=covariance_of(held, replace(straight, free=unknowns.free), blocks))
+    return replace(found, covariance=covariance_of(found, replace(found.unknowns, free=unknowns.free), blocks))

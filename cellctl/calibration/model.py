@@ -48,6 +48,12 @@ class RobotModel:
         return np.array([unit == "rad" for unit in self.parameter_units])
 
     @cached_property
+    def least(self) -> Floats:
+        """What no parameter (P,) is below, in its unit; −inf where nothing is known of that."""
+        of_chain = np.full(len(self.chain.parameters), -np.inf)
+        return np.concatenate([of_chain, *(effect.least for effect in self.effects)])
+
+    @cached_property
     def deviations(self) -> Floats:
         """The parameters' values (P,), in their units."""
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))

@@ -114,13 +114,6 @@ class State:
         """How many columns a Jacobian has."""
         return self.datums_at + self.datums.size
 
-    def with_amount(self, name: str, value: float) -> Self:
-        """This state with parameter `name` of the robot at `value`, in all sessions."""
-        at = self.model.parameters.index(name)
-        changed = [np.where(np.arange(len(model.parameters)) == at, value, model.deviations) for model in self.models]
-        models = [model.with_deviations(values) for model, values in zip(self.models, changed, strict=True)]
-        return replace(self, models=tuple(models))
-
     def spread(self, columns: Floats, session: int) -> Floats:
         """A session's columns (N, k, P of its model) as columns of the whole (N, k, `width`), the others 0."""
         if columns.shape[-1] == self.width:
@@ -191,10 +184,6 @@ class Unknowns:
         """These unknowns with none but those at `free` (P,) free."""
         return replace(self, free=self.free & free)
 
-    def without(self, names: frozenset[str]) -> Self:
-        """These unknowns with `names` held where they start."""
-        return replace(self, free=self.free & np.array([name not in names for name in self.names]))
-
     def loosened(self, factors: Mapping[Group, float]) -> Self:
         """These unknowns with the tolerances of some groups wider by a factor; or, of an older model, with as much more
         that may have changed since (`change`).
@@ -238,6 +227,14 @@ class Unknowns:
     def restarted(self, start: State) -> Self:
         """The same unknowns, expected at `start`."""
         return replace(self, start=start)
+
+    @property
+    def least(self) -> Floats:
+        """The lowest deviation (P,) from the start that an effect allows; −inf where nothing is said of that."""
+        result = np.full(len(self.names), -np.inf)
+        for model, columns in zip(self.start.models, self.start.columns, strict=True):
+            result[columns] = model.least - model.deviations
+        return result
 
     @property
     def robot(self) -> int:

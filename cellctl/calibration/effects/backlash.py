@@ -47,6 +47,11 @@ class Backlash:
         """Prior 1 σ about 0, rad."""
         return np.full(self.joints, self.expected)
 
+    @property
+    def least(self) -> Floats:
+        """−inf: a joint leads or lags."""
+        return np.full(self.joints, -np.inf)
+
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
         """Φ (N, n, n): each joint's approach in its own row."""
         approach = np.zeros(at.q.shape) if at.approach is None else at.approach

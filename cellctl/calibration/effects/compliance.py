@@ -86,6 +86,11 @@ class JointCompliance:
         own = [SAG_RAD * SHRINKS ** (k - j) for j, k, _ in self._moments()]
         return np.array(own + [SAG_PER_NM for _ in self._loaded()])
 
+    @property
+    def least(self) -> Floats:
+        """−inf: a link's weight lies on either side; a controller that corrects for gravity may overdo it."""
+        return np.full(len(self.parameters), -np.inf)
+
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
         """Φ (N, n, K): moments about each joint of one newton's weight at unit levers; N m per N m of the payload."""
         frames = np.moveaxis(nominal.frames(at.q), 0, -1)  # each number a long vector, as in the chain itself

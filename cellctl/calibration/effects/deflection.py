@@ -54,6 +54,11 @@ class ToolDeflection:
         return np.array([self.expected])
 
     @property
+    def least(self) -> Floats:
+        """0: nothing bends upwards under its weight."""
+        return np.zeros(1)
+
+    @property
     def mm_per_unit(self) -> float:
         """Shift of a horizontal tool's tip for c_t = 1, mm."""
         return 1000.0 * self.length_m**3 / 3.0 * self.load_n

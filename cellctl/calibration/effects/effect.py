@@ -36,6 +36,11 @@ class Effect(Protocol):
         """How large each amount (K,) is expected to be, 1 σ."""
         ...
 
+    @property
+    def least(self) -> Floats:
+        """What no amount (K,) is below, in its unit: 0 where a negative one has no meaning, −inf elsewhere."""
+        ...
+
     def turns(self, nominal: SerialChain, at: Postures) -> Floats | None:
         """Φ (N, n, K): rad of each joint per unit of each amount; None where the effect turns no joint."""
         ...

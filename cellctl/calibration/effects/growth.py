@@ -57,6 +57,11 @@ class Growth:
         """Prior 1 σ about 0, 1/K."""
         return np.full(len(self._grown), self.expected)
 
+    @property
+    def least(self) -> Floats:
+        """−inf: a controller, or the instrument's own scale, may make up for more than the link grows."""
+        return np.full(len(self._grown), -np.inf)
+
     def turns(self, nominal: SerialChain, at: Postures) -> None:
         """None: lengths grow, joints stay."""
 

@@ -64,6 +64,11 @@ class Harmonics:
         """Prior 1 σ about 0, rad."""
         return np.full(len(self.parameters), self.expected)
 
+    @property
+    def least(self) -> Floats:
+        """−inf: waves have any phase."""
+        return np.full(len(self.parameters), -np.inf)
+
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
         """Φ (N, n, K): each wave in the row of its joint."""
         joints, orders = np.array(self.waves, int).reshape(-1, 2).T
