@@ -80,8 +80,7 @@ class _Problem:
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
         whitening = _whitening(unknowns, free)
-        pins = np.zeros((0, free.size)) if unknowns.pinned is None else PINNED * unknowns.pinned[:, free]
-        return cls(unknowns, tuple(blocks), free, scale, whitening, np.vstack([whitening, pins]))
+        return cls(unknowns, tuple(blocks), free, scale, whitening, np.vstack([whitening, pins(unknowns, free)]))
 
     def deviations(self, x: Floats) -> Floats:
         """All parameters' deviations (P,) at x (F,)."""
@@ -225,15 +224,22 @@ def _posterior(triangle: Floats, whitening: Floats) -> Floats:
     return np.asarray((vt.T / s**2) @ vt)
 
 
-def prior_inverse(unknowns: Unknowns, free: Any) -> Floats:
-    """What is known of the `free` unknowns (indices) beforehand, in tolerances, as normal equations (F, F)."""
-    root = _whitening(unknowns, free)
-    return np.asarray(root.T @ root)
-
-
 def _whitening(unknowns: Unknowns, free: Any) -> Floats:
     """Root (F, F) of what is known of the `free` unknowns (indices) beforehand, in tolerances."""
     return np.eye(len(free)) if unknowns.prior is None else _inverse_root(unknowns.known(free))
+
+
+def held_beforehand(unknowns: Unknowns, free: Any) -> Floats:
+    """What is known of the `free` unknowns (indices) beforehand, and what is pinned, in tolerances, as normal equations
+    (F, F).
+    """
+    lines = np.vstack([_whitening(unknowns, free), pins(unknowns, free)])
+    return np.asarray(lines.T @ lines)
+
+
+def pins(unknowns: Unknowns, free: Any) -> Floats:
+    """Rows (H, F), in tolerances, that hold pinned combinations of the `free` unknowns (indices) where they start."""
+    return np.zeros((0, len(free))) if unknowns.pinned is None else PINNED * unknowns.pinned[:, free]
 
 
 def _inverse_root(covariance: Floats) -> Floats:

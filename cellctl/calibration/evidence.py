@@ -16,7 +16,7 @@ from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import PINNED, Estimate, linearised
+from cellctl.calibration.estimate import Estimate, linearised, pins
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows, SocketRows
 from cellctl.calibration.unknowns import Unknowns
@@ -206,7 +206,7 @@ class _System:
 
 def _pins(unknowns: Unknowns, about: Any) -> _Normal:
     """What stays where it starts, as the estimate has it, for the unknowns at `about` (F,)."""
-    pinned = np.zeros((0, len(about))) if unknowns.pinned is None else PINNED * unknowns.pinned[:, about]
+    pinned = pins(unknowns, about)
     return _Normal.of(pinned, np.zeros(len(pinned)))
 
 

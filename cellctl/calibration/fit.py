@@ -12,7 +12,7 @@ from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows
-from cellctl.calibration.identify import Identification, certain, identify, rows_together
+from cellctl.calibration.identify import Identification, certain, identify, readmitted, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.observability import Observability, observability
@@ -103,9 +103,9 @@ class _Climbed:
         if task.candidates is None:
             return cls(task, identify(task, fit), ())
         rows = task.rows.pick(fit)
-        together = rows_together(replace(task, candidates=None), rows)
-        chosen, ladder = climb(task, rows.pick(together[0]))
-        return cls(chosen, identify(chosen, fit, together), ladder)
+        kept, apart = rows_together(replace(task, candidates=None), rows)
+        chosen, ladder = climb(task, rows.pick(kept))
+        return cls(chosen, identify(chosen, fit, (readmitted(chosen, rows, kept), apart)), ladder)
 
     def held_out(self, test: Any) -> HeldOut:
         return held_out_rows(self.task, self.identification, self.task.rows.pick(test))

@@ -10,17 +10,22 @@ import numpy as np
 
 from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_at_start
 from cellctl.calibration.evidence import Factor, factors, unexpected
+from cellctl.calibration.linear import Linear
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.outliers import OUTLYING, Linear, belonging
+from cellctl.calibration.outliers import OUTLYING, belonging
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import Group, Unknowns
 from cellctl.calibration.valleys import tools, undecided
+from cellctl.calibration.wild import WILD
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2
-"""If more of the rows than this do not belong to the others, nothing says which of them are right, and all stay."""
+FEW = 2
+"""If more of the rows, or of those of one block, than this share do not belong to the others, nothing says which of
+them are right, and all stay; but so few may always go.
+"""
 
 CLOSEST = 0.6
 """The share of the rows, those nearest to nominal, that the search for the rows that belong together starts from."""
@@ -89,6 +94,11 @@ class Weighed:
     found: Estimate
     weights: Weights
 
+    def chances(self, rows: Mixture) -> Floats:
+        """How often rows (N,) that were not in the fit would lie as far from it as they do, or further."""
+        blocks = rows.noisier(self.weights.noise).blocks
+        return np.concatenate([foresee(self.found.state, self.found.covariance, each).chance for each in blocks])
+
 
 def identify(task: Task, fit: Any = None, together: tuple[Bools, int] | None = None) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
@@ -137,8 +147,18 @@ def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
         kept = _like_sample(task, rows, sample)
     else:
         kept = _belonging(task, rows)
-    apart = int(np.count_nonzero(~kept))
-    return (np.ones(len(rows), bool), apart) if apart > OUTLIERS_AT_MOST * len(rows) else (kept, 0)
+    apart = 0
+    for _, mine, _ in [*rows.parts(), (None, slice(None), None)]:  # each block by itself, then all of them
+        left_out = int(np.count_nonzero(~kept[mine]))
+        if left_out > max(OUTLIERS_AT_MOST * len(kept[mine]), FEW):
+            kept, apart = _all_of(kept, mine), apart + left_out
+    return kept, apart
+
+
+def _all_of(kept: Bools, which: slice) -> Bools:
+    result = kept.copy()
+    result[which] = True
+    return result
 
 
 def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
@@ -146,10 +166,23 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
     of_sample = rows.pick(sample)
     together = _belonging(task, of_sample)
     _, weighed = identify_kept(task, of_sample.pick(together))
-    found, blocks = weighed.found, rows.noisier(weighed.weights.noise).blocks
-    chances = [foresee(found.state, found.covariance, block).chance for block in blocks]
-    kept = np.asarray(np.concatenate(chances) >= OUTLYING)
+    kept = weighed.chances(rows) >= OUTLYING
     kept[sample] = together
+    return kept
+
+
+def readmitted(task: Task, rows: Mixture, kept: Bools) -> Bools:
+    """`kept` (N,) of `rows`, and of the others those that lie where `task`, fitted to these, foresees them: what left
+    them out was a model that lacks what this one has.
+
+    No further row goes: a model that has grown with the rows fits each of them too well to say which are wild.
+    """
+    while not kept.all():
+        _, weighed = identify_kept(task, rows.pick(kept))
+        back = ~kept & (weighed.chances(rows) >= WILD)
+        if not back.any():
+            break
+        kept = kept | back
     return kept
 
 
@@ -202,29 +235,17 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
         return np.ones(len(rows), bool)
     start = _starts(task, _registered_on_closest(task, rows), rows)[0]
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
-    if len(rows.kinds) > 1:  # one noisy kind among others is not a heap of wild rows
-        first = _fit(start, [*rows.blocks, *certain(task)])
-        deviations, noise = first.deviations, _typical(rows, first)
     before = None
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
-        kept = belonging(Linear.about(unknowns, deviations, balanced, certain(task))).kept
+        linear = Linear.about(unknowns, deviations, balanced, certain(task))
+        kept = belonging(linear, thorough=before is not None).kept  # nominal is too far from the rows to look closely
         if before is not None and np.array_equal(kept, before):
             break
         weighed = _weighed(start, rows.pick(kept), certain(task), deviations)
         unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.weights.noise
         before = kept
     return kept
-
-
-def _typical(rows: Mixture, found: Estimate) -> Floats:
-    """By how much each block's residuals are typically larger than said, by medians, for each of its quantities."""
-    result = np.ones(len(rows.quantities))
-    for block, _, own in rows.parts():
-        if len(block):
-            sizes = np.abs(block.residual(found.state) / block.sigma)
-            result[own] = max(1.0, 1.4826 * float(np.median(sizes)))
-    return result
 
 
 def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:

@@ -17,8 +17,12 @@ from cellctl.calibration import (
     PositionRows,
     Postures,
     Split,
+    State,
     Task,
+    Tolerances,
+    Unknowns,
     fit,
+    identify,
 )
 from cellctl.formats import RobotFile, nominal_model
 from sims.cell import read_cell
@@ -145,3 +149,22 @@ def test_ripple_that_nobody_named_is_found_by_joint_and_order():
     found = auto.identification.identified.state.model.amount("harmonic2_s17")
     assert found == pytest.approx(np.radians(0.01), rel=0.1)
     assert of.true_error(auto) < 0.3 * of.true_error(plain)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_rows_that_only_a_later_effect_explains_come_back(seed):
+    """Three rows measured in the heat: wild to geometry, and just where growth puts them that milder rows show."""
+    rng, hot = np.random.default_rng([seed, 31]), (5, 30, 55)
+    growth = Growth.of(ROBOT.chain())
+    nominal = nominal_model(ROBOT).with_effects((growth,))
+    errors = rng.normal(0.0, Unknowns.of(State.alone(nominal), (), Tolerances()).sigma)
+    errors[-len(growth.parameters) :] = 3.6e-5
+    warmer = rng.uniform(-4.0, 4.0, 120)
+    warmer[list(hot)] = 25.0
+    at = Postures(ROBOT.joint_map().model(rng.uniform(LOW, HIGH, (120, 6))), warmer=warmer)
+    xyz = nominal.with_deviations(errors).tip(at) + rng.normal(0.0, SIGMA, (120, 3))
+    task = Task(nominal_model(ROBOT), PositionRows(at, xyz, np.full((120, 3), SIGMA)))
+    assert identify(task, np.arange(80)).outliers == hot
+    auto = fit(replace(task, candidates=(growth,)), Split.by_column(np.arange(120) >= 80))
+    assert auto.model == "geometry+growth"
+    assert auto.identification.outliers == ()

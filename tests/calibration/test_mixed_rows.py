@@ -5,10 +5,12 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from fitted import task_of
 from own_campaigns import Campaign, certificate, nominal_of, shape_error
-from simulated_setups import SPHERES
+from scipy.spatial.transform import Rotation
+from simulated_setups import SPHERES, poses
 
-from cellctl.calibration import Task, identify
+from cellctl.calibration import Session, Task, identify
 
 SOCKETS = np.array([[800.0, 200.0, 500.0], [900.0, -250.0, 350.0]])
 ANCHOR = np.array([1300.0, -300.0, 100.0])
@@ -107,3 +109,40 @@ def test_the_noise_of_one_kind_does_not_spoil_the_others(noisy):
 def numbers_of(blocks):
     """Of which kind each of the mixture's numbers is."""
     return np.array([kind for kind, rows in blocks.items() for _ in rows.quantities])
+
+
+TEN = 10.0
+
+
+def as_found(done, noisy, about=0.35):
+    """Whether the numbers at `noisy` scatter ten times more than they say, by what was found, and no others."""
+    np.testing.assert_allclose(done.noise[noisy], TEN, rtol=about)
+    np.testing.assert_array_equal(done.noise[~noisy], 1.0)
+    return not done.outliers and not done.apart
+
+
+@pytest.mark.parametrize("noisy", SIGMA)
+@pytest.mark.parametrize("seed", [3, 11])
+def test_one_noisy_kind_of_four_is_noisy_and_none_of_its_rows_is_wild(noisy, seed):
+    campaign = Campaign.of(seed)
+    blocks = blocks_of(campaign, noisy)
+    done = identified(campaign, list(blocks.values()), certificate(campaign.rng, SPHERES, PLATE, 0.01))
+    assert as_found(done, numbers_of(blocks) == noisy)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_noisy_session_of_two_is_noisy_and_none_of_its_rows_is_wild(seed):
+    campaign = Campaign.of(seed)
+    blocks = [campaign.positions(40, 0.05), campaign.positions(30, TEN * 0.05, 0.05, session=1)]
+    done = identify(Task(nominal_of(campaign.nominal), blocks, sessions=(Session(), Session("later"))))
+    assert as_found(done, np.arange(6) >= 3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_poses_whose_turns_are_noisy_keep_their_places_as_good_as_promised(seed):
+    draw = poses(seed)
+    turns = Rotation.from_rotvec(np.random.default_rng(seed).normal(0.0, TEN * draw.rows.sigma_rad, (50, 3)))
+    noisy = draw.rows.poses.copy()
+    noisy[:, :3, :3] = turns.as_matrix() @ noisy[:, :3, :3]
+    done = identify(task_of(replace(draw, rows=replace(draw.rows, poses=noisy))))
+    assert as_found(done, np.arange(6) >= 3)

@@ -35,12 +35,16 @@ def robot_worse_than_said(draw: Draw, factor: float) -> Draw:
     return replace(draw, told=told)
 
 
-def with_wild_rows(draw: Draw, sigmas: float) -> Draw:
-    """Three rows are off by `sigmas` standard deviations: in a random direction, or along the sphere's normal."""
-    count = len(draw.rows.q)
-    rng = np.random.default_rng([count, int(draw.asked[0, 0] * 1e6) % 2**31])
-    wild = rng.choice(count, WILD_ROWS, replace=False)
-    away = rng.normal(size=(WILD_ROWS, 3))
+def wild_rows(draw: Draw, how_many: int = WILD_ROWS) -> list[int]:
+    """Which rows `with_wild_rows` makes wild."""
+    return sorted(_rng_of(draw).choice(len(draw.rows.q), how_many, replace=False).tolist())
+
+
+def with_wild_rows(draw: Draw, sigmas: float, how_many: int = WILD_ROWS) -> Draw:
+    """Some rows are off by `sigmas` standard deviations: in a random direction, or along the sphere's normal."""
+    rng = _rng_of(draw)
+    wild = rng.choice(len(draw.rows.q), how_many, replace=False)
+    away = rng.normal(size=(how_many, 3))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     match draw.rows:
         case OwnPositions() as rows:
@@ -58,6 +62,10 @@ def with_wild_rows(draw: Draw, sigmas: float) -> Draw:
             return replace(draw, rows=replace(rows, q=q))
         case _:
             raise TypeError(type(draw.rows))
+
+
+def _rng_of(draw: Draw) -> np.random.Generator:
+    return np.random.default_rng([len(draw.rows.q), int(draw.asked[0, 0] * 1e6) % 2**31])
 
 
 MISJUDGED: dict[str, Callable[[Draw], Draw]] = {

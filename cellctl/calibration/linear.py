@@ -1,0 +1,93 @@
+"""Rows about a state, linearised: where the others foresee each of them, and how far it is from there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.estimate import held_beforehand, linearised
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.unknowns import Unknowns
+from cellctl.kinematics import Bools, Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Rows about a state: `away + columns @ x` in standard deviations, x the unknowns in tolerances, expected at 0.
+
+    away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): how many it
+    has. factors (N, k): which of the factors of noise each number has, one for each kind of number in each block; −1
+    where it is filled up. known (F, F), pull (F,): what holds x besides these rows: the tolerances, what is pinned, and
+    rows that are never in doubt, as normal equations; prior (F, F): that without the rows.
+    """
+
+    away: Floats
+    columns: Floats
+    numbers: Any
+    factors: Any
+    known: Floats
+    pull: Floats
+    prior: Floats
+
+    @classmethod
+    def about(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
+        """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never wild."""
+        free = np.flatnonzero(unknowns.free)
+        scale = unknowns.sigma[free]
+        x = deviations[free] / scale
+        state = unknowns.state(deviations)
+
+        def of(block: Rows) -> tuple[Floats, Floats]:
+            columns, away = linearised(block, state, free, scale)
+            return away - columns @ x, columns
+
+        width = max(len(block.quantities) for block in rows.blocks)
+        away, columns = np.zeros((len(rows), width)), np.zeros((len(rows), width, free.size))
+        factors = np.full((len(rows), width), -1)
+        for block, mine, own in rows.parts():
+            place = np.s_[mine, : len(block.quantities)]
+            away[place], columns[place] = of(block)
+            factors[place] = own.start + np.array([block.quantities.index(each) for each in block.quantities])
+        prior = held_beforehand(unknowns, free)
+        known, pull = prior, np.zeros(free.size)
+        for own_away, lines in map(of, certain):
+            known = known + np.einsum("nkp,nkq->pq", lines, lines)
+            pull = pull + np.einsum("nkp,nk->p", lines, own_away)
+        return cls(away, columns, rows.numbers, factors, known, pull, prior)
+
+    def noisier(self, noise: Floats) -> Self:
+        """The same rows with their standard deviations times `noise`, one for each of `Mixture.quantities`."""
+        sigma = np.append(noise, 1.0)[self.factors]
+        return replace(self, away=self.away / sigma, columns=self.columns / sigma[..., None])
+
+    def normal(self, kept: Bools) -> tuple[Floats, Floats]:
+        """Most probable unknowns x (F,) by the kept rows, and their covariance (F, F)."""
+        columns, away = self.columns[kept], self.away[kept]
+        flat = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
+        covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
+        return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
+
+    def surprise(self, kept: Bools) -> tuple[Floats, Floats]:
+        """Squared distance (N,) of each row from where the *other* kept rows foresee it, in foreseen standard
+        deviations (χ² with k degrees of freedom); and the most probable unknowns by the kept rows (F,).
+        """
+        x, covariance = self.normal(kept)
+        residual = self.away + self.columns @ x
+        spread = np.matmul(np.matmul(self.columns, covariance), np.swapaxes(self.columns, -1, -2))
+        side = np.where(kept, -1.0, 1.0)[:, None, None]  # a kept row's own pull on x is taken out again
+        foreseen = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
+        return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
+
+    def misfit(self, kept: Bools, x: Floats) -> float:
+        """χ² of the kept rows about the model, and of the unknowns x (F,) about what was known of them beforehand."""
+        return float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2) + x @ self.prior @ x)
+
+    def seen(self) -> float:
+        """Natural logarithm of how much smaller all rows together make the volume of what x may be."""
+        flat = self.columns.reshape(-1, self.columns.shape[-1])
+        return float(0.5 * np.linalg.slogdet(self.known + flat.T @ flat)[1])
