@@ -12,7 +12,7 @@ from cellctl.calibration.cause import Rowed
 from cellctl.calibration.causes import any_posture, causes
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.unknowns import Unknowns
-from cellctl.calibration.words import alike, of_the_arm, phrases
+from cellctl.calibration.words import alike, of_an_effect, of_the_arm, phrases
 from cellctl.kinematics import Bools, Floats
 
 SHORT = 4
@@ -144,13 +144,14 @@ def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> Fl
     """The unseen subspace (U, F), in tolerances, in a basis of few parameters each.
 
     Pivoted QR picks U parameters that the subspace is about, by their shares of effect on the rows (F,); each basis
-    vector holds one of them, none of the others. A link's parameter is picked before those of tool, base and centres:
-    `θ1 with base rotation`, not the reverse.
+    vector holds one of them, none of the others. A link's parameter is picked before an effect's, and that before those
+    of tool, base and centres: `θ1 with base rotation`, not the reverse, and what is harmless is not mixed with what is
+    not.
     """
     if not len(unseen):
         return unseen
     shares = unseen * _floored(effect)
-    preference = np.where([of_the_arm(name) for name in names], 100.0, 1.0)
+    preference = np.array([100.0 if of_the_arm(name) else 10.0 if of_an_effect(name) else 1.0 for name in names])
     _, _, pivots = scipy.linalg.qr(shares * preference, pivoting=True, mode="economic")
     chosen = np.sort(pivots[: len(unseen)])
     basis = np.linalg.lstsq(shares[:, chosen].T, np.eye(len(chosen)), rcond=None)[0].T @ unseen

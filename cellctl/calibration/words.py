@@ -84,6 +84,11 @@ def of_the_arm(name: str) -> bool:
     return bool(LINK.fullmatch(name) or _AXIS.fullmatch(name))
 
 
+def of_an_effect(name: str) -> bool:
+    """Whether a parameter is an amount of an effect."""
+    return any(pattern.fullmatch(name) for pattern, _, _ in _EFFECTS)
+
+
 def _links(names: Sequence[str]) -> list[str]:
     found = [match for name in names if (match := LINK.fullmatch(name))]
     return [_GREEK.get(match[1], match[1]) + match[2] for match in found]
@@ -144,8 +149,7 @@ def _is_point(name: str) -> bool:
 
 
 def _of_robot(name: str) -> bool:
-    known = (LINK, _AXIS, _FRAME, *(pattern for pattern, _, _ in _EFFECTS))
-    return any(pattern.fullmatch(name) for pattern in known)
+    return of_the_arm(name) or of_an_effect(name) or bool(_FRAME.fullmatch(name))
 
 
 def _is_known(name: str) -> bool:
