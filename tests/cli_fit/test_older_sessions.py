@@ -9,7 +9,7 @@ import pytest
 from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 from cellctl.cli import ends
-from cellctl.cli.main import app
+from cellctl.cli.verbs import app
 
 NOISE_MM = 0.02 / math.sqrt(3)
 MONDAY = ElbowArm()
