@@ -67,8 +67,7 @@ class Linear:
 
     def normal(self, kept: Bools) -> tuple[Floats, Floats]:
         """Most probable unknowns x (F,) by the kept rows, and their covariance (F, F)."""
-        columns, away = self.columns[kept], self.away[kept]
-        flat = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
+        flat, away = _flat(self.columns[kept]), self.away[kept]
         covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
         return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
 
@@ -89,5 +88,10 @@ class Linear:
 
     def seen(self) -> float:
         """Natural logarithm of how much smaller all rows together make the volume of what x may be."""
-        flat = self.columns.reshape(-1, self.columns.shape[-1])
+        flat = _flat(self.columns)
         return float(0.5 * np.linalg.slogdet(self.known + flat.T @ flat)[1])
+
+
+def _flat(columns: Floats) -> Floats:
+    """Columns (N, k, F) as (N k, F), of no unknown at all too."""
+    return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])

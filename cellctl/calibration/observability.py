@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -11,7 +12,7 @@ import scipy.linalg
 from cellctl.calibration.cause import Rowed
 from cellctl.calibration.causes import any_posture, causes
 from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.unknowns import Unknowns
+from cellctl.calibration.unknowns import Group, Unknowns
 from cellctl.calibration.words import alike, of_an_effect, of_the_arm, phrases
 from cellctl.kinematics import Bools, Floats
 
@@ -20,6 +21,9 @@ SHORT = 4
 
 SEEN = 0.1
 """A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
+
+NOTHING = 1e-9
+"""What moves the rows by less than this share of what moves them most, moves them by rounding alone."""
 
 SHOWN = 3.0
 """Rows without a cause show this many times as much of what it hides as the rows that there are, or more."""
@@ -84,7 +88,8 @@ def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowe
     free = np.flatnonzero(estimate.unknowns.free)
     effect = np.linalg.norm(triangle, axis=0)
     owners = _owners(estimate.unknowns)[free]
-    there = ~np.isin(owners, sorted(set(owners[effect == 0.0]) - set(owners[effect > 0.0]) - {""}))
+    nothing = effect <= NOTHING * effect.max(initial=0.0)
+    there = ~np.isin(owners, sorted(set(owners[nothing]) - set(owners[~nothing]) - {""}))
     names = [estimate.unknowns.names[index] for index in free[there]]
     _, singular, right = np.linalg.svd(triangle[:, there])
     rank = int(np.sum(singular >= SEEN))
@@ -96,12 +101,21 @@ def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowe
 
 
 def _owners(unknowns: Unknowns) -> Any:
-    """The later session or the fixed point (P,) that each parameter belongs to, in words; empty for the robot's."""
-    owners = [
-        name.rpartition("_")[0] if group == "points" else f"session {name.partition('@')[2]}" if "@" in name else ""
-        for name, group in zip(unknowns.names, unknowns.groups, strict=True)
-    ]
-    return np.array(owners)
+    """What each parameter (P,) belongs to besides the robot, in words: a session that has base or tool to itself, a
+    fixed point, the zero of a length; empty for the robot's.
+    """
+    apart = {name.partition("_")[0] for name in unknowns.names if "@" in name}
+    return np.array([_owner(*each, apart) for each in zip(unknowns.names, unknowns.groups, strict=True)])
+
+
+def _owner(name: str, group: Group, apart: Collection[str]) -> str:
+    """apart: which of base and tool later sessions have to themselves, so that these of the first are its own."""
+    if group in ("points", "datums"):
+        owner, _, last = name.rpartition("_")
+        return f"the zero {owner}" if last == "zero" else owner
+    if "@" in name:
+        return f"session {name.partition('@')[2]}"
+    return "the first session" if group in apart and name.partition("_")[0] in apart else ""
 
 
 def _widened(combined: Floats, there: Bools) -> Floats:

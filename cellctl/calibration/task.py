@@ -13,7 +13,7 @@ from cellctl.calibration.effects import Effect
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.registration import fixed_points, on_instrument
-from cellctl.calibration.rows import PoseRows, PositionRows, SpacingRows
+from cellctl.calibration.rows import PoseRows, PositionRows, SpacingRows, TouchRows
 from cellctl.calibration.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
 from cellctl.kinematics import Bools, Floats
 
@@ -81,8 +81,8 @@ class Task:
 
     @property
     def retooled(self) -> bool:
-        """Whether an older model has a new tool that nothing but fixed points tells of, at distances that are known."""
-        told = self.rows.kinds & {PositionRows, PoseRows} or self.datums
+        """Whether an older model has a new tool that nothing but distances tells of, their zeros known."""
+        told = bool(self.rows.kinds - {TouchRows}) or bool(self.datums)
         return self.partial and "tool" in self.freed and not told
 
     @property

@@ -26,6 +26,9 @@ DIRECTIONS = 16
 ROUNDS = 4
 """Times that tools are tried round the best one so far; the search ends where that finds nothing better."""
 
+UNSEEN = 1e-30
+"""Holds tool and points that no distance sees: a point that begins at the tip has no direction to go."""
+
 STEPS = 40
 SETTLED = 1e-6
 """A step that lowers χ² by less than this, absolutely or relative to it, is the last."""
@@ -186,7 +189,7 @@ def _damped(columns: Floats, away: Floats, damping: Floats) -> Floats:
     turned = columns.swapaxes(1, 2)
     square = turned @ columns
     seen = np.einsum("kff->kf", square)
-    held = damping[:, None] * seen + 1e-12 * seen.max(axis=1, keepdims=True)
+    held = damping[:, None] * seen + 1e-12 * seen.max(axis=1, keepdims=True) + UNSEEN
     step = np.linalg.solve(square + held[:, :, None] * np.eye(seen.shape[1]), turned @ away[..., None])
     return np.asarray(step[..., 0])
 

@@ -122,6 +122,14 @@ def test_of_a_session_that_has_no_row_in_the_fit_just_that_is_said(own):
     assert (last.cause, last.combinations) == ("no row of the fit belongs to session Wednesday", ())
 
 
+def test_so_it_is_of_the_first_session():
+    split = Split(np.arange(ROWS, ROWS * 3), ((np.arange(ROWS, ROWS * 3), np.arange(ROWS)),))
+    told = fit(Days(2).task(OWN["base"]), split).observability
+    assert [hidden.cause for hidden in told.hidden if not hidden.combinations] == [
+        "no row of the fit belongs to the first session"
+    ]
+
+
 def test_another_robot_in_the_unseen_session_is_not_settled_away():
     days = Days(2)
     longer = days.truth(DAYS - 1, OWN["base,tool"]).moved(("a2", "d4"), (2.0, -2.0))

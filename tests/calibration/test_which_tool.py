@@ -7,7 +7,7 @@ import pytest
 from own_campaigns import Campaign, nominal_of
 from simulated_setups import SPHERES
 
-from cellctl.calibration import Split, Task, fit, identify
+from cellctl.calibration import Mixture, Split, Task, fit, identify
 
 SHIFT_MM = 10.0
 TOOL = ("tool_x", "tool_y", "tool_z")
@@ -76,6 +76,24 @@ def test_touches_too_few_for_tool_and_spheres_are_called_too_few():
     assert "3 more at least" in found.ended
     _, task = retooled(1, 3, touches=18)
     assert identify(task).identified.converged
+
+
+@pytest.mark.parametrize(("spheres", "touches"), [(1, 1), (1, 2), (3, 3)])
+def test_a_touch_or_two_are_too_few_and_said_to_be(spheres, touches):
+    """Each point begins where the tip is, with no direction in which it could go."""
+    _, task = retooled(1, spheres, touches=12)
+    task = replace(task, rows=task.rows.pick(np.arange(touches)))
+    found = identify(task).identified
+    assert not found.converged
+    assert f"{touches} distance" in found.ended
+
+
+def test_sockets_tell_a_new_tool_without_a_search():
+    campaign, task = retooled(1, 1)
+    visits = campaign.sockets(12, SPHERES[:1], 0.03)
+    found = identify(replace(task, rows=Mixture.of(visits))).identified
+    assert found.converged
+    assert off_in_sigma(campaign, found) < 4.0
 
 
 def test_touches_that_contradict_each_other_prove_no_new_tool_however_far_the_older_one_is_off():
