@@ -10,7 +10,7 @@ from typing import final
 
 import typer
 
-from cellctl.files import InputError, Problem
+from cellctl.files import InputError, Problem, is_stream
 
 
 def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[Path | None]) -> None:
@@ -65,8 +65,8 @@ def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str
         return "is a folder"
     if not path.parent.is_dir():
         return "lies in a folder that is not there"
-    if path.exists() and not path.is_file():
-        return None  # a device or a FIFO takes what it is given, again and again
+    if is_stream(path):
+        return None  # it takes what it is given, again and again
     if real in read:
         return "is read here: it would be written over"
     if real in taken:

@@ -78,6 +78,15 @@ def write_json(result: dict[str, Any], target: str | None) -> None:
         write_atomically(Path(target), text)
 
 
+def keep_json(result: dict[str, Any], target: str | None, folder: Path) -> None:
+    """`write_json` of a run's result. One that fails spoils no run: it is said on stderr, and can be had again."""
+    try:
+        write_json(result, target)
+    except OSError as error:
+        again = f"have it again with: cellctl show {folder} --json FILE"
+        print(f"cellctl: no JSON: {target}: {error.strerror or error}\n    {again}", file=sys.stderr)
+
+
 def report_of(folder: Path) -> None:
     """Write the run's report. A report that fails spoils no run: it is said on stderr, and can be rebuilt."""
     from cellctl.report import write_report

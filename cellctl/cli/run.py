@@ -35,16 +35,17 @@ def run(
     from cellctl.cli.progress import progress
     from cellctl.cli.results import (
         exit_of,
+        keep_json,
         new_run_folder,
         report_of,
         result_of,
         say_end,
-        write_json,
     )
     from cellctl.cli.resume import resumed_run
 
     refuse_outputs({"--json": json_}, [procedure, cell])
     campaign = load_campaign(procedure, cell, set_ or [])
+    refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
     if resume:
         going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
         campaign, folder = going_on.campaign, going_on.folder
@@ -58,6 +59,6 @@ def run(
         outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
     result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
     say_end(outcome, result, folder, quiet=to_stdout)
-    write_json(result, json_)
+    keep_json(result, json_, folder)
     report_of(folder)
     raise typer.Exit(exit_of(outcome))

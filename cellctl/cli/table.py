@@ -149,6 +149,6 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 def _say(json_: str | None, result: dict[str, Any], words: str) -> None:
     from cellctl.cli.results import write_json
 
-    write_json(result, json_)
-    if json_ != "-":
+    if json_ != "-":  # first of all: whatever becomes of the file, the table is in force
         typer.echo(words)
+    write_json(result, json_)

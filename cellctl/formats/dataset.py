@@ -119,11 +119,13 @@ def _read(reader: Any, file: str) -> tuple[tuple[str, ...], list[tuple[str, ...]
         line, before = before + 1, reader.line_num
         texts = tuple(cell.strip() for cell in row)
         own, beyond = texts[: len(header)], texts[len(header) :]
-        if len(own) == len(header) and any(own) and (len(row) == len(whole) or not any(beyond)):
+        if len(own) == len(header) and any(own) and not any(beyond):
             cells.append(own)
             lines.append(line)
         elif any(texts):
-            rejected.append(Rejected(line, f"{len(row)} cells for {len(header)} columns"))
+            nameless = len(own) == len(header) and len(row) == len(whole)
+            what = "a value in a column without a name" if nameless else f"{len(row)} cells for {len(header)} columns"
+            rejected.append(Rejected(line, what))
     return header, cells, lines, rejected
 
 

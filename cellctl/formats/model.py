@@ -226,7 +226,25 @@ class ModelFile(BaseModel):
         if max([abs(parameter.value) for parameter in self.parameters], default=0.0) > GREATEST:
             raise ValueError("a parameter is beyond all measure")
         check_covariance(np.array(self.covariance))
+        for session in self.sessions:
+            nominal.on(np.array(session.base), np.array(session.tool))  # which takes rigid motions alone
+            self._check_session(session)
         return placed.with_deviations([parameter.value for parameter in self.parameters])
+
+    def _check_session(self, session: SessionPlace) -> None:
+        """Refuse a session's covariance that is none, or is not the first session's in what they share."""
+        import numpy as np
+
+        if session.covariance is None:
+            return
+        if np.shape(session.covariance) != np.shape(self.covariance):
+            raise ValueError(f"the covariance of session '{session.name}' has another size than its parameters")
+        check_covariance(np.array(session.covariance))
+        own = [parameter.name.partition("_")[0] in session.own for parameter in self.parameters]
+        shared = np.flatnonzero(~np.array(own, bool))
+        first, here = (np.array(each)[np.ix_(shared, shared)] for each in (self.covariance, session.covariance))
+        if not np.allclose(here, first, rtol=1e-6, atol=1e-9 * float(np.abs(first).max(initial=0.0))):
+            raise ValueError(f"the covariance of session '{session.name}' does not go with that of the first")
 
     def _check_region(self) -> None:
         lower, upper = self.joint_region.min, self.joint_region.max
