@@ -29,7 +29,7 @@ SHOWN = 3.0
 """Rows without a cause show this many times as much of what it hides as the rows that there are, or more."""
 
 UNTOLD = "these rows do not tell apart, others would"
-ANYWHERE = "no row of these kinds can tell apart, and nothing measured so depends on it"
+ANYWHERE = "no measurement of these kinds can tell apart, and none depends on it"
 """Where the robot stands, how the tool is bolted to the last link."""
 
 

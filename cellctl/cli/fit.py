@@ -39,7 +39,8 @@ def fit(
     own: Annotated[str, typer.Option(help="What each session has to itself: base, tool, base,tool or none.")] = "base",
     prior: Annotated[Path | None, typer.Option(help="An older model of this robot to go on from.")] = None,
     free: Annotated[
-        str | None, typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points or effects.")
+        str | None,
+        typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points,datums or effects."),
     ] = None,
     check: Annotated[bool, typer.Option(help="Look for mistakes of set-up first: units, signs, order of rows.")] = True,
     holdout: Annotated[float | None, typer.Option(help="Share of the rows to hold out, at random.")] = None,

@@ -61,7 +61,7 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
             f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
         )
     if noise >= NOISY and measured.task.prior is None and "geometry" not in result.model.split("+"):
-        clauses.append("what this model cannot express passes for scatter, and is not in that σ")
+        clauses.append("links are not in this model: what they would explain counts as scatter, and is not in that σ")
     if measured.task.prior is not None and measured.task.groups is None and result.identification.loosened:
         clauses.append(_changed(result.identification.loosened))
     if result.unforeseen:
@@ -74,7 +74,8 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
 def _changed(loosened: Mapping[str, float]) -> str:
     """What an update found of a robot that has changed since its older model."""
     by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in loosened.items())
-    return f"further from the older model than it was sure of: {by}: was there a crash? --free {','.join(loosened)}"
+    again = f"if something hit the robot, or was exchanged, fit again with --free {','.join(loosened)}"
+    return f"further from the older model than it was sure of: {by} ({again})"
 
 
 def _promise(measured: Measurements) -> str:

@@ -9,8 +9,9 @@ from typing import Any, final
 from cellctl.report.numbers import fixed, with_sigma
 
 HARMLESS = (
-    "It is where the robot stands as a whole, or how the tool is bolted to the last link: what one of these parameters "
-    "gains the others lose, and the tool centre point stays where it is."
+    "What one of these parameters gains the others lose, and nothing that was measured moves: where the robot stands "
+    "as a whole, how the tool is bolted to the last link, what turns a measured point in its place. Another tool may "
+    "depend on it, and so may the orientation where none was measured."
 )
 OTHERWISE = "What is not seen stays at its nominal value, within its tolerance; its share is in every σ of this report."
 

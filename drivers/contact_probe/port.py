@@ -52,7 +52,8 @@ class SerialPort:
             _, ready, _ = select.select([], [line], [], _WRITE_BOUND_S)
             if not ready:
                 raise TimeoutError("write timeout")
-            data = data[os.write(line, data) :]
+            with suppress(BlockingIOError):  # somebody else was quicker: wait anew
+                data = data[os.write(line, data) :]
 
     def waiting(self) -> bool:
         """Whether something has come that is not read yet; false where the port is gone."""

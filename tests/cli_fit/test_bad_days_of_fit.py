@@ -257,7 +257,7 @@ def test_what_was_foreseen_of_a_held_out_row_is_of_that_row(fit, rows):
 
 
 def test_what_a_model_without_links_cannot_express_is_said_not_to_be_in_its_sigma(fit, rows):
-    said = "passes for scatter, and is not in that σ"
+    said = "counts as scatter, and is not in that σ"
     _, zeros = fit(rows(), model=("--model", "zeros"))
     assert zeros["predicted_volumetric_rms"] < 0.5 * zeros["test"]["rms"]
     assert said in zeros["sentence"]

@@ -73,3 +73,23 @@ def test_a_robot_set_up_anew_needs_no_session(folder):
     words = ["fit", "robot.yaml", "few.csv", "--prior", "model.json", "--free", "base", "--json", "r.json"]
     assert cellctl(*words) == 0
     assert max(json.loads((folder / "r.json").read_text())["noise_growth"]) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("sessions", 1, "covariance", 4, 4), -1.0, "covariance"),
+        (("sessions", 1, "covariance"), [[0.0] * 29] * 29, "session 'Tuesday'"),
+        (("sessions", 1, "base", 0, 0), 3.0, "rigid"),
+    ],
+)
+def test_a_session_that_no_fit_wrote_is_refused(folder, capsys, place, value, words):
+    damaged = json.loads((folder / "model.json").read_text())
+    part = damaged
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    (folder / "damaged.json").write_text(json.dumps(damaged))
+    (folder / "few.csv").write_text(measured({"Tuesday": TUESDAY}, 12, 2))
+    assert cellctl("fit", "robot.yaml", "few.csv", "--prior", "damaged.json", "--free", "tool") == 2
+    assert words in capsys.readouterr().err

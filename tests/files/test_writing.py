@@ -8,6 +8,7 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -74,6 +75,15 @@ def test_a_fifo_takes_what_is_written_and_stays_a_fifo(tmp_path):
     assert os.read(reader, 10) == b"new"
     os.close(reader)
     assert (tmp_path / "f").is_fifo()
+
+
+def test_a_stream_that_leads_to_a_file_is_added_to_and_what_was_there_stays(tmp_path):
+    (tmp_path / "log").write_text("old\n")
+    with (tmp_path / "log").open("ab") as log:
+        (tmp_path / "link").symlink_to(f"/dev/fd/{log.fileno()}")
+        write_atomically(Path(f"/dev/fd/{log.fileno()}"), "new\n")
+        write_atomically(tmp_path / "link", "newer\n")
+    assert (tmp_path / "log").read_text() == "old\nnew\nnewer\n"
 
 
 def test_the_longest_name_that_a_file_can_have_can_be_written(tmp_path):

@@ -31,6 +31,15 @@ def mistakes(tmp_path, text, convention=None):
     return [(problem.line, f"{problem.what} {problem.cure}") for problem in caught.value.problems]
 
 
+def test_a_table_as_a_german_spreadsheet_saves_it_is_the_same_table(tmp_path):
+    as_saved = BARE.replace(",", ";").replace(".", ",")
+    assert load(tmp_path, as_saved, "dh-craig").joints == load(tmp_path, BARE, "dh-craig").joints
+    np.testing.assert_array_equal(
+        load(tmp_path, as_saved, "dh-craig").chain.forward(np.ones(3)),
+        load(tmp_path, BARE, "dh-craig").chain.forward(np.ones(3)),
+    )
+
+
 def test_a_full_table_puts_the_tool_where_its_rows_say(tmp_path):
     robot = load(tmp_path, TABLE)
     for readings in np.random.default_rng(0).uniform(-90, 90, (4, 3)):

@@ -68,7 +68,10 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
     pairs = [
         ("robot", f"{story.robot.name}, {story.robot.n} joints, {story.robot.convention}"),
         ("rows", ", ".join(_counted(story))),
-        ("points", f"{len(task.points)} spheres or sockets" if len(task.points) > 3 else ", ".join(task.points)),
+        (
+            "points",
+            f"{len(task.points)} spheres, sockets or anchors" if len(task.points) > 3 else ", ".join(task.points),
+        ),
         ("zeros of lengths", ", ".join(task.datums)),
         ("certified distances", str(len(task.spacings)) if task.spacings is not None else ""),
         ("sessions", ", ".join(story.sessions) if len(task.sessions) > 1 else ""),
