@@ -77,9 +77,11 @@ class Rowed:
 
     @cached_property
     def turns(self) -> Floats:
-        """How the tool is turned (M, 3) from its orientation in the first row of each block, rad; of very many rows,
+        """How the tool is turned (M, 3) from its orientation in the first row of each session, rad; of very many rows,
         in some of them.
         """
         some = [block.pick(np.s_[:: 1 + len(block) // TURNS]) for block in self.blocks]
         poses = [self.state.models[block.session].pose(block.postures)[:, :3, :3] for block in some]
-        return np.concatenate([rotation_vector(np.matmul(each, each[0].T)) for each in poses])
+        first = {block.session: each[0] for block, each in zip(reversed(some), reversed(poses), strict=True)}
+        turned = [np.matmul(each, first[block.session].T) for block, each in zip(some, poses, strict=True)]
+        return np.concatenate([rotation_vector(each) for each in turned])

@@ -33,6 +33,7 @@ ONE_AXIS = 0.02
 def causes(rows: Rowed) -> Iterator[Cause]:
     """What may hide something in these rows, single things before those that change many at once."""
     if rows.blocks:
+        yield from _one_posture(rows)
         yield from _conditions(rows)
         yield from of_points(rows)
         yield from _one_orientation(rows)
@@ -51,6 +52,12 @@ def _varied(block: Measured) -> Measured:
     rng = np.random.default_rng(0)
     sides, count = rng.choice([-1.0, 1.0], block.q.shape), len(block)
     return under(block, approach=sides, warmer=rng.uniform(-10, 10, count), payload=rng.uniform(0, 5, count))
+
+
+def _one_posture(rows: Rowed) -> Iterator[Cause]:
+    """All rows at one posture, or nearly."""
+    if np.rad2deg(np.ptp(rows.q, axis=0)).max() < STILL_DEG:
+        yield _with_joints(rows, "all rows are at one posture", np.ones(rows.q.shape[1], bool))
 
 
 def _joints(rows: Rowed) -> Iterator[Cause]:

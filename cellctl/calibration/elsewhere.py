@@ -118,4 +118,4 @@ def _all_round(block: TouchRows, state: State) -> Floats:
     """Tips (N, 3) that touch each row's sphere from anywhere."""
     normals = np.random.default_rng(len(block)).normal(size=(len(block), 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(state.points[block.point] + block.reach[:, None] * normals)
+    return np.asarray(state.points[block.point] + block.lengths(state)[:, None] * normals)

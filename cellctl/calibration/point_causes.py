@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,7 @@ def of_points(rows: Rowed) -> Iterator[Cause]:
     """A single fixed point, or several without a length."""
     points = rows.points()
     if len(points) == 1 and all(isinstance(block, AT_POINTS) for block in rows.blocks):
-        yield Cause(f"all rows are {_where(rows.blocks)}", lambda: _at_second_point(rows))
+        yield Cause(f"all rows are {_where(rows)}", lambda: _at_second_point(rows))
     elif points and rows.lengthless:
         pair = SpacingRows(np.array([points[:2]]), np.zeros(1), np.full((1, 1), LENGTH_SIGMA_MM))
         yield Cause(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
@@ -47,11 +47,11 @@ def _on_a_bar(block: Measured, state: State) -> Measured:
     return TouchRows(there, block.point, far, np.full((len(block), 1), LENGTH_SIGMA_MM), block.session)
 
 
-def _where(blocks: Sequence[Measured]) -> str:
-    if all(isinstance(block, SocketRows) for block in blocks):
+def _where(rows: Rowed) -> str:
+    if all(isinstance(block, SocketRows) for block in rows.blocks):
         return "in one socket"
-    reach = max(float(block.reach.max()) for block in blocks if isinstance(block, TouchRows))
-    return "on one sphere" if reach < SPHERE_MM else "about one point"
+    longest = max(float(block.lengths(rows.state).max()) for block in rows.blocks if isinstance(block, TouchRows))
+    return "on one sphere" if longest < SPHERE_MM else "about one point"
 
 
 def _at_second_point(rows: Rowed) -> Floats:

@@ -77,11 +77,11 @@ def _in_session(
 
 def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[str] | None) -> bool:
     """Whether base or tool of one of several sessions would be taken over: not where they are found anew."""
-    if groups is None:
-        return False
+    instrument = bool({"position", "pose"} & set(measured.kinds))
     own = {group for session in prior.sessions[1:] for group in session.own}
-    seen = own if {"position", "pose"} & set(measured.kinds) else own - {"base"}
-    return bool(seen - groups)
+    if groups is None:  # an update finds both anew where an instrument measured
+        return bool(own - {"base"}) and not instrument
+    return bool((own if instrument else own - {"base"}) - groups)
 
 
 def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:

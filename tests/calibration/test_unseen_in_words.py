@@ -147,6 +147,11 @@ def test_several_joints_that_never_move_are_one_cause(robot):
     assert by_cause(seen(robot, angles((1, 4)), "positions"))["joints 2, 5 never move in these rows"] == 8
 
 
+def test_rows_at_one_posture_are_told_so_before_anything_else():
+    first, *_ = seen(TABLE, angles(range(7)), "positions").hidden
+    assert first.cause == "all rows are at one posture"
+
+
 def test_a_joint_that_hardly_moves_is_named_with_how_much():
     q = angles()
     q[:, 2] = np.linspace(0.0, np.radians(0.4), len(q))

@@ -68,6 +68,20 @@ def test_rows_of_no_session_that_the_older_model_knows_are_refused_with_the_name
     assert "Monday, Tuesday" in capsys.readouterr().err
 
 
+def test_touches_alone_do_not_go_on_from_just_any_sessions_tool(folder, capsys):
+    """An update without an instrument keeps the older model's tool: whose, where each session has its own?"""
+    (folder / "days.csv").write_text(measured({"Monday": MONDAY, "Tuesday": TUESDAY}, 40, 1))
+    own = ["--model", "geometry", "--own", "base,tool", "--out", "own.json"]
+    assert cellctl("fit", "robot.yaml", "days.csv", *own) == 0
+    readings = drawn(np.random.default_rng(3), 40)
+    far = np.linalg.norm(TUESDAY.tip(readings) - [900.0, 500.0, 300.0], axis=1)
+    columns = joints_and_places(readings, TUESDAY.tip(readings))
+    kept = {name: values for name, values in columns.items() if name not in ("X", "Y", "Z")}
+    (folder / "bar.csv").write_text(csv_text({**kept, "anchor": np.full(40, "P"), "distance": far}))
+    assert cellctl("fit", "robot.yaml", "bar.csv", "--prior", "own.json") == 2
+    assert "Monday, Tuesday" in capsys.readouterr().err
+
+
 def test_a_robot_set_up_anew_needs_no_session(folder):
     (folder / "few.csv").write_text(measured({"": TUESDAY}, 12, 2))
     words = ["fit", "robot.yaml", "few.csv", "--prior", "model.json", "--free", "base", "--json", "r.json"]
