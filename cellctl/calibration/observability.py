@@ -28,8 +28,8 @@ NOTHING = 1e-9
 SHOWN = 3.0
 """Rows without a cause show this many times as much of what it hides as the rows that there are, or more."""
 
-UNTOLD = "these rows do not tell apart, others would"
-ANYWHERE = "no measurement of these kinds can tell apart, and none depends on it"
+UNTOLD = "these rows cannot tell these apart, others would"
+ANYWHERE = "no measurement of these kinds can tell these apart, or depends on them"
 """Where the robot stands, how the tool is bolted to the last link."""
 
 

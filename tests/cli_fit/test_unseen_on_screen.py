@@ -37,7 +37,7 @@ def test_a_still_joint_is_the_first_line_and_what_harms_nothing_the_last(told):
     readings[:, 0] = 20.0
     lines, result = told(readings, "--model", "geometry")
     assert lines[0].startswith("  joint 1 never moves in these rows: ")
-    assert lines[-1].startswith("  no measurement of these kinds can tell apart, and none depends on it: θ1 with")
+    assert lines[-1].startswith("  no measurement of these kinds can tell these apart, or depends on them: θ1 with")
     first, *_, last = result["unseen"]
     assert first["cause"] == "joint 1 never moves in these rows"
     assert (first["harmless"], last["harmless"]) == (False, True)
@@ -69,4 +69,4 @@ def test_touches_all_on_one_sphere_are_told_so(told, names):
     centres = np.array([SPHERES[name] for name in touched])
     lines, _ = told(ARM.reaching(centres + RADIUS * normals, rng), "--model", "geometry", touched=touched)
     assert lines[0].startswith("  all rows are on one sphere: ") == (len(names) == 1)
-    assert lines[-1].startswith("  no measurement of these kinds can tell apart")
+    assert lines[-1].startswith("  no measurement of these kinds can tell these apart")
