@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
-    from cellctl.calibration.mistakes import Change, DeniedSpacing, Mistake
+    from cellctl.calibration.mistakes import Change, DeniedScale, DeniedSpacing, Mistake
     from cellctl.formats import Measurements
 
 
@@ -31,16 +31,25 @@ def refuse_mistakes(document: Document, data: Path, measured: Measurements, arte
     ]
     if not problems:
         denied = denied_spacings(measured.task)
-        problems = [_denied(each, artefact, several=len(denied) > 1) for each in denied]
+        problems = [_denied(each, artefact, _cure(each, several=len(denied) > 1)) for each in denied]
     if problems:
         raise InputError(problems)
 
 
-def _denied(spacing: DeniedSpacing, artefact: Path | None, *, several: bool) -> Problem:
-    """The distance at its place in the artefact's file, or as an option."""
+def _cure(denied: DeniedSpacing | DeniedScale, *, several: bool) -> str:
+    """What to look at, and that the rows cannot tell where they cannot."""
+    from cellctl.calibration.mistakes import DeniedScale
+
+    if isinstance(denied, DeniedScale):
+        return "mm? another unit, or an artefact of another size? correct them or leave them out"
     cure = "mm? the right two points? correct it or leave it out"
-    if several and not spacing.certain:
+    if several and not denied.certain:
         cure += " (these rows cannot tell which of the distances named is wrong)"
+    return cure
+
+
+def _denied(spacing: DeniedSpacing | DeniedScale, artefact: Path | None, cure: str) -> Problem:
+    """The distance, or the first of those wrong together, at its place in the artefact's file, or as an option."""
     if artefact is not None:
         document = load_yaml(artefact)
         at: tuple[str, ...] = ("artefact",) if "artefact" in document.data else ()

@@ -1,6 +1,7 @@
 """A certified distance that the rows deny is named with figures; one that is right, or that nobody can know, is not."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -74,3 +75,54 @@ def test_sockets_deny_what_no_robot_of_its_make_reaches_and_of_less_know_only_th
 def test_all_sizes_wrong_by_as_little_as_the_robot_may_be_are_let_pass():
     certified = sockets([0.0, 0.0]).spacings.mm
     assert denied_spacings(sockets(0.0003 * certified)) == ()
+
+
+def beside_an_instrument(seed, positions, each, by=0.0):
+    """Positions, so many touches on each of three spheres, and their distances certified, the first off by `by` mm."""
+    campaign = Campaign.of(seed)
+    centres = np.array([1000.0, 0.0, 400.0]) + campaign.rng.uniform(-250.0, 250.0, (3, 3))
+    rows = [campaign.positions(positions, 0.05), campaign.touches(3 * each, centres, 0.05)]
+    certified = certificate(campaign.rng, centres, [(0, 1), (0, 2), (1, 2)], 0.01)
+    certified = replace(certified, mm=certified.mm + np.array([by, 0.0, 0.0]))
+    return Task(nominal_of(campaign.nominal), rows, ("S0", "S1", "S2"), np.full((3, 3), np.nan), certified)
+
+
+@pytest.mark.parametrize("each", [3, 4, 5])
+def test_spheres_with_few_touches_accuse_no_distance_that_is_right(each):
+    assert [seed for seed in range(4) if denied_spacings(beside_an_instrument(seed, 100, each))] == []
+
+
+def test_thousands_of_positions_do_not_crowd_out_the_touches():
+    assert denied_spacings(beside_an_instrument(9, 5000, 12)) == ()
+    (denied,) = denied_spacings(beside_an_instrument(9, 5000, 12, by=50.0))
+    assert denied.between == ("S0", "S1")
+    assert abs(denied.given - 50.0 - denied.said) < 4.0 * denied.sigma < 2.0
+
+
+def all_between(spheres):
+    """Six touches on each of so many spheres, every distance between them certified."""
+    campaign = Campaign.of(8)
+    centres = np.array([1000.0, 0.0, 400.0]) + campaign.rng.uniform(-250.0, 250.0, (spheres, 3))
+    rows = campaign.touches(6 * spheres, centres, 0.05)
+    certified = certificate(campaign.rng, centres, list(combinations(range(spheres), 2)), 0.01)
+    names = tuple(f"S{index}" for index in range(spheres))
+    return Task(nominal_of(campaign.nominal), rows, names, np.full((spheres, 3), np.nan), certified)
+
+
+@pytest.mark.parametrize(("spheres", "factor"), [(8, 1.005), (16, 1 / 25.4), (16, 1.005)])
+def test_distances_wrong_by_one_factor_do_not_vouch_for_each_other(spheres, factor):
+    task = all_between(spheres)
+    wrong = replace(task.spacings, mm=task.spacings.mm * factor)
+    (denied,) = denied_spacings(replace(task, spacings=wrong))
+    assert abs(denied.factor - 1.0 / factor) < 4.0 * denied.sigma < 0.003 / factor
+    assert denied.what.startswith(f"all {denied.count} spacings that these rows know: × ")
+
+
+def test_a_sphere_whose_touches_fit_two_centres_is_no_witness():
+    """Alone, these rows put S8 13 mm from where it is."""
+    task = all_between(16)
+    assert denied_spacings(task) == ()
+    off = np.where(np.arange(len(task.spacings)) == 1, 2.0, 0.0)
+    (denied,) = denied_spacings(replace(task, spacings=replace(task.spacings, mm=task.spacings.mm + off)))
+    assert denied.between == ("S0", "S2")
+    assert abs(denied.given - 2.0 - denied.said) < 4.0 * denied.sigma < 2.0

@@ -1,19 +1,24 @@
 """Certified distances that do not go together with the rows, or with each other.
 
 A certificate is a measurement too, and it may be the wild one: a wrong pair of spheres, a typing error, inches. So the
-robot is identified from rows alone, without any certificate, and each distance is foretold from that and from the other
-distances. One that is far from it is named; where leaving out any of several makes the rest agree, all of them are.
+robot is identified from rows alone, without any certificate. What these deny by themselves is wrong, or all by one
+factor; only then each distance is foretold from rows and from the others that are not denied. Where leaving out any of
+several makes the rest agree, all of them are named. A robot that obeys rows and certificate alike clears all of them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.identify import identify
-from cellctl.calibration.rows import SpacingRows
+from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.identify import Identification, Weights, identify, identify_kept
+from cellctl.calibration.mistakes.second_centres import with_best_centres
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.rows import SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Bools, Floats
 
@@ -24,7 +29,22 @@ LEAST_MM = 0.3
 """Nothing smaller is denied: as much may be what the robot bends, where the model is geometry alone."""
 
 SAMPLE = 300
-"""Rows that foretell the distances."""
+"""Rows of instruments that foretell the distances, and as many touches and visits, evenly from all points."""
+
+SAMPLE_OF_EACH = 20
+"""So many of each instrument's rows, and of each point's, are always among them."""
+
+TOUCHES_AT_LEAST = 5
+"""Of fewer touches on a sphere two centres, or a ring of them, may be as good: its distances are not judged."""
+
+FITTING = 3.0
+"""Standard deviations of χ² within which a certificate fits a robot that also obeys the rows."""
+
+FEW = 3
+"""Fewer distances than this have no factor in common: each is named."""
+
+BETTER = 4.0
+"""By how many times nearer to what the rows say a common factor brings the distances."""
 
 
 @final
@@ -50,72 +70,226 @@ class DeniedSpacing:
         return f"{given}, {say} {self.said:.{digits}f} ± {self.sigma:.{digits}f} mm"
 
 
-def denied_spacings(task: Task) -> tuple[DeniedSpacing, ...]:
+@final
+@dataclass(frozen=True, slots=True)
+class DeniedScale:
+    """All certified distances that the rows can judge, `count` of them, are wrong by one factor ± 1 σ.
+
+    between, given: the first of them, mm. before, after: RMS, mm, by which they are off what the rows say, as given and
+    times `factor`.
+    """
+
+    between: tuple[str, str]
+    given: float
+    count: int
+    factor: float
+    sigma: float
+    before: float
+    after: float
+
+    @property
+    def what(self) -> str:
+        """`all 120 spacings that these rows know: × 25.40 brings them from 587 to 0.19 mm off what these rows say`."""
+        factor = f"{self.factor:.{max(0, min(6, -int(np.floor(np.log10(self.sigma)))))}f}"
+        off = f"from {self.before:.3g} to {self.after:.2g} mm off what these rows say"
+        return f"all {self.count} spacings that these rows know: × {factor} brings them {off}"
+
+
+def denied_spacings(task: Task) -> tuple[DeniedSpacing | DeniedScale, ...]:
     """The certified distances of `task` that rows or other distances deny; none where there is nothing to tell."""
-    spacings = task.spacings
-    if spacings is None or not len(spacings) or task.rows.size < 2 * task.registering:
+    if task.spacings is None or not len(task.spacings) or task.rows.size < 2 * task.registering:
         return ()
     try:
-        away, spread = _foretold(task, spacings)
-        wrong, certain = _wrong(away, spread)
+        return _denied(task, task.spacings)
     except np.linalg.LinAlgError:
         return ()
-    return tuple(_named(task, spacings, away, spread, wrong, int(one), certain) for one in np.flatnonzero(wrong))
 
 
-def _foretold(task: Task, spacings: SpacingRows) -> tuple[Floats, Floats]:
-    """How far each distance is beyond what the rows alone say (K,), mm, and the covariance (K, K) of that."""
-    sample = np.sort(np.random.default_rng(0).permutation(len(task.rows))[:SAMPLE])
+def _denied(task: Task, spacings: SpacingRows) -> tuple[DeniedSpacing | DeniedScale, ...]:
     groups = task.groups if task.prior is not None else None
-    alone = replace(task, rows=task.rows.pick(sample), spacings=None, candidates=None, groups=groups)
-    found = identify(alone).identified
-    lines = spacings.jacobian(found.state)[:, 0]
-    own = np.diag(spacings.sigma[:, 0] ** 2)
-    return -spacings.residual(found.state)[:, 0], lines @ found.covariance @ lines.T + own
+    rows = task.rows.pick(_sample(task.rows))
+    alone = replace(task, rows=rows, spacings=None, candidates=None, groups=groups)
+    found = identify(alone)
+    used = rows.pick(np.array(found.used))
+    judged = _between(spacings, _known(used, len(task.points)))
+    if not found.identified.converged or not _suspected(judged, found.identified) or _fits(alone, judged, found):
+        return ()
+    best, unsure = with_best_centres(found.identified, used.noisier(found.noise))
+    judged = _between(judged, ~unsure)
+    return _told(task, judged, best) if _suspected(judged, best) else ()
 
 
-def _wrong(away: Floats, spread: Floats) -> tuple[Bools, bool]:
-    """Which distances (K,) are wrong, and whether it is sure that it is these."""
-    every = np.ones(len(away), bool)
-    if not _denied(away, spread, every).any():
-        return ~every, True
-    without = [every & (np.arange(len(away)) != one) for one in range(len(away))]
-    cures = np.array([not _denied(away, spread, kept).any() for kept in without])
+def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
+    """Those between two of the `points` (S,)."""
+    return spacings.pick(points[spacings.pairs].all(axis=1))
+
+
+def _suspected(spacings: SpacingRows, found: Estimate) -> bool:
+    """Whether any is denied."""
+    return len(spacings) > 0 and bool(_wrong(_Foretold.of(spacings, found))[0].any())
+
+
+def _told(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[DeniedSpacing | DeniedScale, ...]:
+    """The factor that they are wrong by together, or each that is denied."""
+    foretold = _Foretold.of(spacings, found)
+    names = [(task.points[first], task.points[second]) for first, second in spacings.pairs]
+    scale = _scale(foretold, names[0])
+    return (scale,) if scale is not None else _named(foretold, names)
+
+
+def _sample(rows: Mixture) -> Any:
+    """Which rows (N,) foretell the distances: of instruments, which may hold thousands, and of points as many."""
+    owner = np.concatenate(
+        [
+            block.point if isinstance(block, TouchRows | SocketRows) else np.full(len(block), -1 - number)
+            for number, block in enumerate(rows.blocks)
+        ]
+    )
+    chosen, rng = np.zeros(len(rows), bool), np.random.default_rng(0)
+    for owners in (np.unique(owner[owner < 0]), np.unique(owner[owner >= 0])):
+        for one in owners:
+            mine = rng.permutation(np.flatnonzero(owner == one))
+            chosen[mine[: max(SAMPLE // len(owners), SAMPLE_OF_EACH)]] = True
+    return chosen
+
+
+def _known(rows: Mixture, points: int) -> Bools:
+    """Which points (S,) have rows enough for one place alone."""
+    told = np.zeros(points, int)
+    for block in rows.blocks:
+        if isinstance(block, TouchRows | SocketRows):
+            each = 1 if isinstance(block, TouchRows) else TOUCHES_AT_LEAST
+            told += each * np.bincount(block.point, minlength=points)
+    return told >= TOUCHES_AT_LEAST
+
+
+def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
+    """Whether a robot no further from nominal, with rows no noisier, obeys the certificate too."""
+    weights = Weights(found.noise, found.loosened)
+    _, weighed = identify_kept(replace(alone, spacings=spacings), alone.rows.pick(np.array(found.used)), weights)
+    more, count = weighed.found.cost - found.identified.cost, len(spacings)
+    return weighed.found.converged and bool(more < count + FITTING * np.sqrt(2.0 * count))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Foretold:
+    """K distances given and said by the rows alone, mm; covariance (K, K) of what is said, and the given ones' σ."""
+
+    given: Floats
+    said: Floats
+    covariance: Floats
+    sigma: Floats
+
+    @classmethod
+    def of(cls, spacings: SpacingRows, found: Estimate) -> Self:
+        state = found.state
+        lines = spacings.jacobian(state)[:, 0]
+        said = spacings.mm + spacings.residual(state)[:, 0]
+        return cls(spacings.mm, said, lines @ found.covariance @ lines.T, spacings.sigma[:, 0])
+
+    @property
+    def away(self) -> Floats:
+        """How far each distance is beyond what the rows alone say (K,), mm."""
+        return self.given - self.said
+
+    @property
+    def spread(self) -> Floats:
+        """The covariance (K, K) of `away`."""
+        return np.asarray(self.covariance + np.diag(self.sigma**2))
+
+    def scaled(self, factor: float) -> Self:
+        """The same, all that is given times `factor`."""
+        return replace(self, given=self.given * factor, sigma=self.sigma * factor)
+
+    def denied(self) -> Bools:
+        """Which distances (K,) the rows deny by themselves."""
+        return np.asarray(_times(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
+
+    def given_others(self, kept: Bools, one: int) -> tuple[float, float]:
+        """How far distance `one` is off, mm, given rows and the other `kept` ones (K,), and the 1 σ of that."""
+        chosen = np.append(np.flatnonzero(kept & (np.arange(len(kept)) != one)), one)
+        off, sigma = _off(np.linalg.inv(self.spread[np.ix_(chosen, chosen)]), self.away[chosen])
+        return float(off[-1]), float(sigma[-1])
+
+
+def _wrong(foretold: _Foretold) -> tuple[Bools, Bools]:
+    """Which distances (K,) are wrong, and of which (K,) of these it is sure.
+
+    Those that are wrong together agree among each other, so the rows are asked by themselves first.
+    """
+    wrong = foretold.denied()
+    certain = wrong.copy()
+    kept = np.flatnonzero(~wrong)
+    if kept.size:
+        wrong[kept], sure = _contradicting(foretold.away[kept], foretold.spread[np.ix_(kept, kept)])
+        certain[kept] = wrong[kept] & sure
+    return wrong, certain
+
+
+def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
+    """Which distances (K,) the others and the rows deny, and whether it is sure that it is these."""
+    weight: Floats = np.asarray(np.linalg.inv(spread), float)
+    kept = np.ones(len(away), bool)
+    if not (_times(*_off(weight, away)) > 1.0).any():
+        return ~kept, True
+    cures = np.array([not (_times(*_off(_without(weight, one), away)) > 1.0).any() for one in range(len(away))])
     if cures.any():
         return cures, int(np.count_nonzero(cures)) == 1
-    kept = every.copy()
-    while (denied := _denied(away, spread, kept)).any():
-        times = [_times(away, spread, kept, one) if denied[one] else 0.0 for one in range(len(away))]
-        kept[int(np.argmax(times))] = False
+    while (times := _times(*_off(weight, away))).max() > 1.0:
+        one = int(np.argmax(times))
+        weight, kept[one] = _without(weight, one), False
     return ~kept, True
 
 
-def _denied(away: Floats, spread: Floats, kept: Bools) -> Bools:
-    """Which of the `kept` (K,) are denied by the rows and the others kept."""
-    return np.array([bool(kept[one]) and _times(away, spread, kept, one) > 1.0 for one in range(len(away))])
+def _times(off: Floats, sigma: Floats) -> Floats:
+    """By how many times what is let pass each is off."""
+    return np.asarray(np.abs(off) / np.maximum(FAR * sigma, LEAST_MM))
 
 
-def _times(away: Floats, spread: Floats, kept: Bools, one: int) -> float:
-    """By how many times what is let pass a distance is off."""
-    off, sigma = _given_others(away, spread, kept, one)
-    return abs(off) / max(FAR * sigma, LEAST_MM)
+def _off(weight: Floats, away: Floats) -> tuple[Floats, Floats]:
+    """How far each (K,) is off, given all others, and the 1 σ of that; `weight` (K, K): inverse covariance of `away`.
+
+    Of one that was taken out: 0 ± ∞.
+    """
+    own = np.diag(weight)
+    there = own > 0.0
+    variance = np.where(there, 1.0 / np.where(there, own, 1.0), np.inf)
+    return np.where(there, weight @ away, 0.0) * np.where(there, variance, 0.0), np.sqrt(variance)
 
 
-def _given_others(away: Floats, spread: Floats, kept: Bools, one: int) -> tuple[float, float]:
-    """How far distance `one` is off, given the other `kept` ones, mm, and the 1 σ of that."""
-    others = np.flatnonzero(kept & (np.arange(len(away)) != one))
-    share: Any = np.linalg.solve(spread[np.ix_(others, others)], spread[others, one])
-    variance = float(spread[one, one] - spread[one, others] @ share)
-    return float(away[one] - share @ away[others]), float(np.sqrt(max(variance, 1e-12)))
+def _without(weight: Floats, one: int) -> Floats:
+    """The inverse covariance without distance `one`, whose row and column are 0 from then on."""
+    result = weight - np.outer(weight[one], weight[one]) / weight[one, one]
+    result[one], result[:, one] = 0.0, 0.0
+    return np.asarray(result)
 
 
-def _named(
-    task: Task, spacings: SpacingRows, away: Floats, spread: Floats, wrong: Bools, one: int, certain: bool
-) -> DeniedSpacing:
-    kept = ~wrong if certain else np.ones(len(away), bool)
-    off, sigma = _given_others(away, spread, kept, one)
-    first, second = spacings.pairs[one]
-    own = float(spacings.sigma[one, 0])
-    said = float(np.sqrt(max(sigma**2 - own**2, 1e-8)))
-    given = float(spacings.mm[one])
-    return DeniedSpacing((task.points[first], task.points[second]), given, given - off, said, certain)
+def _scale(foretold: _Foretold, first: tuple[str, str]) -> DeniedScale | None:
+    """The one factor that brings all distances to what the rows say, where these deny any and there is one."""
+    count = len(foretold.given)
+    if count < FEW or not foretold.denied().any():
+        return None
+    about = foretold.scaled(float(np.median(foretold.said / foretold.given)))
+    share: Any = np.linalg.solve(about.spread, foretold.given)
+    known = float(share @ foretold.given)
+    factor, sigma = float(share @ foretold.said) / known, 1.0 / np.sqrt(known)
+    scaled = foretold.scaled(factor)
+    before, after = (float(np.sqrt(np.mean(each.away**2))) for each in (foretold, scaled))
+    if abs(factor - 1.0) < FAR * sigma or scaled.denied().any() or BETTER * after > before:
+        return None
+    return DeniedScale(first, float(foretold.given[0]), count, factor, float(sigma), before, after)
+
+
+def _named(foretold: _Foretold, names: Sequence[tuple[str, str]]) -> tuple[DeniedSpacing, ...]:
+    """Each that is wrong, with what is said of it by: the rows alone, if they deny it; they and the undisputed
+    distances, if these do; they and all others, where nobody can tell which.
+    """
+    result, by_rows, (wrong, certain) = [], foretold.denied(), _wrong(foretold)
+    for one in np.flatnonzero(wrong).tolist():
+        kept = ~by_rows if not certain[one] else ~wrong & ~by_rows[one]
+        off, sigma = foretold.given_others(kept, one)
+        said = float(np.sqrt(max(sigma**2 - float(foretold.sigma[one]) ** 2, 1e-8)))
+        given = float(foretold.given[one])
+        result.append(DeniedSpacing(names[one], given, given - off, said, bool(certain[one])))
+    return tuple(result)
