@@ -132,3 +132,11 @@ def test_a_distance_said_on_the_command_line_is_refused_like_any_mistake(cellctl
     wrong = ["--artefact", "artefact.yaml", "--no-distances", "--spacing", "S1,S2=405.1±0.01"]
     assert cellctl("fit", "robot.yaml", "touches.csv", *wrong, "--model", "geometry") == 2
     assert "--spacing: spacing S1–S2: 405.1 mm given, these rows say 403.1" in capsys.readouterr().err
+
+
+def test_distances_all_in_inches_are_refused_together_with_the_factor(cellctl, capsys):
+    inches = [word for mm in ("15.8706", "15.871", "15.87") for word in ("--spacing", f"S1,S2={mm}±0.01")]
+    assert cellctl("fit", "robot.yaml", "touches.csv", "--artefact", "artefact.yaml", "--no-distances", *inches) == 2
+    told = capsys.readouterr().err
+    assert "--spacing: all 3 spacings that these rows know: × 25.4" in told
+    assert "another unit, or an artefact of another size?" in told

@@ -10,23 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from typing import Any, final
 
 import numpy as np
 
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.identify import Identification, Weights, identify, identify_kept
+from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
 from cellctl.calibration.mistakes.second_centres import with_best_centres
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.task import Task
-from cellctl.kinematics import Bools, Floats
-
-FAR = 6.0
-"""Standard deviations, of certificate and foretelling together, from which on a distance is denied."""
-
-LEAST_MM = 0.3
-"""Nothing smaller is denied: as much may be what the robot bends, where the model is geometry alone."""
+from cellctl.kinematics import Bools
 
 SAMPLE = 300
 """Rows of instruments that foretell the distances, and as many touches and visits, evenly from all points."""
@@ -41,7 +36,7 @@ FITTING = 3.0
 """Standard deviations of χ² within which a certificate fits a robot that also obeys the rows."""
 
 FEW = 3
-"""Fewer distances than this have no factor in common: each is named."""
+"""Fewer different distances than this have no factor in common: each is named."""
 
 BETTER = 4.0
 """By how many times nearer to what the rows say a common factor brings the distances."""
@@ -126,12 +121,12 @@ def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
 
 def _suspected(spacings: SpacingRows, found: Estimate) -> bool:
     """Whether any is denied."""
-    return len(spacings) > 0 and bool(_wrong(_Foretold.of(spacings, found))[0].any())
+    return len(spacings) > 0 and bool(wrong(Foretold.of(spacings, found))[0].any())
 
 
 def _told(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[DeniedSpacing | DeniedScale, ...]:
     """The factor that they are wrong by together, or each that is denied."""
-    foretold = _Foretold.of(spacings, found)
+    foretold = Foretold.of(spacings, found)
     names = [(task.points[first], task.points[second]) for first, second in spacings.pairs]
     scale = _scale(foretold, names[0])
     return (scale,) if scale is not None else _named(foretold, names)
@@ -171,104 +166,9 @@ def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
     return weighed.found.converged and bool(more < count + FITTING * np.sqrt(2.0 * count))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Foretold:
-    """K distances given and said by the rows alone, mm; covariance (K, K) of what is said, and the given ones' σ."""
-
-    given: Floats
-    said: Floats
-    covariance: Floats
-    sigma: Floats
-
-    @classmethod
-    def of(cls, spacings: SpacingRows, found: Estimate) -> Self:
-        state = found.state
-        lines = spacings.jacobian(state)[:, 0]
-        said = spacings.mm + spacings.residual(state)[:, 0]
-        return cls(spacings.mm, said, lines @ found.covariance @ lines.T, spacings.sigma[:, 0])
-
-    @property
-    def away(self) -> Floats:
-        """How far each distance is beyond what the rows alone say (K,), mm."""
-        return self.given - self.said
-
-    @property
-    def spread(self) -> Floats:
-        """The covariance (K, K) of `away`."""
-        return np.asarray(self.covariance + np.diag(self.sigma**2))
-
-    def scaled(self, factor: float) -> Self:
-        """The same, all that is given times `factor`."""
-        return replace(self, given=self.given * factor, sigma=self.sigma * factor)
-
-    def denied(self) -> Bools:
-        """Which distances (K,) the rows deny by themselves."""
-        return np.asarray(_times(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
-
-    def given_others(self, kept: Bools, one: int) -> tuple[float, float]:
-        """How far distance `one` is off, mm, given rows and the other `kept` ones (K,), and the 1 σ of that."""
-        chosen = np.append(np.flatnonzero(kept & (np.arange(len(kept)) != one)), one)
-        off, sigma = _off(np.linalg.inv(self.spread[np.ix_(chosen, chosen)]), self.away[chosen])
-        return float(off[-1]), float(sigma[-1])
-
-
-def _wrong(foretold: _Foretold) -> tuple[Bools, Bools]:
-    """Which distances (K,) are wrong, and of which (K,) of these it is sure.
-
-    Those that are wrong together agree among each other, so the rows are asked by themselves first.
-    """
-    wrong = foretold.denied()
-    certain = wrong.copy()
-    kept = np.flatnonzero(~wrong)
-    if kept.size:
-        wrong[kept], sure = _contradicting(foretold.away[kept], foretold.spread[np.ix_(kept, kept)])
-        certain[kept] = wrong[kept] & sure
-    return wrong, certain
-
-
-def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
-    """Which distances (K,) the others and the rows deny, and whether it is sure that it is these."""
-    weight: Floats = np.asarray(np.linalg.inv(spread), float)
-    kept = np.ones(len(away), bool)
-    if not (_times(*_off(weight, away)) > 1.0).any():
-        return ~kept, True
-    cures = np.array([not (_times(*_off(_without(weight, one), away)) > 1.0).any() for one in range(len(away))])
-    if cures.any():
-        return cures, int(np.count_nonzero(cures)) == 1
-    while (times := _times(*_off(weight, away))).max() > 1.0:
-        one = int(np.argmax(times))
-        weight, kept[one] = _without(weight, one), False
-    return ~kept, True
-
-
-def _times(off: Floats, sigma: Floats) -> Floats:
-    """By how many times what is let pass each is off."""
-    return np.asarray(np.abs(off) / np.maximum(FAR * sigma, LEAST_MM))
-
-
-def _off(weight: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """How far each (K,) is off, given all others, and the 1 σ of that; `weight` (K, K): inverse covariance of `away`.
-
-    Of one that was taken out: 0 ± ∞.
-    """
-    own = np.diag(weight)
-    there = own > 0.0
-    variance = np.where(there, 1.0 / np.where(there, own, 1.0), np.inf)
-    return np.where(there, weight @ away, 0.0) * np.where(there, variance, 0.0), np.sqrt(variance)
-
-
-def _without(weight: Floats, one: int) -> Floats:
-    """The inverse covariance without distance `one`, whose row and column are 0 from then on."""
-    result = weight - np.outer(weight[one], weight[one]) / weight[one, one]
-    result[one], result[:, one] = 0.0, 0.0
-    return np.asarray(result)
-
-
-def _scale(foretold: _Foretold, first: tuple[str, str]) -> DeniedScale | None:
+def _scale(foretold: Foretold, first: tuple[str, str]) -> DeniedScale | None:
     """The one factor that brings all distances to what the rows say, where these deny any and there is one."""
-    count = len(foretold.given)
-    if count < FEW or not foretold.denied().any():
+    if np.unique(foretold.given).size < FEW or not foretold.denied().any():
         return None
     about = foretold.scaled(float(np.median(foretold.said / foretold.given)))
     share: Any = np.linalg.solve(about.spread, foretold.given)
@@ -278,16 +178,16 @@ def _scale(foretold: _Foretold, first: tuple[str, str]) -> DeniedScale | None:
     before, after = (float(np.sqrt(np.mean(each.away**2))) for each in (foretold, scaled))
     if abs(factor - 1.0) < FAR * sigma or scaled.denied().any() or BETTER * after > before:
         return None
-    return DeniedScale(first, float(foretold.given[0]), count, factor, float(sigma), before, after)
+    return DeniedScale(first, float(foretold.given[0]), len(foretold.given), factor, float(sigma), before, after)
 
 
-def _named(foretold: _Foretold, names: Sequence[tuple[str, str]]) -> tuple[DeniedSpacing, ...]:
+def _named(foretold: Foretold, names: Sequence[tuple[str, str]]) -> tuple[DeniedSpacing, ...]:
     """Each that is wrong, with what is said of it by: the rows alone, if they deny it; they and the undisputed
     distances, if these do; they and all others, where nobody can tell which.
     """
-    result, by_rows, (wrong, certain) = [], foretold.denied(), _wrong(foretold)
-    for one in np.flatnonzero(wrong).tolist():
-        kept = ~by_rows if not certain[one] else ~wrong & ~by_rows[one]
+    result, by_rows, (denied, certain) = [], foretold.denied(), wrong(foretold)
+    for one in np.flatnonzero(denied).tolist():
+        kept = ~by_rows if not certain[one] else ~denied & ~by_rows[one]
         off, sigma = foretold.given_others(kept, one)
         said = float(np.sqrt(max(sigma**2 - float(foretold.sigma[one]) ** 2, 1e-8)))
         given = float(foretold.given[one])
