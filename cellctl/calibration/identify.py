@@ -15,6 +15,7 @@ from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.outliers import OUTLYING, belonging
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.sample import sampled
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import Group, Unknowns
 from cellctl.calibration.valleys import tools, undecided
@@ -142,11 +143,7 @@ def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
     """Which of `rows` (N,) belong together; and how many do not, where that is too many to leave them out: all are then
     kept.
     """
-    if len(rows) > SEARCHED:
-        sample = np.sort(np.random.default_rng(len(rows)).permutation(len(rows))[:SEARCHED])
-        kept = _like_sample(task, rows, sample)
-    else:
-        kept = _belonging(task, rows)
+    kept = _like_sample(task, rows, sampled(rows, SEARCHED)) if len(rows) > SEARCHED else _belonging(task, rows)
     apart = 0
     for _, mine, _ in [*rows.parts(), (None, slice(None), None)]:  # each block by itself, then all of them
         left_out = int(np.count_nonzero(~kept[mine]))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self, final
 
 import numpy as np
+from scipy.stats import chi2
 
 from cellctl.calibration.estimate import held_beforehand, linearised
 from cellctl.calibration.mixture import Mixture
@@ -75,21 +77,49 @@ class Linear:
         """Squared distance (N,) of each row from where the *other* kept rows foresee it, in foreseen standard
         deviations (χ² with k degrees of freedom); and the most probable unknowns by the kept rows (F,).
         """
+        residual, foreseen, x = self._foreseen(kept)
+        return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
+
+    def scatter(self, kept: Bools) -> Floats:
+        """By how much the numbers of each kind (Q,) scatter more than said about where the *other* kept rows foresee
+        them: by the median of all, so that a few wild ones do not count; 1 for a factor that no number has.
+        """
+        residual, foreseen, _ = self._foreseen(kept)
+        squares = residual**2 / np.diagonal(foreseen, axis1=-2, axis2=-1)
+        result = np.ones(int(self.factors.max()) + 1)
+        for each in self._kinds:
+            result[each] = np.sqrt(np.median(squares[self.factors == each]) / chi2.median(1))
+        return result
+
+    def _foreseen(self, kept: Bools) -> tuple[Floats, Floats, Floats]:
+        """Residuals (N, k), their covariances (N, k, k) by the *other* kept rows; unknowns x (F,) by all of them."""
         x, covariance = self.normal(kept)
-        residual = self.away + self.columns @ x
-        spread = np.matmul(np.matmul(self.columns, covariance), np.swapaxes(self.columns, -1, -2))
+        spread = (_flat(self.columns) @ covariance).reshape(self.columns.shape) @ np.swapaxes(self.columns, -1, -2)
         side = np.where(kept, -1.0, 1.0)[:, None, None]  # a kept row's own pull on x is taken out again
         foreseen = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
-        return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
+        return self.away + self.columns @ x, foreseen, x
 
     def misfit(self, kept: Bools, x: Floats) -> float:
         """χ² of the kept rows about the model, and of the unknowns x (F,) about what was known of them beforehand."""
         return float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2) + x @ self.prior @ x)
 
-    def seen(self) -> float:
-        """Natural logarithm of how much smaller all rows together make the volume of what x may be."""
-        flat = _flat(self.columns)
-        return float(0.5 * np.linalg.slogdet(self.known + flat.T @ flat)[1])
+    def seen(self, noise: Floats) -> float:
+        """Natural logarithm of how much smaller all rows together, their standard deviations times `noise` (Q,), make
+        the volume of what x may be.
+        """
+        square = self.known + np.einsum("q,qfg->fg", noise[self._kinds] ** -2.0, self._squares)
+        return float(0.5 * np.linalg.slogdet(square)[1])
+
+    @cached_property
+    def _kinds(self) -> Any:
+        """Factors that there are numbers of."""
+        return np.unique(self.factors[self.factors >= 0])
+
+    @cached_property
+    def _squares(self) -> Floats:
+        """JᵀJ of the numbers of each of `_kinds`: (their count, F, F)."""
+        lines = (self.columns[self.factors == each] for each in self._kinds)
+        return np.stack([mine.T @ mine for mine in lines])
 
 
 def _flat(columns: Floats) -> Floats:

@@ -31,6 +31,9 @@ STEP = 1.25
 NOISIEST = 1e4
 """Factors of noise are tried in such steps, up to this."""
 
+ROUNDS = 5
+"""How often at most the scatter of all kinds is found from the model that it makes."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -60,10 +63,12 @@ class Belonging:
 def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
     """The rows that belong together, by the most probable explanation: some wild, some kinds noisy, or both.
 
-    From noise as it is said the factors of all kinds of numbers, or of one of them, grow as long as that makes the rows
-    more probable. thorough: no wild row hides another (`unsurprised`).
+    From noise as it is said, or as each of several kinds scatters, the factors of all kinds of numbers, or of one of
+    them, grow as long as that makes the rows more probable. thorough: no wild row hides another (`unsurprised`).
     """
     found = Belonging.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
+    if _there(linear, found.noise).sum() > 1 and found.strained.any():
+        found = _as_scattered(linear, found, thorough=thorough)
     while True:
         noisier = max(_noisier(linear, found), key=lambda each: each.weight, default=found)
         if noisier.weight <= found.weight:
@@ -71,6 +76,38 @@ def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
         found = max(noisier, Belonging.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.weight)
         if _there(linear, found.noise).sum() == 1:  # all noise that there is has been tried
             return found
+
+
+def _as_scattered(linear: Linear, found: Belonging, *, thorough: bool) -> Belonging:
+    """`found`, or the explanation by as much noise as every strained kind scatters, where that is more probable: with
+    many kinds, getting there step by step and kind by kind takes hundreds of looks at all rows.
+
+    The factor of a kind goes back, a step or all the way, where that makes the rows more probable still.
+    """
+    best = max(found, Belonging.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
+    if best is found:
+        return found
+    for kind in np.flatnonzero(best.noise > found.noise):
+        for less in (best.noise[kind] / STEP, found.noise[kind]):
+            tried = Belonging.at(linear, np.where(np.arange(len(best.noise)) == kind, less, best.noise))
+            best = max(best, tried, key=lambda each: each.weight)
+    return max(best, Belonging.at(linear, best.noise, thorough=thorough), key=lambda each: each.weight)
+
+
+def _scattering(linear: Linear, found: Belonging) -> Floats:
+    """Noise (Q,) as much as the strained kinds scatter about a model that weighs them so."""
+    noise = found.noise
+    for _ in range(ROUNDS):
+        scatter = noise * linear.noisier(noise).scatter(found.kept)
+        before, noise = noise, np.where(found.strained, _stepped(scatter), found.noise)
+        if np.array_equal(noise, before):
+            break
+    return noise
+
+
+def _stepped(noise: Floats) -> Floats:
+    """The nearest powers of `STEP` between 1 and `NOISIEST`."""
+    return np.asarray(STEP ** np.round(np.log(np.clip(noise, 1.0, NOISIEST / STEP)) / np.log(STEP)))
 
 
 def _noisier(linear: Linear, found: Belonging) -> Iterator[Belonging]:
@@ -93,7 +130,7 @@ def _noisier(linear: Linear, found: Belonging) -> Iterator[Belonging]:
 def _at_best(linear: Linear, noise: Floats) -> float:
     """Logarithm of how probable rows with this noise were, if they and the model were nowhere apart."""
     logs = np.append(np.log(noise), 0.0)[linear.factors]
-    return float(-logs.sum() - linear.noisier(noise).seen())
+    return float(-logs.sum() - linear.seen(noise))
 
 
 def _there(linear: Linear, noise: Floats) -> Bools:
