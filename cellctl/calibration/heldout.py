@@ -116,10 +116,10 @@ def _settled(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State
 
 def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
     """Where to look for what is unseen: as `task` would begin with nothing but `rows`."""
-    state, afresh = found.state, task.start(rows)
+    state = found.state
     models = [
         _placed_anew(model, new, unseen[columns[: len(model.parameters)]])
-        for model, new, columns in zip(state.models, afresh.models, state.columns, strict=True)
+        for model, new, columns in zip(state.models, task.placed(rows), state.columns, strict=True)
     ]
     seen = task.fixed_by(models, rows)
     points = np.where(unseen[state.of_points].reshape(-1, 3), seen.points, state.points)

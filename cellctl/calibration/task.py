@@ -143,13 +143,13 @@ class Task:
 
     def start(self, rows: Mixture) -> State:
         """Where nominal begins, from the model and `rows` alone."""
-        return self._placed(rows, self.registered)
+        return self.fixed_by(self.placed(rows), rows)
 
     def changed(self, rows: Mixture) -> State:
         """Where what is identified begins, from the model and `rows` alone: base or tool that are new to an older model
         are where the rows want them.
         """
-        return self._placed(rows, self.registered | (PLACED & self.freed))
+        return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
 
     def fixed_by(self, models: Sequence[RobotModel], rows: Mixture) -> State:
         """`models`, one for each session, with points where they roughly are, or where the models see them by `rows`,
@@ -201,12 +201,13 @@ class Task:
         sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
         return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
 
-    def _placed(self, rows: Mixture, groups: frozenset[Group]) -> State:
-        """The robot in each session, those of base and tool that are in `groups`, or the session's own, near what its
-        instrument says; and the points.
+    def placed(self, rows: Mixture, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
+        """The robot in each session, those of base and tool near what its instrument says that nominal is tied to it
+        by, that are in `anew`, or that are the session's own.
         """
+        groups = self.registered | anew
         models: list[RobotModel] = []
         for number, session in enumerate(self.sessions):
             begin, free = (models[0], session.own) if models else (self.model, groups)
             models.append(on_instrument(begin, [block for block in rows.blocks if block.session == number], free))
-        return self.fixed_by(models, rows)
+        return models
