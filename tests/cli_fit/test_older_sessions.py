@@ -6,19 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
-
-from cellctl.cli import ends
-from cellctl.cli.verbs import app
+from elbow_arm import ElbowArm, csv_text, drawn, joints_and_places
+from elbow_model import cellctl, identified
 
 NOISE_MM = 0.02 / math.sqrt(3)
 MONDAY = ElbowArm()
 TUESDAY = replace(MONDAY, at=(300.0, -250.0, 90.0), turn_deg=35.0)
 LOST = (0.4, -1.2, 0.7)
-
-
-def cellctl(*words):
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def measured(days, count, seed):
@@ -34,13 +28,7 @@ def measured(days, count, seed):
 
 @pytest.fixture(scope="module")
 def older(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sessions")
-    (folder / "robot.yaml").write_text(ROBOT)
-    (folder / "before.csv").write_text(measured({"Monday": MONDAY, "Tuesday": TUESDAY}, 40, 1))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert cellctl("fit", "robot.yaml", "before.csv", "--model", "geometry", "--out", "model.json") == 0
-    return folder
+    return identified(tmp_path_factory.mktemp("sessions"), measured({"Monday": MONDAY, "Tuesday": TUESDAY}, 40, 1))
 
 
 @pytest.fixture

@@ -8,16 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
-
-from cellctl.cli import ends
-from cellctl.cli.verbs import app
+from elbow_model import cellctl, identified
 
 NOISE_MM = 0.02 / math.sqrt(3)
 ARM = ElbowArm()
-
-
-def cellctl(*words):
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def measured(arm, count, seed):
@@ -29,13 +23,7 @@ def measured(arm, count, seed):
 @pytest.fixture(scope="module")
 def older(tmp_path_factory):
     """A folder with the robot file and `model.json`, identified from 60 positions before anything happened."""
-    folder = tmp_path_factory.mktemp("older")
-    (folder / "robot.yaml").write_text(ROBOT)
-    (folder / "before.csv").write_text(measured(ARM, 60, 1))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert cellctl("fit", "robot.yaml", "before.csv", "--model", "geometry", "--out", "model.json") == 0
-    return folder
+    return identified(tmp_path_factory.mktemp("older"), measured(ARM, 60, 1))
 
 
 @pytest.fixture
