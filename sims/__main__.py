@@ -42,6 +42,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--parent", type=int, metavar="PID", help="end when this process is gone")
     run.add_argument("--truth-log", type=Path, help="a JSON line per contact, for tests")
     run.add_argument("--state", type=Path, help="file in which the cell remembers where it stands, from run to run")
+    run.add_argument("--wait-for-host", action="store_true", help="lockstep: time stands at 0 until a host attaches")
     run.set_defaults(do=_run)
 
 
@@ -60,7 +61,8 @@ def _add_truth(truth: argparse.ArgumentParser) -> None:
 
 
 def _run(asked: argparse.Namespace) -> None:
-    run_cell(asked.cell, Settings(asked.seed, asked.clock, asked.ready, asked.parent, asked.truth_log, asked.state))
+    files = asked.ready, asked.parent, asked.truth_log, asked.state
+    run_cell(asked.cell, Settings(asked.seed, asked.clock, *files, wait_for_host=asked.wait_for_host))
 
 
 def _check(asked: argparse.Namespace) -> int:

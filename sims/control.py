@@ -1,4 +1,11 @@
-"""The control port: JSON lines over TCP, for the host's clock, for faults, and to end the cell."""
+"""The control port: JSON lines over TCP, for the host's clock, for faults, and to end the cell.
+
+Tick and tock keep the attached host and the cell in step (lockstep). A tick says what T is and how many bytes the
+simulators have written to each wire; the host answers when it has read them and has nothing left to do at T. Its tock
+says how many bytes it has written; T goes on when the simulators have read those. A tick is sent 20 ms after the last
+tock, and before the next event wherever an event has written to a wire. So whatever host and cell do to each other is
+done at the same T in every run, however long the bytes travel.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +15,8 @@ from collections.abc import Callable
 from typing import Any, final
 
 from sims.faults import FaultError, Faults, read_fault
-from sims.kernel import Event, Hold, Kernel
+from sims.kernel import FOR_EVER_NS, Event, Hold, Kernel
+from sims.wires import Wire
 
 STRIDE_NS = 20_000_000
 """How far T may go past the attached host's last tock."""
@@ -25,14 +33,24 @@ class Refused(Exception):
 
 @final
 class ControlPort:
-    """Listens on a free port of the loopback. `rsi_targets`: device → where to say its host and port."""
+    """Listens on a free port of the loopback.
 
-    def __init__(self, kernel: Kernel, faults: Faults, rsi_targets: dict[str, RsiTarget]) -> None:
+    `rsi_targets`: device → where to say its host and port; `wires`: device → what went over its wire.
+    """
+
+    def __init__(
+        self, kernel: Kernel, faults: Faults, rsi_targets: dict[str, RsiTarget], wires: dict[str, Wire] | None = None
+    ) -> None:
         self.kernel = kernel
+        self.wires = wires or {}
         self.attached: Connection | None = None
         self._faults = faults
         self._rsi_targets = rsi_targets
         self._connections: set[Connection] = set()
+        self._awaited: Hold | None = None
+        kernel.before_event = self._keep_in_step
+        for wire in self.wires.values():
+            wire.on_read = self._wire_was_read
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setblocking(False)
         kernel.watch(self._listener, self._accept)
@@ -42,6 +60,10 @@ class ControlPort:
         """Where it listens, `127.0.0.1:40124`."""
         host, port = self._listener.getsockname()
         return f"{host}:{port}"
+
+    def wait_for_host(self) -> None:
+        """Let T stand at 0 until a host attaches (lockstep)."""
+        self._awaited = self.kernel.hold("host", FOR_EVER_NS)
 
     def close(self) -> None:
         """Hang up on everybody."""
@@ -54,7 +76,10 @@ class ControlPort:
         """Do what is asked; None where nothing is to be said. Raises Refused."""
         match request:
             case {"tock": int(time_ns)}:
-                connection.tocked(time_ns)
+                connection.tocked(time_ns, _counts(request.get("wires", {})))
+                return None
+            case {"busy": int()}:
+                connection.busy()
                 return None
             case {"op": "attach"}:
                 self._attach(connection, str(request.get("name", "host")))
@@ -91,7 +116,19 @@ class ControlPort:
         if self.attached is not None:
             raise Refused(f"'{self.attached.name}' is attached already")
         self.attached = connection
+        for wire in self.wires.values():
+            wire.begin()
         connection.attach(name)
+        if self._awaited is not None:
+            self._awaited.release()
+
+    def _keep_in_step(self) -> None:
+        if self.attached is not None:
+            self.attached.tick_after_output()
+
+    def _wire_was_read(self) -> None:
+        if self.attached is not None:
+            self.attached.go_on_if_read()
 
     def _set_rsi_target(self, request: dict[str, Any]) -> None:
         target = self._rsi_targets.get(str(request.get("device")))
@@ -129,8 +166,10 @@ class Connection:
         self._kernel = port.kernel
         self._stream = stream
         self._begun = b""
-        self._tick: Event | None = None
+        self._next_tick: Event | None = None
         self._ticked: int | None = None
+        self._told: dict[str, int] = {}
+        self._to_read: dict[str, int] | None = None
         self._hold: Hold | None = None
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         stream.setblocking(False)
@@ -141,33 +180,61 @@ class Connection:
         return f"host {self.name}"
 
     def attach(self, name: str) -> None:
-        """From now on T waits for this host's tocks."""
+        """From now on T waits for this host's tocks; the first tick is sent at once."""
         self.name = name
-        self._tick = self._kernel.after(STRIDE_NS, self._send_tick)
+        self._send_tick()
 
-    def tocked(self, time_ns: int) -> None:
-        """The host has done what was due at `time_ns`: T may go on. An older tick's answer says only that it lives."""
+    def tick_after_output(self) -> None:
+        """Send a tick where a simulator has written to a wire since the last one."""
+        if self._told != self._written():
+            self._send_tick()
+
+    def tocked(self, time_ns: int, written: dict[str, int]) -> None:
+        """The host has done all that is to be done at `time_ns`, and has written so many bytes to each wire.
+
+        An older tick's answer says only that it lives.
+        """
         if self._ticked is None or time_ns != self._ticked:
             return
-        self._ticked = None
+        self._to_read = written
+        self.go_on_if_read()
+
+    def go_on_if_read(self) -> None:
+        """Let T go on once the host has answered and the simulators have read what it wrote."""
+        if self._ticked is None or self._to_read is None:
+            return
+        wires = self._port.wires
+        if not all(wires[name].has_read(count) for name, count in self._to_read.items() if name in wires):
+            return
+        time_ns, self._ticked, self._to_read = self._ticked, None, None
         if self._hold is not None:
             self._hold.release()
-        self._tick = self._kernel.at(time_ns + STRIDE_NS, self._send_tick)
+        self._next_tick = self._kernel.at(time_ns + STRIDE_NS, self._send_tick)
+
+    def busy(self) -> None:
+        """The host is at work on the last tick."""
+        if self._hold is not None:
+            self._hold.extend()
 
     def close(self) -> None:
         """Hang up; T waits for it no more."""
         self._kernel.unwatch(self._stream)
         self._stream.close()
-        if self._tick is not None:
-            self._tick.cancel()
+        if self._next_tick is not None:
+            self._next_tick.cancel()
         if self.name:
             self._kernel.forget(self._peer)
         self._port.gone(self)
 
     def _send_tick(self) -> None:
-        self._ticked = self._kernel.now
+        if self._next_tick is not None:
+            self._next_tick.cancel()
+        self._ticked, self._told, self._to_read = self._kernel.now, self._written(), None
         self._hold = self._kernel.hold(self._peer)
-        self._send({"tick": self._ticked})
+        self._send({"tick": self._ticked, "wires": self._told})
+
+    def _written(self) -> dict[str, int]:
+        return {name: wire.written for name, wire in self._port.wires.items()}
 
     def _send(self, message: dict[str, Any]) -> None:
         data = json.dumps(message).encode() + b"\n"
@@ -204,3 +271,9 @@ class Connection:
             answer = {"ok": False, "error": str(error)}
         if answer is not None and self._stream.fileno() >= 0:
             self._send(answer)
+
+
+def _counts(value: object) -> dict[str, int]:
+    if not isinstance(value, dict) or not all(isinstance(count, int) for count in value.values()):
+        raise Refused('wires is an object of whole numbers, as {"probe": 120}')
+    return value

@@ -29,6 +29,9 @@ File = int | HasFileno
 PATIENCE_NS = 10_000_000_000
 """Wall time after which a peer that does not answer is taken for dead. One that ends hangs up and is not waited for."""
 
+FOR_EVER_NS = 1 << 62
+"""Wall time of a hold that only `release` ends."""
+
 QUIET_NS = 1_000_000_000
 """Wall time without a word from anybody after which T runs no faster than the wall, as beside a dead peer."""
 
@@ -62,13 +65,17 @@ class Event:
 
 @final
 class Hold:
-    """T stands still until `release`. An inert hold (real time, or a dead peer) holds nothing."""
+    """T stands still until `release`, or until `deadline_ns` of the wall. An inert hold (a dead peer's) holds nothing.
 
-    __slots__ = ("_held", "deadline_ns", "peer")
+    Events that are due before `from_ns` do not wait for it.
+    """
 
-    def __init__(self, peer: str, deadline_ns: int, held: dict[Hold, None] | None) -> None:
+    __slots__ = ("_held", "deadline_ns", "from_ns", "peer")
+
+    def __init__(self, peer: str, deadline_ns: int, from_ns: int, held: dict[Hold, None] | None) -> None:
         self.peer = peer
         self.deadline_ns = deadline_ns
+        self.from_ns = from_ns
         self._held = held
         if held is not None:
             held[self] = None
@@ -77,6 +84,10 @@ class Hold:
     def active(self) -> bool:
         """Whether T stands still because of this hold."""
         return self._held is not None
+
+    def extend(self) -> None:
+        """The peer says that it is still at work: its patience begins anew."""
+        self.deadline_ns = time.monotonic_ns() + PATIENCE_NS
 
     def release(self) -> None:
         """The awaited answer is there. Twice is once."""
@@ -90,8 +101,10 @@ class Kernel:
     """The owner of the cell's time T, an integer in nanoseconds from 0 at the start.
 
     lockstep: T leaps from event to event and stands still while a hold is active. realtime: T is CLOCK_MONOTONIC minus
-    `epoch_ns`; an event sees the T it was due at, a file callback the T of the wall. T never goes back.
-    `publish` is called with each new T before anything happens at it (lockstep).
+    `epoch_ns`; files are read before events that are due, an event sees the T it was due at, a file callback the T of
+    the wall or of the next event, whichever is earlier. T never goes back.
+    `publish` is called with each new T before anything happens at it (lockstep). `before_event` is called in lockstep
+    whenever nothing holds T and an event may be next; it may hold T.
     """
 
     def __init__(self, mode: Mode, publish: Callable[[int], object] | None = None) -> None:
@@ -99,6 +112,7 @@ class Kernel:
         self.now = 0
         self.epoch_ns = time.monotonic_ns()
         self.events_run = 0
+        self.before_event: Action = lambda: None
         self._publish = publish or (lambda now: None)
         self._queue: list[tuple[int, int, Event]] = []
         self._order = itertools.count()
@@ -126,14 +140,23 @@ class Kernel:
         """Do `action` once `delay_ns` have passed."""
         return self.at(self.now + delay_ns, action)
 
-    def hold(self, peer: str) -> Hold:
-        """Let T stand still until `peer` has answered, or has been silent for ten seconds of wall time.
+    def hold(self, peer: str, patience_ns: int | None = None) -> Hold:
+        """Let T stand still until `peer` has answered, or has been silent for `patience_ns` (10 s) of wall time.
 
-        After such a silence the peer's later holds are inert until `alive(peer)`.
+        After such a silence the peer's later holds are inert until `alive(peer)`. In real time it is inert.
         """
         if self.mode == "realtime" or peer in self._dead:
-            return Hold(peer, 0, None)
-        return Hold(peer, time.monotonic_ns() + PATIENCE_NS, self._held)
+            return Hold(peer, 0, 0, None)
+        return Hold(peer, time.monotonic_ns() + (patience_ns or PATIENCE_NS), 0, self._held)
+
+    def hold_for_answer(self, peer: str, within_ns: int) -> Hold:
+        """As `hold`; in real time, events due `within_ns` from now or later wait as long on the wall for the answer.
+
+        That is no delay, unless this process was itself kept waiting: its own stall is not the peer's fault.
+        """
+        if self.mode == "lockstep":
+            return self.hold(peer)
+        return Hold(peer, time.monotonic_ns() + within_ns, self.now + within_ns, self._held)
 
     def alive(self, peer: str) -> None:
         """`peer` was heard: T waits for it again."""
@@ -195,6 +218,9 @@ class Kernel:
         self._drop_cancelled()
         heard = self._serve(self._lockstep_wait_ns())
         if not self._held:
+            self.before_event()
+        if not self._held:
+            self._drop_cancelled()
             self._next_event()
         else:
             # with answers just in, the one awaited may be the next: this process may itself have been stopped
@@ -203,8 +229,11 @@ class Kernel:
     def _lockstep_wait_ns(self) -> int:
         """Wall time to wait for the hosts before T may go on; 0 where it may go on now."""
         wall = time.monotonic_ns()
-        until = next(iter(self._held)).deadline_ns if self._held else self._next_due_wall(wall)
+        until = self._first_deadline() if self._held else self._next_due_wall(wall)
         return max(0, min(until, self._chores_at) - wall)
+
+    def _first_deadline(self) -> int:
+        return min(hold.deadline_ns for hold in self._held)
 
     def _next_due_wall(self, wall: int) -> int:
         if not self._queue:
@@ -241,18 +270,34 @@ class Kernel:
 
     def _realtime_turn(self) -> None:
         self._do_chores(time.monotonic_ns())
+        self._drop_cancelled()
+        self._serve(self._realtime_wait_ns())
         self._run_due()
-        due = self.epoch_ns + self._queue[0][0] if self._queue else self._chores_at
-        self._serve(max(0, min(due, self._chores_at) - time.monotonic_ns()))
+
+    def _realtime_wait_ns(self) -> int:
+        """Wall time until the next event is due; for one that waits for an answer, until that is overdue."""
+        wall = time.monotonic_ns()
+        until = self._chores_at
+        if self._queue:
+            due = self._queue[0][0]
+            deadlines = [hold.deadline_ns for hold in self._held if hold.from_ns <= due]
+            until = min(until, max(self.epoch_ns + due, min(deadlines, default=0)))
+        return max(0, until - wall)
 
     def _run_due(self) -> None:
-        wall = time.monotonic_ns() - self.epoch_ns
-        while self._running and self._queue and self._queue[0][0] <= wall:
-            due, _, event = heapq.heappop(self._queue)
-            self.now = max(self.now, due)
-            self.events_run += 1
-            event.run()
-        self.now = max(self.now, wall)
+        """One event, where one is due. Before the next, files are read again."""
+        wall = time.monotonic_ns()
+        for hold in [hold for hold in self._held if hold.deadline_ns <= wall]:
+            hold.release()
+        if not self._running or not self._queue:
+            return
+        due = self._queue[0][0]
+        if due > wall - self.epoch_ns or any(hold.from_ns <= due for hold in self._held):
+            return
+        _, _, event = heapq.heappop(self._queue)
+        self.now = max(self.now, due)
+        self.events_run += 1
+        event.run()
 
     def _serve(self, wait_ns: int) -> bool:
         """Wait for files to read, and serve those that can be. True where somebody was heard."""
@@ -260,7 +305,8 @@ class Kernel:
         if not ready:
             return False
         if self.mode == "realtime":
-            self._run_due()
+            wall = time.monotonic_ns() - self.epoch_ns
+            self.now = max(self.now, min(wall, self._queue[0][0]) if self._queue else wall)
         self._heard_at = time.monotonic_ns()
         for key, _ in ready:
             callback = self._callbacks.get(key.fd)

@@ -21,6 +21,7 @@ from sims.faults import Faults
 from sims.kernel import Kernel, Mode
 from sims.memory import BadMemory, Memory, sole_user
 from sims.timefile import TimeFile
+from sims.wires import Wire
 
 ROBOT = "kuka+rsi"
 PROBE = "contact+serial"
@@ -29,7 +30,10 @@ PROBE = "contact+serial"
 @final
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What the command line says besides the cell: seed and clock win over the cell file's. `state`: its memory."""
+    """What the command line says besides the cell: seed and clock win over the cell file's. `state`: its memory.
+
+    `wait_for_host`: in lockstep, T stands at 0 until a host attaches.
+    """
 
     seed: int | None = None
     clock: Mode | None = None
@@ -37,16 +41,26 @@ class Settings:
     parent: int | None = None
     truth_log: Path | None = None
     state: Path | None = None
+    wait_for_host: bool = False
 
 
 @final
 class RunningCell:
     """The simulators of a cell, listening. `ready` is what the ready file says."""
 
-    def __init__(self, cell: SimCell, truth_log: TextIO | None = None, memory: Memory | None = None) -> None:
+    def __init__(
+        self,
+        cell: SimCell,
+        truth_log: TextIO | None = None,
+        memory: Memory | None = None,
+        *,
+        wait_for_host: bool = False,
+    ) -> None:
         self._memory = memory or Memory()
         with contextlib.ExitStack() as building:
-            self._build(cell, truth_log, building)
+            control = self._build(cell, truth_log, building)
+            if wait_for_host:
+                control.wait_for_host()
             self._closing = building.pop_all()
 
     def run(self) -> None:
@@ -58,7 +72,7 @@ class RunningCell:
         """Hang up on everybody and remove the time file."""
         self._closing.close()
 
-    def _build(self, cell: SimCell, truth_log: TextIO | None, closing: contextlib.ExitStack) -> None:
+    def _build(self, cell: SimCell, truth_log: TextIO | None, closing: contextlib.ExitStack) -> ControlPort:
         lockstep = cell.simulate.clock == "lockstep"
         time_file = TimeFile() if lockstep else None
         if time_file is not None:
@@ -66,10 +80,11 @@ class RunningCell:
         self.kernel = Kernel(cell.simulate.clock, time_file and time_file.publish)
         closing.callback(self.kernel.close)
         self.faults = Faults(self.kernel)
-        devices, rsi_targets = _start_devices(cell, self.kernel, self.faults, truth_log, self._memory, closing)
+        wires = {device: Wire() for device in cell.addresses}
+        devices, rsi_targets = _start_devices(cell, self.kernel, self.faults, truth_log, self._memory, wires, closing)
         for setting in cell.simulate.faults:
             self.faults.schedule(setting)
-        control = ControlPort(self.kernel, self.faults, rsi_targets)
+        control = ControlPort(self.kernel, self.faults, rsi_targets, wires)
         closing.callback(control.close)
         self.ready: dict[str, Any] = {
             **devices,
@@ -81,6 +96,7 @@ class RunningCell:
             "seed": cell.simulate.seed,
             "pid": os.getpid(),
         }
+        return control
 
 
 def _start_devices(
@@ -89,6 +105,7 @@ def _start_devices(
     faults: Faults,
     truth_log: TextIO | None,
     memory: Memory,
+    wires: dict[str, Wire],
     closing: contextlib.ExitStack,
 ) -> tuple[dict[str, str], dict[str, RsiTarget]]:
     """Device → address with the places filled in, and the robots' RSI targets."""
@@ -100,7 +117,7 @@ def _start_devices(
             from sims import krc  # numpy and the world, which a cell without a robot does without
 
             try:
-                robot = krc.start(kernel, cell, faults, loop, truth_log, memory=memory)
+                robot = krc.start(kernel, cell, faults, loop, truth_log, memory=memory, wire=wires[device])
             except (krc.BadConfig, BadMemory) as error:
                 raise CellError(cell.path, [f"{device}: {error}"]) from None
             closing.callback(robot.close)
@@ -109,7 +126,7 @@ def _start_devices(
         else:
             from sims import probe
 
-            server = probe.start(kernel, cell, faults, loop, _baud(address))
+            server = probe.start(kernel, cell, faults, loop, _baud(address), wires[device])
             closing.callback(server.close)
             addresses[device] = with_path(address, server.path)
     return addresses, rsi_targets
@@ -158,7 +175,7 @@ def run_cell(path: Path, settings: Settings) -> None:
     with contextlib.ExitStack() as closing:
         memory = _memory(cell, settings.state, closing)
         log = closing.enter_context(_open_log(settings.truth_log)) if settings.truth_log else None
-        running = RunningCell(cell, log, memory)
+        running = RunningCell(cell, log, memory, wait_for_host=settings.wait_for_host)
         closing.callback(running.close)
         _on_signals(lambda *_: running.kernel.stop())
         if settings.parent is not None:

@@ -38,14 +38,15 @@ def open_devices(
     }
 
 
-async def tell_targets(simulated: SimulatedCell | None, devices: dict[str, Device]) -> None:
+async def tell_targets(simulated: SimulatedCell | None, devices: dict[str, Device], clock: Clock) -> None:
     """Tell a simulated cell where each connected driver listens; a real controller has it in its configuration."""
     if simulated is None:
         return
     for name, device in devices.items():
         if isinstance(device, Listener):
             host, port = device.listening()
-            await simulated.tell({"op": "rsi_target", "device": name, "host": host, "port": port})
+            with clock.standing():
+                await simulated.tell({"op": "rsi_target", "device": name, "host": host, "port": port})
 
 
 @asynccontextmanager
@@ -73,5 +74,5 @@ async def connected(
         for name, device in devices.items():
             stack.push_async_callback(device.close)
             found[name] = Connected(device, await device.connect())
-        await tell_targets(simulated, devices)
+        await tell_targets(simulated, devices, time)
         yield found

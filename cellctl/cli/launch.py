@@ -77,7 +77,7 @@ async def run_on(
         run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
         engine = Engine(plan, run, journal, mailbox, watcher, options.resumed)
-        return await engine.run(lambda: tell_targets(simulated, devices))
+        return await engine.run(lambda: tell_targets(simulated, devices, clock))
 
 
 def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int) -> Journal:

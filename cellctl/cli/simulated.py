@@ -41,7 +41,7 @@ class SimulatedCell:
         """
         folder = tempfile.TemporaryDirectory(prefix="cellctl-")
         ready = Path(folder.name) / "ready.json"
-        command = simulator_command(cell.path, seed, clock, ready, extra)
+        command = simulator_command(cell.path, seed, clock, ready, ("--wait-for-host", *extra))
         with (Path(folder.name) / "stderr").open("wb") as errors:
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True

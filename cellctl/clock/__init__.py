@@ -4,6 +4,7 @@ from cellctl.clock.calendar import calendar_time
 from cellctl.clock.clocks import Clock, LockstepClock, Timer, WallClock
 from cellctl.clock.minimum_delay import DelayFit, MinimumDelayFit
 from cellctl.clock.reading import TimeReader, reader_of
+from cellctl.clock.wires import Wire
 
 __all__ = [
     "Clock",
@@ -13,6 +14,7 @@ __all__ = [
     "TimeReader",
     "Timer",
     "WallClock",
+    "Wire",
     "calendar_time",
     "reader_of",
 ]

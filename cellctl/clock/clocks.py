@@ -8,11 +8,15 @@ import itertools
 import json
 import time
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import ParamSpec, Protocol, Self, TypeVar, final
 
 from cellctl.clock.reading import reader_of
+from cellctl.clock.wires import CountedWire, UncountedWire, Wire
+
+_BUSY_EVERY_S = 1.0
+"""Wall time after which a tick that is not answered yet is said to be worked on; the simulator gives up after 10 s."""
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -42,9 +46,22 @@ class Clock(ABC):
     async def aclose(self) -> None:  # noqa: B027 - most clocks hold nothing
         """Let go of what the clock holds open."""
 
+    @contextmanager
+    def standing(self) -> Iterator[None]:
+        """The body waits for this computer (a thread, a process, a connection): a simulated cell's time stands still.
+
+        On a real cell time goes on.
+        """
+        yield
+
+    def wire(self, device: str) -> Wire:
+        """A count of what a driver reads from and writes to `device`'s wire, from now on."""
+        return UncountedWire()
+
     async def compute(self, work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
-        """Do long `work` in a thread, while the loop goes on; the cell's time passes no faster than the wall's."""
-        return await asyncio.to_thread(work, *given, **named)
+        """Do long `work` in a thread, while the loop goes on; a simulated cell's time stands still meanwhile."""
+        with self.standing():
+            return await asyncio.to_thread(work, *given, **named)
 
     def now(self) -> float:
         """The cell's time in seconds."""
@@ -63,13 +80,16 @@ class Clock(ABC):
     async def timeout(self, seconds: float | None) -> AsyncIterator[None]:
         """Cancel the body after `seconds` of the cell's time and raise TimeoutError; None waits for ever."""
         async with asyncio.timeout(None) as scope:
-            loop = asyncio.get_running_loop()
-            timer = None if seconds is None else self.call_later(seconds, lambda: scope.reschedule(loop.time()))
+            timer = None if seconds is None else self._expire_later(scope, seconds)
             try:
                 yield
             finally:
                 if timer:
                     timer.cancel()
+
+    def _expire_later(self, scope: asyncio.Timeout, seconds: float) -> Timer:
+        loop = asyncio.get_running_loop()
+        return self.call_later(seconds, lambda: scope.reschedule(loop.time()))
 
 
 @final
@@ -93,11 +113,10 @@ class WallClock(Clock):
 class LockstepClock(Clock):
     """Time of a simulated cell in lockstep: read from its time file, driven by the ticks on its control port.
 
-    The simulator stands still until each tick is answered, so no timer of the engine is ever more than one tick late,
-    however slow the machine. Where the simulator dies, time runs on with the wall, so that time-outs still end.
-
-    A simulated cell with nothing to do runs many times faster than the wall. While the engine computes, it is held to
-    the wall's pace: how long a fit may take does not depend on how quickly the simulator gets its processor.
+    The simulator stands still until each tick is answered, and a tick is answered when everything that the simulator
+    wrote has been read, every timer that was due has run, nothing computes, and the loop is about to block. So the same
+    things are done at the same time of the cell in every run, however slow the machine is. No timer is ever more than
+    one tick late. Where the simulator dies, time runs on with the wall, so that time-outs still end.
     """
 
     def __init__(self, time_file: str) -> None:
@@ -106,17 +125,22 @@ class LockstepClock(Clock):
         self._timers: list[tuple[int, int, _HeapTimer]] = []
         self._order = itertools.count()
         self._answering: asyncio.Task[None] | None = None
+        self._reader: asyncio.StreamReader | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._lost_at: tuple[int, int] | None = None
-        self._computing: set[_Computation] = set()
+        self._wires: dict[str, CountedWire] = {}
+        self._written_by_cell: dict[str, int] = {}
+        self._standing = 0
+        self._expiries: set[_Expiry] = set()
+        self._changed = asyncio.Event()
 
     @classmethod
     async def attach(cls, time_file: str, host: str, port: int) -> Self:
         """Attach to a simulated cell's control port; from here on the cell's time waits for this loop."""
         clock = cls(time_file)
-        reader, clock._writer = await asyncio.open_connection(host, port)
+        clock._reader, clock._writer = await asyncio.open_connection(host, port)
         clock._send({"op": "attach", "name": "engine"})
-        clock._answering = asyncio.create_task(clock._answer_ticks(reader), name="lockstep ticks")
+        clock._answering = asyncio.create_task(clock._answer_ticks(clock._reader), name="lockstep ticks")
         return clock
 
     def now_ns(self) -> int:
@@ -132,15 +156,27 @@ class LockstepClock(Clock):
         heapq.heappush(self._timers, (self.now_ns() + round(seconds * 1e9), next(self._order), timer))
         return timer
 
-    async def compute(self, work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
-        """As every clock's; ticks are answered at the wall's pace meanwhile."""
-        computation = _Computation(self.now_ns(), time.monotonic_ns())
-        self._computing.add(computation)
+    @contextmanager
+    def standing(self) -> Iterator[None]:
+        """As every clock's: no tick is answered meanwhile, and time-outs around the body count wall time."""
+        self._standing += 1
+        for expiry in self._expiries:
+            expiry.count_wall_time(self.now_ns())
         try:
-            return await super().compute(work, *given, **named)
+            yield
         finally:
-            self._computing.discard(computation)
-            computation.done.set()
+            self._standing -= 1
+            if not self._standing:
+                for expiry in self._expiries:
+                    expiry.count_cell_time()
+            self._changed.set()
+
+    def wire(self, device: str) -> Wire:
+        """As every clock's: no tick is answered before what the cell wrote to this wire has been read."""
+        loop = asyncio.get_running_loop()
+        wire = CountedWire(self._written_by_cell.get(device, 0), lambda: loop.call_soon_threadsafe(self._changed.set))
+        self._wires[device] = wire
+        return wire
 
     async def aclose(self) -> None:
         """Detach: the cell's time no longer waits for this loop."""
@@ -150,6 +186,14 @@ class LockstepClock(Clock):
                 await self._answering
         if self._writer:
             self._writer.close()
+
+    def _expire_later(self, scope: asyncio.Timeout, seconds: float) -> Timer:
+        expiry = _Expiry(scope, self.now_ns() + round(seconds * 1e9), super()._expire_later(scope, seconds))
+        expiry.when_over = lambda: self._expiries.discard(expiry)
+        self._expiries.add(expiry)
+        if self._standing:
+            expiry.count_wall_time(self.now_ns())
+        return expiry
 
     async def _answer_ticks(self, reader: asyncio.StreamReader) -> None:
         with suppress(OSError, ValueError):  # a line that is no JSON, or has no end, is a simulator gone wrong
@@ -162,13 +206,30 @@ class LockstepClock(Clock):
 
     async def _answer(self, message: object) -> None:
         tick = message.get("tick") if isinstance(message, dict) else None
-        if isinstance(tick, int):
-            self._fire(tick)
-            for _ in range(4):  # what the timers woke gets its turn before time goes on
-                await asyncio.sleep(0)
-            for computation in tuple(self._computing):
-                await computation.keep_pace(tick)
-            self._send({"tock": tick})
+        if not isinstance(message, dict) or not isinstance(tick, int):
+            return
+        self._written_by_cell = message.get("wires", {})
+        await self._nothing_left_to_do(tick)
+        while self._timers and self._timers[0][0] <= tick:
+            heapq.heappop(self._timers)[2].run()
+            await self._nothing_left_to_do(tick)
+        self._send({"tock": tick, "wires": {name: wire.written for name, wire in self._wires.items()}})
+
+    async def _nothing_left_to_do(self, tick: int) -> None:
+        """Wait until the loop is about to block, with everything read that the cell wrote, and nothing at work."""
+        while not (self._reader and self._reader.at_eof()):  # the simulator has ended: time runs on with the wall
+            await _loop_about_to_block()
+            self._changed.clear()
+            if not self._standing and self._all_read():
+                return
+            try:
+                async with asyncio.timeout(_BUSY_EVERY_S):  # not wait_for, which may swallow a cancellation (3.11)
+                    await self._changed.wait()
+            except TimeoutError:
+                self._send({"busy": tick})
+
+    def _all_read(self) -> bool:
+        return all(wire.has_read(self._written_by_cell.get(name, 0)) for name, wire in self._wires.items())
 
     def _fire(self, now_ns: int) -> None:
         while self._timers and self._timers[0][0] <= now_ns:
@@ -179,18 +240,35 @@ class LockstepClock(Clock):
             self._writer.write(json.dumps(message).encode() + b"\n")
 
 
-class _Computation:
-    def __init__(self, cell_ns: int, wall_ns: int) -> None:
-        self.done = asyncio.Event()
-        self._began = cell_ns, wall_ns
+async def _loop_about_to_block() -> None:
+    """Wait until nothing but the caller is ready to run: another turn of the loop would wait for files or timers.
 
-    async def keep_pace(self, cell_ns: int) -> None:
-        """Wait until as much time has passed on the wall as in the cell, or the computation is done."""
-        began_cell, began_wall = self._began
-        ahead_ns = (cell_ns - began_cell) - (time.monotonic_ns() - began_wall)
-        if ahead_ns > 0:
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self.done.wait(), ahead_ns * 1e-9)
+    asyncio has no public word for that; `_ready` is where every loop of the standard library keeps what is to run.
+    """
+    ready = asyncio.get_running_loop()._ready  # type: ignore[attr-defined]
+    await asyncio.sleep(0)
+    while ready:
+        await asyncio.sleep(0)
+
+
+class _Expiry:
+    """The end of a `timeout`, at `due_ns` of the cell's time; while that stands still, by the wall."""
+
+    def __init__(self, scope: asyncio.Timeout, due_ns: int, timer: Timer) -> None:
+        self.when_over: Callable[[], object] = lambda: None
+        self._scope, self._due_ns, self._timer = scope, due_ns, timer
+
+    def count_wall_time(self, now_ns: int) -> None:
+        if not self._scope.expired() and self._scope.when() is None:
+            self._scope.reschedule(asyncio.get_running_loop().time() + (self._due_ns - now_ns) * 1e-9)
+
+    def count_cell_time(self) -> None:
+        if not self._scope.expired():
+            self._scope.reschedule(None)
+
+    def cancel(self) -> None:
+        self._timer.cancel()
+        self.when_over()
 
 
 class _HeapTimer:

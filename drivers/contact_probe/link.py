@@ -95,6 +95,7 @@ class Link:
         self._why_gone = ""
         self._ending = False
         self._loop = asyncio.get_running_loop()
+        self._wire = clock.wire(device)
         self._thread = threading.Thread(target=self._listen, name=f"{device} port", daemon=True)
 
     def start(self) -> None:
@@ -105,8 +106,10 @@ class Link:
         """End the thread and let go of the port."""
         self._ending = True
         self._port.wake()
-        await asyncio.to_thread(self._thread.join, _END_BOUND_S)
+        with self._clock.standing():
+            await asyncio.to_thread(self._thread.join, _END_BOUND_S)
         self._port.close()
+        self._wire.close()
 
     def wire_ns(self, characters: int) -> int:
         """How long so many characters take on the wire, 8N1: ten bits each."""
@@ -152,6 +155,7 @@ class Link:
         try:
             with self._writing:
                 self._port.write(line)
+                self._wire.wrote(len(line))
         except OSError as error:
             self._lose(f"the port takes nothing more ({error})")
 
@@ -163,6 +167,7 @@ class Link:
                 time_ns = self._clock.now_ns()
                 for raw in splitter.feed(data):
                     self._hear(raw, time_ns)
+                self._wire.read(len(data))
         except Exception as error:  # whatever ends this thread is the loss of the device, never silence
             self._lose(f"the port is gone ({error})")
 
@@ -175,11 +180,13 @@ class Link:
         self.counts.lines += 1
         self.last_alive_ns = time_ns
         self._hearer.alive(time_ns)
-        if not self._is_double(line, time_ns):
+        new = not self._is_double(line, time_ns)
+        if new:
             self._hearer.at_once(line)
+        self._send(encode("ACK", line.seq))
+        if new:  # after the acknowledgement: what the loop sends upon this line goes onto the wire behind it
             arrival = Arrival(line, time_ns, self.wire_ns(len(raw)))
             self._on_loop(lambda: self._take(arrival))
-        self._send(encode("ACK", line.seq))
 
     def _is_double(self, line: Line, time_ns: int) -> bool:
         """The same number saying the same again soon. Heartbeats, never sent again, may well be alike after a reset."""
@@ -204,6 +211,7 @@ class Link:
         if self._ending or self._why_gone:
             return
         self._why_gone = why
+        self._wire.close()
         self._hearer.gone_at_once()
         self._on_loop(self._take_loss)
 

@@ -7,7 +7,7 @@ import itertools
 from contextlib import suppress
 from typing import final
 
-from cellctl.clock import Clock
+from cellctl.clock import Clock, Wire
 from cellctl.devices import DeviceError, DeviceLost, DeviceUnreachable, JointReadings
 from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, read_document, write_command
 
@@ -56,6 +56,7 @@ class EkiChannel:
         self._pending: dict[int, Pending] = {}
         self._tasks: list[asyncio.Task[None]] = []
         self._writer: asyncio.StreamWriter | None = None
+        self._wire: Wire | None = None
         self._lost: DeviceLost | None = None
         self._stat: Stat | None = None
         self._joints: JointReadings | None = None
@@ -66,14 +67,16 @@ class EkiChannel:
         """Connect. Raises DeviceUnreachable."""
         host, port = self._place
         try:
-            async with asyncio.timeout(_OPEN_S):  # wall time: the host's network stack knows no other
-                reader, self._writer = await asyncio.open_connection(host, port)
+            with self._clock.standing():
+                async with asyncio.timeout(_OPEN_S):  # wall time: the host's network stack knows no other
+                    reader, self._writer = await asyncio.open_connection(host, port)
+                self._wire = self._clock.wire(self._device)
         except (OSError, TimeoutError) as error:
             cure = "Is the controller on and its EthernetKRL program running? Is 'eki' in the address its KLI address?"
             what = f"no EthernetKRL connection to {host}:{port} ({error or 'no answer'})"
             raise DeviceUnreachable(self._device, what, cure) from error
         self._heard_ns = self._clock.now_ns()
-        self._tasks = [asyncio.create_task(self._read(reader)), asyncio.create_task(self._watch())]
+        self._tasks = [asyncio.create_task(self._read(reader, self._wire)), asyncio.create_task(self._watch())]
 
     async def close(self) -> None:
         """Let go of the connection; what is under way ends with DeviceLost."""
@@ -83,7 +86,7 @@ class EkiChannel:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._writer:
             self._writer.close()
-            with suppress(OSError):
+            with suppress(OSError), self._clock.standing():
                 await self._writer.wait_closed()
             self._writer = None
 
@@ -110,11 +113,13 @@ class EkiChannel:
 
     async def send(self, operation: str, content: str = "") -> Pending:
         """Send a command. Raises DeviceLost."""
-        if self._lost or self._writer is None:
+        if self._lost or self._writer is None or self._wire is None:
             raise self._lost or DeviceLost(self._device, "not connected")
         pending, number = Pending(self._clock), next(self._numbers)
         self._pending[number] = pending
-        self._writer.write(write_command(number, operation, content))
+        command = write_command(number, operation, content)
+        self._writer.write(command)
+        self._wire.wrote(len(command))
         with suppress(OSError):  # the reader sees the same, and says so
             await self._writer.drain()
         return pending
@@ -130,13 +135,14 @@ class EkiChannel:
         except TimeoutError:
             raise DeviceLost(self._device, f"no answer to {operation} for {timeout_s:g} s") from None
 
-    async def _read(self, reader: asyncio.StreamReader) -> None:
+    async def _read(self, reader: asyncio.StreamReader, wire: Wire) -> None:
         stream = DocumentStream()
         try:
             while data := await reader.read(_CHUNK):
                 self._heard_ns = self._clock.now_ns()
                 for document in stream.feed(data):
                     self._take(document)
+                wire.read(len(data))
             self._fail("the controller closed the EthernetKRL connection")
         except (OSError, ValueError) as error:
             self._fail(f"the EthernetKRL connection broke: {error}")
@@ -167,6 +173,8 @@ class EkiChannel:
         cure = "The controller holds the robot when the connection is lost; look at its network and its program."
         self._lost = self._lost or DeviceLost(self._device, what, cure)
         self._first_stat.set()
+        if self._wire:
+            self._wire.close()
         for pending in self._pending.values():
             pending.put(self._lost)
         self._pending.clear()

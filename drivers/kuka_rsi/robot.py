@@ -226,9 +226,10 @@ class KukaRobot:
             cure = "Correct the file, and load the same one on the controller."
             raise DeviceRefused(self.name, "; ".join(config.mistakes), cure)
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
-        return await CyclicProcess.start(
-            self.name, self._settings.bind, self._clock.source, reply.template, self._limits, self._settings.mode
-        )
+        with self._clock.standing():
+            return await CyclicProcess.start(
+                self.name, self._settings.bind, self._clock.source, reply.template, self._limits, self._settings.mode
+            )
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:
         reply = await eki.ask("HELLO")
@@ -250,7 +251,8 @@ class KukaRobot:
         if eki:
             await eki.close()
         if process:
-            await process.end()
+            with self._clock.standing():
+                await process.end()
 
     async def _beat(self) -> None:
         """The engine's own proof of life: where its loop hangs, these stop and the cyclic process holds the robot."""

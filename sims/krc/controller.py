@@ -27,6 +27,7 @@ from sims.krc.table_memory import tables_of, told_tables
 from sims.krc.tables import Tables
 from sims.krc.telegram import TelegramFormat, Value
 from sims.memory import Memory
+from sims.wires import Wire
 from sims.world.world import World
 
 SCHEME = "kuka+rsi"
@@ -62,12 +63,13 @@ def start(
     truth_log: TextIO | None,
     correction: AxisCorrection | None = None,
     memory: Memory | None = None,
+    wire: Wire | None = None,
 ) -> KrcServers:
     """Start the controller of the cell's robot, which stands bent and clear, or as `memory` has it. Raises
     BadConfig, BadMemory.
 
     `correction`: the RSI context's AXISCORR and its monitor; with none, as the controller has them by default, ± 5° and
-    6°, so that the monitor never speaks: AXISCORR clamps before it.
+    6°, so that the monitor never speaks: AXISCORR clamps before it. `wire`: where its EKI server counts its bytes.
     """
     config = _config(cell)
     settings, joints = cell.simulate.rsi, cell.robot.joints
@@ -99,7 +101,7 @@ def start(
     ident = print_ident(serial, cell.robot.name, KSS)
     tables = memory.recall("tables", lambda told: tables_of(told, len(joints))) or Tables()
     program = Program(context, log, ident, TableDesk(tables, serial, memory), memory)
-    eki = EkiServer(kernel, program)
+    eki = EkiServer(kernel, program, wire or Wire())
     memory.keep("robot", lambda: robot.stance().told())
     memory.keep("ageing", lambda: world.ageing.told(kernel.now))
     memory.keep("tables", lambda: told_tables(tables))

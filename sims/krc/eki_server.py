@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import socket
 from contextlib import suppress
+from functools import partial
 from typing import final
 
 from sims.kernel import Event, Kernel
 from sims.krc.eki_stream import DocumentStream
 from sims.krc.program import Program
+from sims.wires import Wire
 
 STATE_EVERY_NS = 100_000_000
+TAKEN_AFTER_NS = 4_000_000
+"""A command waits for the submit interpreter's next round of its loop."""
 UNREAD = 65_536
 """Bytes that TCP keeps for a PC that does not read: few, so that what it reads next is not minutes old."""
 MOST_UNSENT = 262_144
@@ -21,8 +25,9 @@ RESTART_NS = 2_000_000_000
 class EkiServer:
     """Listens on a free port of 127.0.0.1, `port`; hands documents to the program."""
 
-    def __init__(self, kernel: Kernel, program: Program) -> None:
+    def __init__(self, kernel: Kernel, program: Program, wire: Wire) -> None:
         self._kernel = kernel
+        self._wire = wire
         self._program = program
         self._listener = _bound(0)
         self.port: int = self._listener.getsockname()[1]
@@ -66,6 +71,7 @@ class EkiServer:
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNREAD)
         self._peer, self._stream = peer, DocumentStream()
+        self._wire.opened()
         self._unsent.clear()
         self._kernel.watch(peer, self._receive)
         self._program.connected(self._send)
@@ -83,7 +89,12 @@ class EkiServer:
                 self._hang_up()
                 return
             for document in self._stream.feed(data):
-                self._program.execute(document)
+                self._kernel.after(TAKEN_AFTER_NS, partial(self._execute, document, self._peer))
+            self._wire.read(len(data))
+
+    def _execute(self, document: bytes, sender: socket.socket) -> None:
+        if self._peer is sender:
+            self._program.execute(document)
 
     def _tell(self) -> None:
         self._flush()
@@ -100,7 +111,9 @@ class EkiServer:
     def _flush(self) -> None:
         try:
             while self._peer and self._unsent:
-                del self._unsent[: self._peer.send(self._unsent)]
+                sent = self._peer.send(self._unsent)
+                del self._unsent[:sent]
+                self._wire.wrote(sent)
         except BlockingIOError:
             if len(self._unsent) > MOST_UNSENT:
                 self._hang_up_next()
@@ -119,6 +132,7 @@ class EkiServer:
             self._kernel.unwatch(self._peer)
             self._peer.close()
             self._peer = None
+            self._wire.cut()
             self._program.disconnected()
 
 

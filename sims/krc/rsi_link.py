@@ -42,8 +42,8 @@ class RsiLink:
         self._receive()
         self.on_datagram = callback
 
-    def send(self, telegram: bytes, *, awaits_answer: bool) -> None:
-        """One telegram; T stands still until `answered` where an answer is awaited."""
+    def send(self, telegram: bytes, *, answer_within_ns: int | None) -> None:
+        """One telegram; T stands still until `answered`, where an answer is awaited (in real time: for so long)."""
         if self._socket is None:
             return
         self.answered()
@@ -52,8 +52,8 @@ class RsiLink:
         except ConnectionRefusedError:  # said of an earlier telegram; this one has not left
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(telegram)
-        if awaits_answer:
-            self._hold = self._kernel.hold(PEER)
+        if answer_within_ns is not None:
+            self._hold = self._kernel.hold_for_answer(PEER, answer_within_ns)
 
     def answered(self) -> None:
         """The answer has come, or is no longer awaited."""

@@ -108,7 +108,8 @@ class RsiSession:
         silent = faults.active("rsi.silent") is not None
         self._awaiting = not silent and not config.only_send
         if not silent and not faults.active("rsi.drop"):
-            self._c.link.send(self._c.telegram.print(self._ipoc), awaits_answer=self._awaiting)
+            within_ns = self._c.settings.cycle_ms * MS if self._awaiting else None
+            self._c.link.send(self._c.telegram.print(self._ipoc), answer_within_ns=within_ns)
 
     def _received(self, data: bytes) -> None:
         """A datagram from the PC. One that answers an older telegram does not let T go on: the right one may follow.

@@ -15,6 +15,7 @@ from sims.probe.firmware import Firmware
 from sims.probe.lines import HostLine, parse_host_line
 from sims.probe.terminal import Terminal
 from sims.probe.wire import Receiver, Transmitter
+from sims.wires import Wire
 
 REBOOT_NS = 300_000_000
 PEER = "probe"
@@ -79,13 +80,14 @@ class Probe:
 class ProbeServer:
     """The probe on its pseudo-terminal. In lockstep each line that arrives holds T until the host acknowledges it."""
 
-    def __init__(self, kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, baud: int) -> None:
+    def __init__(self, kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, baud: int, wire: Wire) -> None:
         simulate = cell.simulate
         self._kernel = kernel
         self._faults = faults
         self._held: dict[int, Hold] = {}
         self._heard = False
         self._lines_to_damage = 0
+        self._wire = wire
         self._terminal = Terminal(kernel, self._host_speaks, self._host_hangs_up)
         circuit = Circuit(kernel, loop, faults, simulate.seed, simulate.probe.bounce)
         grid_ns = round(simulate.probe.usb_delay_ms * 1e6)
@@ -107,9 +109,14 @@ class ProbeServer:
             return
         if self._is_damaged():
             # nobody can acknowledge what nobody can read: T goes on
-            self._terminal.write(_damaged(line))
-        elif self._terminal.write(line) and self._heard:
+            self._write(_damaged(line))
+        elif self._write(line) and self._heard:
             self._hold(seq)
+
+    def _write(self, line: bytes) -> bool:
+        written = self._terminal.write(line)
+        self._wire.wrote(len(line) if written else 0)
+        return written
 
     def _is_damaged(self) -> bool:
         fault = self._faults.active("probe.corrupt")
@@ -119,16 +126,20 @@ class ProbeServer:
         return self._lines_to_damage == 0
 
     def _host_speaks(self, chunk: bytes) -> None:
-        self._heard = True
+        if not self._heard:
+            self._heard = True
+            self._wire.opened()
         self._kernel.alive(PEER)
         for line in self._probe.feed(chunk):
             said = parse_host_line(line)
             if said is not None and said.kind == "ACK":
                 self._release(said.seq)
+        self._wire.read(len(chunk))
 
     def _host_hangs_up(self) -> None:
         self._heard = False
         self._held.clear()
+        self._wire.cut()
         self._kernel.forget(PEER)
 
     def _hold(self, seq: int) -> None:
@@ -149,6 +160,13 @@ def _damaged(line: bytes) -> bytes:
     return line[:middle] + bytes([line[middle] ^ 1]) + line[middle + 1 :]
 
 
-def start(kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, baud: int = 250_000) -> ProbeServer:
-    """The cell's simulated probe, powered now, on a terminal of its own."""
-    return ProbeServer(kernel, cell, faults, loop, baud)
+def start(
+    kernel: Kernel,
+    cell: SimCell,
+    faults: Faults,
+    loop: ContactLoop,
+    baud: int = 250_000,
+    wire: Wire | None = None,
+) -> ProbeServer:
+    """The cell's simulated probe, powered now, on a terminal of its own; `wire` counts its bytes."""
+    return ProbeServer(kernel, cell, faults, loop, baud, wire or Wire())

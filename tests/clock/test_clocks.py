@@ -28,6 +28,7 @@ class ScriptedCell:
         with self.file.open("r+b") as stream:
             self._view = mmap.mmap(stream.fileno(), 8)
         self.heard: list[dict] = []
+        self.written: dict[str, int] = {}
         self._server: asyncio.Server | None = None
         self._reader: asyncio.StreamReader | None = None
         self._writer: asyncio.StreamWriter | None = None
@@ -55,9 +56,12 @@ class ScriptedCell:
     async def tick(self, ms: float = 20) -> int:
         """Move time on, send the tick, wait for its tock. Returns the cell's time then."""
         self.now_ns += round(ms * MS)
-        self.say({"tick": self.now_ns})
-        answer = json.loads(await self._reader.readline())
-        assert answer == {"tock": self.now_ns}
+        self.say({"tick": self.now_ns, "wires": self.written})
+        answer = {"busy": self.now_ns}
+        while answer == {"busy": self.now_ns}:
+            answer = json.loads(await self._reader.readline())
+        assert answer["tock"] == self.now_ns
+        self.heard.append(answer)
         return self.now_ns
 
     def say(self, message: dict) -> None:
@@ -246,33 +250,113 @@ def test_when_the_simulator_dies_time_runs_on_with_the_wall_and_timeouts_end(run
     run(script)
 
 
-def test_while_the_engine_computes_time_goes_no_faster_than_the_wall(run):
-    async def script(cell, clock):
-        may_end = threading.Event()
-        began = time.monotonic_ns()
-        fit = asyncio.create_task(clock.compute(may_end.wait, PATIENCE_S))
+async def _stays_open(task: asyncio.Task) -> bool:
+    """Whether `task` is still at work after many turns of the loop."""
+    for _ in range(200):
         await asyncio.sleep(0)
-        for _ in range(5):
-            await cell.tick(20)
-        assert time.monotonic_ns() - began >= 99 * MS
-        may_end.set()
-        assert await fit
+    return not task.done()
+
+
+def test_a_tick_is_answered_when_nothing_more_is_to_be_done_however_many_turns_of_the_loop_that_takes(run):
+    async def script(cell, clock):
+        done = []
+
+        async def long_chain():
+            await clock.sleep(0.01)
+            for _ in range(100):
+                await asyncio.sleep(0)
+            done.append(cell.now_ns)
+
+        chain = asyncio.create_task(long_chain())
+        await asyncio.sleep(0)
+        assert await cell.tick() == done[0]
+        await chain
 
     run(script)
 
 
-def test_when_the_computation_is_done_time_goes_on_at_once(run):
+def test_while_the_engine_computes_the_cells_time_stands_still(run):
     async def script(cell, clock):
         may_end = threading.Event()
         fit = asyncio.create_task(clock.compute(may_end.wait, PATIENCE_S))
         await asyncio.sleep(0)
-        hours = asyncio.create_task(cell.tick(3_600_000))
-        await asyncio.wait([hours], timeout=0.05)
-        assert not hours.done()
+        tick = asyncio.create_task(cell.tick(20))
+        assert await _stays_open(tick)
         may_end.set()
         assert await fit
-        await hours
-        await cell.tick(3_600_000)
+        await tick
+
+    run(script)
+
+
+def test_a_long_computation_tells_the_simulator_that_the_engine_is_at_work(run, monkeypatch):
+    monkeypatch.setattr("cellctl.clock.clocks._BUSY_EVERY_S", 0.001)
+
+    async def script(cell, clock):
+        with clock.standing():
+            cell.say({"tick": cell.now_ns, "wires": {}})
+            assert json.loads(await cell._reader.readline()) == {"busy": cell.now_ns}
+        while "tock" not in json.loads(await cell._reader.readline()):
+            pass
+
+    run(script)
+
+
+def test_what_the_cell_wrote_is_read_before_its_tick_is_answered_and_before_timers_run(run):
+    async def script(cell, clock):
+        order = []
+        probe = clock.wire("probe")
+        clock.call_later(0.01, lambda: order.append("timer"))
+        cell.written = {"probe": 30, "not opened by the engine": 7}
+        tick = asyncio.create_task(cell.tick(20))
+        assert await _stays_open(tick)
+        probe.read(10)
+        assert await _stays_open(tick)
+        order.append("read")
+        probe.read(20)
+        await tick
+        assert order == ["read", "timer"]
+
+    run(script)
+
+
+def test_a_thread_that_reads_lets_the_tick_be_answered(run):
+    async def script(cell, clock):
+        probe = clock.wire("probe")
+        cell.written = {"probe": 5}
+        threading.Timer(0.02, lambda: probe.read(5)).start()
+        await cell.tick(20)
+
+    run(script)
+
+
+def test_a_tock_says_what_the_engine_has_written(run):
+    async def script(cell, clock):
+        probe = clock.wire("probe")
+        probe.wrote(7)
+        await cell.tick(20)
+        probe.wrote(5)
+        await cell.tick(20)
+        assert [tock["wires"] for tock in cell.heard[1:]] == [{"probe": 7}, {"probe": 12}]
+
+    run(script)
+
+
+def test_a_wire_counts_from_when_it_was_opened_and_nobody_waits_for_one_that_is_closed(run):
+    async def script(cell, clock):
+        cell.written = {"robot": 1000}
+        await cell.tick(20)
+        first = clock.wire("robot")
+        await cell.tick(20)
+        cell.written = {"robot": 1500}
+        tick = asyncio.create_task(cell.tick(20))
+        assert await _stays_open(tick)
+        first.close()
+        await tick
+        second = clock.wire("robot")
+        second.wrote(3)
+        await cell.tick(20)
+        assert cell.heard[-1]["wires"] == {"robot": 3}
 
     run(script)
 
@@ -287,8 +371,6 @@ def test_a_computation_beyond_its_timeout_ends_by_timeout_in_lockstep_too(run):
 
         task = asyncio.create_task(fit())
         await asyncio.sleep(0)
-        await cell.tick(20)
-        await cell.tick(20)
         with pytest.raises(TimeoutError):
             await task
         may_end.set()

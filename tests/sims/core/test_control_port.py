@@ -10,6 +10,7 @@ import pytest
 from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
+from sims.wires import Wire
 
 MS = 1_000_000
 PATIENCE_S = 90
@@ -51,11 +52,14 @@ class Host:
 class Cell:
     """A kernel whose heart beats each 7 ms, with a control port, in a thread of its own."""
 
-    def __init__(self, mode="lockstep"):
+    def __init__(self, mode="lockstep", *, wait_for_host=False):
         self.kernel, self.targets = Kernel(mode), []
-        self.faults = Faults(self.kernel)
-        self.port = ControlPort(self.kernel, self.faults, {"robot": lambda *target: self.targets.append(target)})
+        self.faults, self.wire = Faults(self.kernel), Wire()
+        targets = {"robot": lambda *target: self.targets.append(target)}
+        self.port = ControlPort(self.kernel, self.faults, targets, {"probe": self.wire})
         self.kernel.after(7 * MS, self._beat)
+        if wait_for_host:
+            self.port.wait_for_host()
         self._thread = threading.Thread(target=self.kernel.run)
         self._thread.start()
 
@@ -131,6 +135,57 @@ def test_after_a_hang_up_the_next_host_can_attach(cell):
         host.say({"op": "attach", "name": "engine"})
         host.tock(3)
         host.close()
+
+
+def test_time_stands_at_zero_until_a_host_attaches_where_that_was_asked_for():
+    cell = Cell(wait_for_host=True)
+    host = Host(cell.port.address)
+    assert [host.ask(op="status")["time_ns"] for _ in range(20)] == [0] * 20
+    host.say({"op": "attach", "name": "engine"})
+    assert host.hear()["tick"] == 0
+    host.say({"tock": 0})
+    assert host.hear()["tick"] == STRIDE_NS
+    host.close()
+    cell.end()
+
+
+def test_what_an_event_writes_is_ticked_before_the_next_event_and_counted(cell, host):
+    cell.kernel.every_half_second(lambda: None)
+    host.say({"op": "attach", "name": "engine"})
+    tick = host.hear()
+    assert tick["wires"] == {"probe": 0}
+    cell.kernel.at(tick["tick"] + 3 * MS, lambda: cell.wire.wrote(40))  # in the middle of a stride
+    cell.kernel.at(tick["tick"] + 3 * MS, lambda: cell.wire.wrote(2))
+    host.say({"tock": tick["tick"]})
+    for written in (40, 42):
+        assert host.hear() == {"tick": tick["tick"] + 3 * MS, "wires": {"probe": written}}
+        host.say({"tock": tick["tick"] + 3 * MS})
+    assert host.hear()["tick"] == tick["tick"] + 23 * MS
+
+
+def test_time_waits_for_what_the_host_says_it_has_written(cell, host):
+    host.say({"op": "attach", "name": "engine"})
+    tick = host.hear()["tick"]
+    cell.wire.opened()
+    host.say({"tock": tick, "wires": {"probe": 12, "a wire that is not simulated": 5}})
+    assert host.ask(op="status")["time_ns"] == tick
+    cell.kernel.stop()
+    cell.ended()
+    cell.wire.read(12)
+    assert cell.kernel.holders() == []
+
+
+def test_time_does_not_wait_for_bytes_of_a_host_that_was_hung_up_on(cell, host):
+    host.say({"op": "attach", "name": "engine"})
+    cell.wire.cut()
+    for _ in range(3):
+        host.say({"tock": host.hear()["tick"], "wires": {"probe": 1000}})
+
+
+def test_counts_that_are_no_numbers_are_refused(host):
+    host.say({"op": "attach", "name": "engine"})
+    tick = host.hear()["tick"]
+    assert host.ask(tock=tick, wires={"probe": "many"})["ok"] is False
 
 
 def test_only_one_host_is_attached(cell, host):

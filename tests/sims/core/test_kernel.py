@@ -1,6 +1,8 @@
 """The kernel of the simulated cell: the order of events, and when time stands still."""
 
+import itertools
 import socket
+import threading
 import time
 
 import pytest
@@ -156,3 +158,51 @@ def test_stop_from_elsewhere_wakes_a_kernel_that_waits(lockstep):
     lockstep.every_half_second(lockstep.stop)
     lockstep.run()
     assert lockstep.now == 0
+
+
+@pytest.fixture
+def answering():
+    """A real-time kernel that asks a question each 4 ms of T, and a peer that answers each at once."""
+    kernel = Kernel("realtime")
+    ours, theirs = socket.socketpair()
+    asked, answered = [], []
+
+    def ask():
+        asked.append(kernel.now)
+        holds.append(kernel.hold_for_answer("pc", 4 * MS))
+        theirs.send(b"!")
+        if len(asked) < 30:
+            kernel.after(4 * MS, ask)
+        else:
+            kernel.after(4 * MS, kernel.stop)
+
+    def hear():
+        answered.append((ours.recv(1), len(asked)))
+        holds[-1].release()
+
+    holds = []
+    kernel.watch(ours, hear)
+    kernel.at(4 * MS, ask)
+    yield kernel, asked, answered
+    kernel.close()
+    ours.close()
+    theirs.close()
+
+
+def test_in_real_time_a_stall_of_the_simulator_leaves_its_peer_time_to_answer_each_question(answering):
+    kernel, asked, answered = answering
+    kernel.at(41 * MS, lambda: threading.Event().wait(0.06))  # as if the process had been stopped
+    kernel.run()
+    assert [question for _, question in answered] == list(range(1, len(asked) + 1))
+    assert [b - a for a, b in itertools.pairwise(asked)] == [4 * MS] * (len(asked) - 1)
+
+
+def test_in_real_time_a_peer_that_does_not_answer_holds_nothing_up_for_longer_than_its_time():
+    kernel = Kernel("realtime")
+    seen = []
+    kernel.at(1 * MS, lambda: kernel.hold_for_answer("pc", 4 * MS))
+    kernel.at(2 * MS, lambda: seen.append("another device"))
+    kernel.at(5 * MS, lambda: (seen.append("next question"), kernel.stop()))
+    kernel.run()
+    kernel.close()
+    assert seen == ["another device", "next question"]

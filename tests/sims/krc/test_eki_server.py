@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from sims.krc.eki_server import EkiServer
+from sims.wires import Wire
 
 
 class KernelByHand:
@@ -51,7 +52,7 @@ class Program:
 @pytest.fixture
 def served():
     kernel, program = KernelByHand(), Program()
-    server = EkiServer(kernel, program)
+    server = EkiServer(kernel, program, Wire())
     yield kernel, program, server
     server.close()
 
