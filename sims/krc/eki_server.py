@@ -84,6 +84,8 @@ class EkiServer:
                 return
             for document in self._stream.feed(data):
                 self._program.execute(document)
+            if self._stream.overlong:
+                self._hang_up()
 
     def _tell(self) -> None:
         self._flush()
