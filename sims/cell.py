@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
+from urllib.parse import parse_qs, urlsplit
 
 import yaml
 
@@ -82,12 +83,16 @@ class Artefact:
 @final
 @dataclass(frozen=True, slots=True)
 class RsiSettings:
-    """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset)."""
+    """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset).
+
+    `mode`: what the controller's program passes to RSI_ON, absolute or relative.
+    """
 
     cycle_ms: int
     precision: int
     timeout_cycles: int
     counter: str
+    mode: str
 
 
 @final
@@ -138,13 +143,14 @@ def read_cell(path: Path) -> SimCell:
     if "simulate" not in cell.entries:
         problems.append("it has no 'simulate:' section: it is a real cell")
     model = cell.word("model")
+    addresses = {key: value for key, value in cell.entries.items() if isinstance(value, str) and "://" in value}
     found = SimCell(
         path=path,
         name=cell.word("name", path.stem),
         robot=read_robot(Section(_load_model(path, model, problems), model, problems)),
-        addresses={key: value for key, value in cell.entries.items() if isinstance(value, str) and "://" in value},
+        addresses=addresses,
         artefact=_artefact(cell.below("artefact")),
-        simulate=_simulate(cell.below("simulate")),
+        simulate=_simulate(cell.below("simulate"), _addressed_mode(addresses)),
     )
     if problems:
         raise CellError(path, problems)
@@ -198,7 +204,13 @@ def _distance(section: Section, names: set[str]) -> Distance:
     )
 
 
-def _simulate(section: Section) -> Simulate:
+def _addressed_mode(addresses: dict[str, str]) -> str:
+    """What the robot's address says of RSI_ON in the controller's program."""
+    queries = [parse_qs(parts.query) for parts in map(urlsplit, addresses.values()) if parts.scheme == "kuka+rsi"]
+    return "relative" if any(query.get("mode") == ["relative"] for query in queries) else "absolute"
+
+
+def _simulate(section: Section, addressed_mode: str) -> Simulate:
     section.only(["seed", "clock", "errors", "rsi", "probe", "faults"])
     errors = section.below("errors")
     errors.only(ERRORS)
@@ -207,19 +219,20 @@ def _simulate(section: Section) -> Simulate:
         seed=section.whole("seed", 1),
         clock="lockstep" if lockstep else "realtime",
         errors={kind: errors.scale(kind, usual) for kind, usual in ERRORS.items()},
-        rsi=_rsi(section.below("rsi")),
+        rsi=_rsi(section.below("rsi"), addressed_mode),
         probe=_probe(section.below("probe")),
         faults=tuple(_faults(section)),
     )
 
 
-def _rsi(section: Section) -> RsiSettings:
-    section.only(["cycle_ms", "precision", "timeout_cycles", "counter"])
+def _rsi(section: Section, addressed_mode: str) -> RsiSettings:
+    section.only(["cycle_ms", "precision", "timeout_cycles", "counter", "mode"])
     cycle = section.whole("cycle_ms", 4, 1)
     if cycle not in {4, 12}:
         section.note("cycle_ms", f"4 or 12 is expected, not {cycle}")
     counter = section.word("counter", "total", ["total", "reset"])
-    return RsiSettings(cycle, section.whole("precision", 4), section.whole("timeout_cycles", 100, 1), counter)
+    mode = section.word("mode", addressed_mode, ["absolute", "relative"])
+    return RsiSettings(cycle, section.whole("precision", 4), section.whole("timeout_cycles", 100, 1), counter, mode)
 
 
 def _probe(section: Section) -> ProbeSettings:

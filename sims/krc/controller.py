@@ -12,6 +12,7 @@ from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.krc.contact_log import ContactLog
 from sims.krc.currents import MotorCurrents
+from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.eki_messages import print_ident
 from sims.krc.eki_server import EkiServer
 from sims.krc.ethernet_config import BadConfig, EthernetConfig, read_config
@@ -93,7 +94,8 @@ def start(
         settings=settings,
         late=late,
         servo=Servo(speeds, settings.cycle_ms * 1e-3, cell.simulate.errors["servo"]),
-        correction=correction or AxisCorrection(),
+        drives=DriveMonitor(speeds, settings.cycle_ms * 1e-3),
+        correction=correction or AxisCorrection(relative=settings.mode == "relative"),
         limits=tuple((joint.min, joint.max) for joint in joints),
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
     )
@@ -163,15 +165,12 @@ def _config(cell: SimCell) -> EthernetConfig:
 
 
 def _values(robot: Robot, world: World, currents: MotorCurrents, late: LateCounter) -> dict[str, Value]:
-    """What each tag shows. Under correction only the actual values move: the program stands where it was."""
+    """What each tag shows that is not zero. Under correction only the actual values move: the program stands still."""
     return {
         "RIst": lambda: world.shown_pose(robot.readings()),
         "RSol": lambda: world.shown_pose(robot.commanded),
         "AIPos": robot.readings,
         "ASPos": lambda: robot.commanded,
-        "EIPos": lambda: (0.0,) * 6,
-        "ESPos": lambda: (0.0,) * 6,
         "MACur": currents.now,
-        "MECur": lambda: (0.0,) * 6,
         "Delay": lambda: (late.count,),
     }

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from math import isfinite
 from typing import final
 
+from sims.krc.decimals import decimal
 from sims.krc.motions import Joints
+
+_LARGEST_ANGLE_DEG = 3600.0
 
 _WHOLE = re.compile(r"-?[0-9]{1,9}")
 
@@ -29,16 +31,12 @@ def child(parent: ET.Element, name: str) -> ET.Element:
     return found
 
 
-def number(element: ET.Element, attribute: str) -> float:
-    """A finite number. Raises Unreadable."""
-    text = element.get(attribute, "")
+def number(element: ET.Element, attribute: str, largest: float) -> float:
+    """A number of at most `largest` in size. Raises Unreadable."""
     try:
-        value = float(text)
-    except ValueError:
-        raise Unreadable(f"{element.tag} {attribute} is no number: '{text}'") from None
-    if not isfinite(value):
-        raise Unreadable(f"{element.tag} {attribute} is not finite")
-    return value
+        return decimal(element.get(attribute, ""), largest)
+    except ValueError as error:
+        raise Unreadable(f"{element.tag} {attribute} {error}") from None
 
 
 def whole(element: ET.Element, attribute: str) -> int:
@@ -58,5 +56,5 @@ def word(element: ET.Element, attribute: str) -> str:
 
 
 def joints(element: ET.Element, axes: int) -> Joints:
-    """A1…An, degrees. Raises Unreadable."""
-    return tuple(number(element, f"A{axis}") for axis in range(1, axes + 1))
+    """A1…An, degrees, each at most ten turns. Raises Unreadable."""
+    return tuple(number(element, f"A{axis}", _LARGEST_ANGLE_DEG) for axis in range(1, axes + 1))

@@ -12,8 +12,12 @@ from sims.krc import eki_fields as fields
 from sims.krc.eki_fields import Unreadable
 from sims.krc.motions import Joints
 from sims.krc.table_requests import TABLE_OPERATIONS, Request, read_request
+from sims.krc.xml_documents import parse
 
 OPERATIONS = frozenset({"HELLO", "PTP", "PTPT", "RSI", "HALT", "RESET", *TABLE_OPERATIONS})
+
+_LARGEST_PERCENT = 1e6
+"""Larger is unreadable; what is larger than 100 is refused with a code of its own."""
 
 
 @final
@@ -51,9 +55,9 @@ class Command:
 def read_command(document: bytes, axes: int) -> Command:
     """Read a command of a robot with so many axes. Raises Unreadable."""
     try:
-        root = ET.fromstring(document)
-    except (ET.ParseError, ValueError, LookupError) as error:  # the latter two: an encoding that there is not
-        raise Unreadable(f"not XML: {error}") from None
+        root = parse(document)
+    except ValueError as error:
+        raise Unreadable(str(error)) from None
     command_id, op = root.get("Id", ""), root.get("Op", "")
     if root.tag != "Cmd":
         raise Unreadable(f"not a Cmd: {root.tag}", command_id)
@@ -70,7 +74,7 @@ def _command(root: ET.Element, command_id: str, op: str, axes: int) -> Command:
         return Command(command_id, op, request=read_request(root, op, axes))
     if op not in {"PTP", "PTPT"}:
         return Command(command_id, op)
-    percent = fields.number(fields.child(root, "Vel"), "P")
+    percent = fields.number(fields.child(root, "Vel"), "P", _LARGEST_PERCENT)
     if op == "PTPT":
         return Command(command_id, op, percent=percent, row=fields.whole(fields.child(root, "Row"), "N"))
     return Command(command_id, op, fields.joints(fields.child(root, "Q"), axes), percent)

@@ -59,8 +59,8 @@ class EkiServer:
     def _accept(self) -> None:
         with suppress(BlockingIOError):
             peer, _ = self._listener.accept()
-            if self._peer:
-                self._receive()  # its end may be waiting to be read: then the line is free
+            while self._receive():  # its end may be waiting to be read: then the line is free
+                pass
             if self._peer:
                 peer.close()
                 return
@@ -77,20 +77,26 @@ class EkiServer:
         self._program.connected(self._send)
         self._timer = self._kernel.after(STATE_EVERY_NS, self._tell)
 
-    def _receive(self) -> None:
-        while self._peer:
-            try:
-                data = self._peer.recv(65536)
-            except BlockingIOError:
-                return
-            except ConnectionError:
-                data = b""
-            if not data:
-                self._hang_up()
-                return
-            for document in self._stream.feed(data):
-                self._kernel.after(TAKEN_AFTER_NS, partial(self._execute, document, self._peer))
-            self._wire.read(len(data))
+    def _receive(self) -> bool:
+        """Take what can be read at once; whether that was anything."""
+        if not self._peer:
+            return False
+        try:
+            data = self._peer.recv(65536)
+        except BlockingIOError:
+            return False
+        except ConnectionError:
+            data = b""
+        if not data:
+            self._hang_up()
+            return False
+        for document in self._stream.feed(data):
+            self._kernel.after(TAKEN_AFTER_NS, partial(self._execute, document, self._peer))
+        if self._stream.overlong:
+            self._kernel.unwatch(self._peer)
+            self._kernel.after(TAKEN_AFTER_NS, self._hang_up_next)
+        self._wire.read(len(data))
+        return not self._stream.overlong
 
     def _execute(self, document: bytes, sender: socket.socket) -> None:
         if self._peer is sender:

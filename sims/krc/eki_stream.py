@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import final
 
-LARGEST = 8192
+from sims.krc.xml_documents import LARGEST
 
 _OPEN, _CLOSE = b"<"[0], b">"[0]
 _QUOTES = b"\"'"
@@ -18,22 +18,28 @@ _CLOSED_BY = ((b"<!--", b"-->", 7), (b"<![CDATA[", b"]]>", 12), (b"<?", b"?>", 4
 class DocumentStream:
     """Feed it bytes as they come, take documents out.
 
-    What cannot become a document (stray text, an end without a beginning, over 8 KiB) comes out as it is, so that it
-    is answered as unreadable, and the stream goes on behind it. One byte at a time, so that it cannot matter how TCP
-    splits them.
+    What cannot become a document (stray text, an end without a beginning) comes out as it is, so that it is answered
+    as unreadable, and the stream goes on behind it. One byte at a time, so that it cannot matter how TCP splits them.
+    A document over 8 KiB ends the stream: its beginning comes out, the rest is thrown away unread, and `overlong` says
+    that the connection is of no more use.
     """
 
     def __init__(self) -> None:
+        self.overlong = False
         self._begin()
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """The documents that `data` completes."""
-        for byte in data:
+        for byte in () if self.overlong else data:
             if byte == _OPEN and self._broken_off_by_tag():
                 yield self._take()
             self._document.append(byte)
-            if self._completed_by(byte) or len(self._document) > LARGEST:
+            if self._completed_by(byte):
                 yield self._take()
+            if len(self._document) > LARGEST:
+                self.overlong = True
+                yield self._take()
+                return
 
     def _begin(self) -> None:
         self._document = bytearray()

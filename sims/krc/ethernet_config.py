@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,10 @@ from typing import final
 
 TYPES = frozenset({"BOOL", "LONG", "DOUBLE", "STRING"})
 AXES = tuple(f"A{i}" for i in range(1, 7))
+
+_MOST_CHANNELS = 64
+_FREE_TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)?")
+_INDEX = re.compile(r"[0-9]{1,2}")
 
 
 class BadConfig(ValueError):
@@ -18,11 +23,15 @@ class BadConfig(ValueError):
 @final
 @dataclass(frozen=True, slots=True)
 class Element:
-    """One ELEMENT: `tag` as on the wire (without `DEF_`), its type, and whether it keeps its value when missed."""
+    """One ELEMENT: `tag` as on the wire (without `DEF_`), its type, and whether it keeps its value when missed.
+
+    `internal`: a `DEF_` tag, which RSI itself fills; the others go over a channel of the ETHERNET object.
+    """
 
     tag: str
     type: str
     hold_on: bool
+    internal: bool
 
     @property
     def name(self) -> str:
@@ -50,6 +59,11 @@ class EthernetConfig:
     correction: tuple[str, ...]
     stop: str | None
 
+    @property
+    def wired(self) -> tuple[Element, ...]:
+        """The RECEIVE tags that this controller's RSI context uses; others are taken and come to nothing."""
+        return tuple(element for element in self.receive if element.tag in {*self.correction, self.stop})
+
 
 def read_config(path: Path) -> EthernetConfig:
     """Read the file. Raises BadConfig."""
@@ -70,7 +84,11 @@ def read_config(path: Path) -> EthernetConfig:
 
 
 def _elements(path: Path, root: ET.Element, section: str) -> tuple[Element, ...]:
-    return tuple(_element(path, section, entry) for entry in root.iterfind(f"{section}/ELEMENTS/ELEMENT"))
+    elements = [_element(path, section, entry) for entry in root.iterfind(f"{section}/ELEMENTS/ELEMENT")]
+    tags = [element.tag for element in elements]
+    if twice := next((tag for tag in tags if tags.count(tag) > 1), None):
+        raise BadConfig(f"{path}: {section}: {twice} is there twice")
+    return tuple(elements)
 
 
 def _element(path: Path, section: str, entry: ET.Element) -> Element:
@@ -79,7 +97,19 @@ def _element(path: Path, section: str, entry: ET.Element) -> Element:
         raise BadConfig(f"{path}: {section}: an ELEMENT without TAG")
     if type_ not in TYPES:
         raise BadConfig(f"{path}: {section}: {tag}: TYPE is one of {', '.join(sorted(TYPES))}, not '{type_}'")
-    return Element(tag.removeprefix("DEF_"), type_, entry.get("HOLDON", "0").strip() == "1")
+    internal = tag.startswith("DEF_")
+    if not internal:
+        _check_free(f"{path}: {section}: {tag}", tag, entry.get("INDX", ""))
+    return Element(tag.removeprefix("DEF_"), type_, entry.get("HOLDON", "0").strip() == "1", internal)
+
+
+def _check_free(where: str, tag: str, index: str) -> None:
+    if not _FREE_TAG.fullmatch(tag):
+        raise BadConfig(f"{where}: a TAG is NAME or NAME.ATTRIBUTE, of letters, digits, '_' and '-'")
+    if index == "INTERNAL":
+        raise BadConfig(f"{where}: INDX INTERNAL belongs to a tag that begins with DEF_; this one needs a channel")
+    if not (_INDEX.fullmatch(index) and 1 <= int(index) <= _MOST_CHANNELS):
+        raise BadConfig(f"{where}: Invalid index: INDX '{index}' is no channel 1 … {_MOST_CHANNELS}")
 
 
 def _correction(path: Path, receive: tuple[Element, ...]) -> tuple[str, ...]:
@@ -90,4 +120,10 @@ def _correction(path: Path, receive: tuple[Element, ...]) -> tuple[str, ...]:
         group = tuple(f"{name}.{axis}" for axis in AXES)
         if tags.issuperset(group):
             return group
-    raise BadConfig(f"{path}: RECEIVE: no six DOUBLE tags NAME.A1 … NAME.A6 to wire to AXISCORR")
+    wanted = "six DOUBLE tags NAME.A1 … NAME.A6"
+    if cartesian := next((element.name for element in receive if element.tag == f"{element.name}.X"), None):
+        raise BadConfig(
+            f"{path}: RECEIVE: {cartesian}.X … are Cartesian corrections (POSCORR), and this simulated controller "
+            f"wires axis corrections (AXISCORR) only: put {wanted} in their place, AK.A1 … AK.A6 say"
+        )
+    raise BadConfig(f"{path}: RECEIVE: no {wanted} to wire to AXISCORR")

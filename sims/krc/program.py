@@ -16,6 +16,9 @@ from sims.krc.rsi_session import MS, RsiContext, RsiSession
 from sims.krc.table_desk import TableDesk
 from sims.memory import Memory
 
+LEAST_PERCENT = 0.01
+"""Slower, a move would take days: to the PC it looks as if it never ended."""
+
 Send = Callable[[bytes], object]
 
 
@@ -144,8 +147,8 @@ class Program:
             return Code.NOT_READY, self._message
         if command.op == "RSI":
             return None
-        if not 0.0 < command.percent <= 100.0:
-            return Code.BAD_SPEED, f"speed {command.percent} % is outside 0 … 100 %"
+        if not LEAST_PERCENT <= command.percent <= 100.0:
+            return Code.BAD_SPEED, f"speed {command.percent} % is outside {LEAST_PERCENT} … 100 %"
         if target is None:
             return Code.NO_SUCH_ROWS, f"the active table has no row {command.row}"
         for i, (angle, (low, high)) in enumerate(zip(target, self._rsi.limits, strict=True), 1):

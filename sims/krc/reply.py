@@ -5,10 +5,17 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import final
 
+from sims.krc.decimals import count, decimal
 from sims.krc.ethernet_config import Element
+from sims.krc.xml_documents import parse
+
+LARGEST_IPOC = 10**15
+LARGEST_VALUE = 3600.0
+"""Of a correction, degrees: ten turns."""
+
+_TRUTH = {"TRUE": 1.0, "FALSE": 0.0, "true": 1.0, "false": 0.0}
 
 
 @final
@@ -21,24 +28,27 @@ class Reply:
     values: dict[str, float]
 
 
-def read_reply(data: bytes, receive: Sequence[Element]) -> Reply | None:
-    """Read an answer by name; None where it is not one (no XML, no IPOC, a value that is no finite number)."""
+def read_reply(data: bytes, wired: Sequence[Element]) -> Reply | None:
+    """Read an answer by name, of the RECEIVE tags those `wired`; None where it is not an answer.
+
+    That is: not XML, more than 8 KiB, no IPOC, or a wired tag whose value is no number of a possible size.
+    """
     try:
-        root = ET.fromstring(data)
+        root = parse(data)
         if root.tag != "Sen":
             return None
-        ipoc = int(root.findtext("IPOC", ""))
-        return Reply(root.get("Type", ""), ipoc, _values(root, receive))
-    except (ET.ParseError, ValueError, LookupError):  # LookupError: an encoding that there is not
+        ipoc = count(root.findtext("IPOC", ""), LARGEST_IPOC)
+        return Reply(root.get("Type", ""), ipoc, _values(root, wired))
+    except ValueError:
         return None
 
 
-def _values(root: ET.Element, receive: Sequence[Element]) -> dict[str, float]:
+def _values(root: ET.Element, wired: Sequence[Element]) -> dict[str, float]:
     children = {child.tag: child for child in root}
     values = {}
-    for element in receive:
+    for element in wired:
         child = children.get(element.name)
-        if child is None or element.type == "STRING":
+        if child is None:
             continue
         text = child.get(element.attribute) if element.attribute else child.text
         if text is not None:
@@ -47,9 +57,4 @@ def _values(root: ET.Element, receive: Sequence[Element]) -> dict[str, float]:
 
 
 def _number(text: str) -> float:
-    value = {"TRUE": 1.0, "FALSE": 0.0}.get(text.strip().upper())
-    if value is None:
-        value = float(text)
-    if not isfinite(value):
-        raise ValueError(f"{text} is not finite")
-    return value
+    return _TRUTH[text] if text in _TRUTH else decimal(text, LARGEST_VALUE)

@@ -9,6 +9,7 @@ from typing import final
 from sims.cell import RsiSettings
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
+from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.ethernet_config import EthernetConfig
 from sims.krc.motions import Cycle, Joints
 from sims.krc.reply import Reply, read_reply
@@ -41,6 +42,7 @@ class RsiContext:
     settings: RsiSettings
     late: LateCounter
     servo: Servo
+    drives: DriveMonitor
     correction: AxisCorrection
     limits: tuple[tuple[float, float], ...]
     ipoc_offset_ms: int
@@ -58,9 +60,11 @@ class RsiSession:
         self._c = context
         self._late = context.late
         self._on_end = on_end
-        self._outputs = EthernetOutputs(context.config.receive)
+        self._wired = context.config.wired
+        self._outputs = EthernetOutputs(self._wired)
         self._zero = context.robot.joints()
-        self._set_point = self._zero
+        self._earlier = self._set_point = self._zero
+        self._correction: Joints = (0.0,) * len(self._zero)
         self._stopping = False
         self._ipoc = 0
         self._awaiting = False
@@ -116,7 +120,7 @@ class RsiSession:
 
         A second one in a row does, or a PC that is always one behind would cost ten seconds of wall time a cycle.
         """
-        reply = read_reply(data, self._c.config.receive)
+        reply = read_reply(data, self._wired)
         self._older_in_a_row = self._older_in_a_row + 1 if reply and reply.ipoc < self._ipoc else 0
         self._c.link.alive()
         if self._older_in_a_row == 1:
@@ -142,13 +146,19 @@ class RsiSession:
                 return LATE
         if self._stopping:
             return ""
-        correction = self._c.correction.clamp([self._outputs[tag] for tag in self._c.config.correction])
-        if self._c.correction.exceeded(correction):
+        self._correction = self._c.correction.after(
+            self._correction, [self._outputs[tag] for tag in self._c.config.correction]
+        )
+        if self._c.correction.exceeded(self._correction):
             return OVERALL
-        self._set_point = tuple(zero + angle for zero, angle in zip(self._zero, correction, strict=True))
         stop = self._c.config.stop
         self._stopping = stop is not None and self._outputs[stop] != 0.0
-        return self._past_limit()
+        return self._go_to(tuple(zero + angle for zero, angle in zip(self._zero, self._correction, strict=True)))
+
+    def _go_to(self, set_point: Joints) -> str:
+        """The next set-point, unless it is past an axis limit or farther off than the drives can follow."""
+        earlier, self._earlier, self._set_point = self._earlier, self._set_point, set_point
+        return self._past_limit() or self._c.drives.message(earlier, self._earlier, set_point)
 
     def _past_limit(self) -> str:
         for i, (angle, (low, high)) in enumerate(zip(self._set_point, self._c.limits, strict=True), 1):

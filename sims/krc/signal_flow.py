@@ -11,11 +11,11 @@ from sims.krc.motions import Joints
 
 @final
 class EthernetOutputs:
-    """The ETHERNET object's outputs, zero at first; a missed answer resets those without HOLDON."""
+    """The ETHERNET object's outputs that are `wired`, zero at first; a missed answer resets those without HOLDON."""
 
-    def __init__(self, receive: Sequence[Element]) -> None:
-        self._values = {element.tag: 0.0 for element in receive}
-        self._reset = [element.tag for element in receive if not element.hold_on]
+    def __init__(self, wired: Sequence[Element]) -> None:
+        self._values = {element.tag: 0.0 for element in wired}
+        self._reset = [element.tag for element in wired if not element.hold_on]
 
     def __getitem__(self, tag: str) -> float:
         return self._values[tag]
@@ -63,14 +63,20 @@ class LateCounter:
 
 @final
 class AxisCorrection:
-    """AXISCORR and AXISCORRMON: each axis clamped without a word, a greater total stops RSI. Degrees from RSI_ON."""
+    """AXISCORR and AXISCORRMON: each axis clamped without a word, a greater total stops RSI. Degrees from RSI_ON.
 
-    def __init__(self, limit_deg: float = 5.0, monitor_deg: float = 6.0) -> None:
+    `relative`: the program's RSI_ON(#RELATIVE), where each cycle's value is added to the correction so far, and the
+    clamp holds the sum. What is clamped away is not kept [unconfirmed]: the way back begins at the limit.
+    """
+
+    def __init__(self, limit_deg: float = 5.0, monitor_deg: float = 6.0, *, relative: bool = False) -> None:
         self._limit = limit_deg
         self._monitor = monitor_deg
+        self._relative = relative
 
-    def clamp(self, asked: Sequence[float]) -> Joints:
-        """What is passed on."""
+    def after(self, correction: Joints, values: Sequence[float]) -> Joints:
+        """The correction one cycle on, with `values` at AXISCORR's inputs."""
+        asked = [a + b for a, b in zip(correction, values, strict=True)] if self._relative else values
         return tuple(max(-self._limit, min(self._limit, angle)) for angle in asked)
 
     def exceeded(self, correction: Joints) -> bool:

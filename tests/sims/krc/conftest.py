@@ -175,6 +175,12 @@ class Bench:
             self.answer(telegrams[-1], correction(i) if callable(correction) else correction, **how)
         return telegrams
 
+    def ramp(self, correction, cycles=40):
+        """Smoothly to a correction, so that the drives can follow, and one cycle more; the last telegram."""
+        shares = [share * share * (3.0 - 2.0 * share) for share in ((i + 1) / cycles for i in range(cycles))]
+        self.cycles(cycles, lambda i: tuple(shares[i] * angle for angle in correction))
+        return self.cycles(2, correction)[-1]
+
     def until_reply(self, correction=(0.0,) * 6, stop=0):
         """Answer telegrams until the controller replies on the transfer channel; that reply."""
         cycle = 0

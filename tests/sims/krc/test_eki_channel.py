@@ -69,6 +69,11 @@ def test_documents_may_come_split_and_joined_in_any_way(bench):
         ('<Cmd Id="4" Op="PTP"><Vel P="10.0"/></Cmd>', "4"),
         ('<Cmd Id="4" Op="PTP"><Vel P="fast"/><Q A1="0" A2="0" A3="0" A4="0" A5="0" A6="0"/></Cmd>', "4"),
         ('<Cmd Id="4" Op="PTP"><Vel P="10"/><Q A1="nan" A2="0" A3="0" A4="0" A5="0" A6="0"/></Cmd>', "4"),
+        ('<Cmd Id="4" Op="PTP"><Vel P="1_0"/><Q A1="0" A2="0" A3="0" A4="0" A5="0" A6="0"/></Cmd>', "4"),
+        ('<Cmd Id="4" Op="PTP"><Vel P="١٠"/><Q A1="0" A2="0" A3="0" A4="0" A5="0" A6="0"/></Cmd>', "4"),
+        ('<Cmd Id="4" Op="PTP"><Vel P="10"/><Q A1="0" A2="0" A3="0" A4="0" A5="0" A6="3601"/></Cmd>', "4"),
+        ('<!DOCTYPE Cmd><Cmd Id="4" Op="HELLO"/>', ""),
+        ("<a>" * 1000 + "</a>" * 1000, ""),
         ('<Sen Id="4" Op="HALT"/>', "4"),
         ('<Cmd Id="4" Op="HALT" Op="HALT"/>', ""),
         ("<Cmd></Bmd>", ""),
@@ -86,7 +91,7 @@ def test_what_cannot_be_read_is_answered_11_and_the_channel_goes_on(bench, docum
     assert pc.reply()[:2] == ("5", 0)
 
 
-@pytest.mark.parametrize("percent", ["0", "-5.0", "100.1"])
+@pytest.mark.parametrize("percent", ["0", "-5.0", "100.1", "1e-300", "0.0099", "1e5"])
 def test_a_speed_outside_its_range_is_refused(bench, percent):
     pc = bench()
     assert pc.command("PTP", 1, body(THERE, percent))[1:3] == (21, HOME)
@@ -165,6 +170,15 @@ def test_a_pc_that_did_not_read_for_a_while_gets_every_reply_in_order(bench):
     pc.let_pass(0.5)
     assert [pc.reply()[0] for _ in range(count)] == [str(number) for number in range(count)]
     assert pc.ptp(THERE)[1] == 0
+
+
+def test_a_document_of_5_mb_is_refused_and_hung_up_on_and_the_next_pc_is_served(bench):
+    pc = bench()
+    with pytest.raises(ConnectionError):
+        pc.tcp.sendall(b"<Cmd>" + b"x" * 5_000_000)
+    pc.tcp.close()
+    pc.connect()
+    assert pc.command("HELLO", 3)[:2] == ("3", 0)
 
 
 def test_only_one_pc_is_served_at_a_time(bench):

@@ -51,9 +51,10 @@ def test_whatever_comes_the_cuts_make_no_difference(data, places):
 
 
 @given(st.binary(max_size=100))
-def test_after_any_nonsense_and_eight_kibibytes_a_document_is_found_again(nonsense):
-    *_, last = documents([nonsense, b" " * (LARGEST + 1), b"<a/>"])
-    assert last == b"<a/>"
+def test_after_any_nonsense_a_document_is_found_again_or_the_stream_is_over(nonsense):
+    stream = DocumentStream()
+    found = [document for data in (nonsense, b" " * (LARGEST + 1), b"<a/>") for document in stream.feed(data)]
+    assert stream.overlong or found[-1] == b"<a/>"
 
 
 @pytest.mark.parametrize(
@@ -70,7 +71,20 @@ def test_what_is_no_document_comes_out_by_itself_and_the_next_one_is_found(data,
     assert documents([data]) == expected
 
 
-def test_a_document_over_eight_kibibytes_is_given_up():
-    (first, *_) = documents([b"<a>" + b"x" * 9000 + b"</a>"])
-    assert len(first) == LARGEST + 1
-    assert documents([b"<a>" + b"x" * 4000 + b"</a>"]) == [b"<a>" + b"x" * 4000 + b"</a>"]
+def test_a_document_over_eight_kibibytes_ends_the_stream_and_the_rest_is_not_read():
+    stream = DocumentStream()
+    (beginning,) = stream.feed(b"<a>" + b"x" * 5_000_000)
+    assert len(beginning) == LARGEST + 1
+    assert stream.overlong
+    assert list(stream.feed(b"</a><b/>")) == []
+
+
+def test_a_document_of_eight_kibibytes_is_one():
+    document = b"<a>" + b"x" * (LARGEST - 7) + b"</a>"
+    stream = DocumentStream()
+    assert list(stream.feed(document * 2)) == [document, document]
+    assert not stream.overlong
+
+
+def test_white_space_between_documents_has_any_length():
+    assert documents([b" \n" * LARGEST + b"<a/>"]) == [b"<a/>"]

@@ -13,6 +13,7 @@ from sims.krc.currents import NM_PER_A
 from sims.krc.signal_flow import AxisCorrection
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
+ZERO = (0.0,) * 6
 SHIPPED = Path(__file__).parents[3] / "procedures/cells/rsi_ethernet.xml"
 
 
@@ -65,7 +66,7 @@ def test_rist_is_the_pose_of_the_nominal_robot_with_the_taught_tool(bench):
 def test_numbers_have_the_decimals_of_precision(bench, precision, text):
     pc = bench(rsi={"precision": precision})
     pc.rsi_on()
-    assert f"<AIPos {text} " in pc.cycles(4, a1(0.27))[-1]
+    assert f"<AIPos {text} " in pc.ramp(a1(0.27))
 
 
 @pytest.mark.parametrize("cycle_ms", [4, 12])
@@ -103,22 +104,22 @@ def test_encoders_and_lag_show_in_the_actual_values(bench):
 def test_a_correction_over_five_degrees_is_clamped_without_a_word(bench):
     pc = bench()
     pc.rsi_on()
-    telegrams = pc.cycles(5, (7.0, -5.5, 0.0, 1.0, 0.0, 0.0))
-    assert axes_of(telegrams[-1]) == pytest.approx((5.0, -95.0, 90.0, 1.0, 45.0, 0.0))
-    assert pc.finish()[1] == 0
+    beyond = (7.0, -5.5, 0.0, 1.0, 0.0, 0.0)
+    assert axes_of(pc.ramp(beyond, 300)) == pytest.approx((5.0, -95.0, 90.0, 1.0, 45.0, 0.0))
+    assert pc.finish(beyond)[1] == 0
 
 
 def test_the_overall_ceiling_is_six_degrees_on_any_axis_where_axiscorr_lets_more_through():
     widened = AxisCorrection(limit_deg=90.0)
-    assert not widened.exceeded(widened.clamp((6.0, -6.0, 0.0, 0.0, 0.0, 0.0)))
-    assert widened.exceeded(widened.clamp((0.0, 0.0, -6.001, 0.0, 0.0, 0.0)))
-    assert not AxisCorrection().exceeded(AxisCorrection().clamp((50.0,) * 6))
+    assert not widened.exceeded(widened.after(ZERO, (6.0, -6.0, 0.0, 0.0, 0.0, 0.0)))
+    assert widened.exceeded(widened.after(ZERO, (0.0, 0.0, -6.001, 0.0, 0.0, 0.0)))
+    assert not AxisCorrection().exceeded(AxisCorrection().after(ZERO, (50.0,) * 6))
 
 
 def test_a_correction_over_the_ceiling_stops_rsi_with_its_message(bench):
     pc = bench(correction=AxisCorrection(limit_deg=90.0))
     pc.rsi_on()
-    pc.cycles(3, (0.0, 0.0, 6.0, 0.0, 0.0, 0.0))
+    pc.ramp((0.0, 0.0, 6.0, 0.0, 0.0, 0.0))
     pc.cycles(1, (0.0, 0.0, 6.001, 0.0, 0.0, 0.0))
     number, code, joints, text = pc.reply()
     assert (number, code) == ("7", 31)
@@ -202,16 +203,16 @@ def test_an_answer_to_an_older_telegram_is_late_and_its_correction_is_not_taken(
     pc = bench(rsi={"timeout_cycles": 3})
     pc.rsi_on()
     first = pc.telegram()
-    pc.answer(first, a1(0.1))
+    pc.answer(first, a1(0.01))
     second = pc.telegram()
-    pc.answer(second, a1(0.9), ipoc=ipoc_of(first))  # late: T still waits for the right one
-    pc.answer(second, a1(0.2))
+    pc.answer(second, a1(0.03), ipoc=ipoc_of(first))  # late: T still waits for the right one
+    pc.answer(second, a1(0.02))
     third = pc.telegram()
-    pc.answer(third, a1(0.2))
+    pc.answer(third, a1(0.02))
     fourth = pc.telegram()
-    pc.answer(fourth, a1(0.2))
-    assert [axes_of(telegram)[0] for telegram in (first, second, third, fourth)] == pytest.approx([0, 0, 0.1, 0.2])
-    assert pc.finish(a1(0.2))[1] == 0
+    pc.answer(fourth, a1(0.02))
+    assert [axes_of(telegram)[0] for telegram in (first, second, third, fourth)] == pytest.approx([0, 0, 0.01, 0.02])
+    assert pc.finish(a1(0.02))[1] == 0
 
 
 def test_an_ipoc_that_was_not_echoed_unchanged_counts_as_missing(bench):
@@ -281,14 +282,15 @@ def test_a_pc_that_says_nothing_is_counted_late_to_the_end(bench, monkeypatch):
 
 def test_a_missed_cycle_keeps_the_correction_with_holdon_1_and_resets_it_with_0(bench, tmp_path):
     plain = ethernet(tmp_path, ('INDX="1" HOLDON="1"', 'INDX="1" HOLDON="0"'))
-    for path, expected in ((None, 0.5), (plain, 0.0)):
+    for path, expected in ((None, 0.03), (plain, 0.0)):
         pc = bench(ethernet=path)
         pc.rsi_on()
-        pc.cycles(3, (0.5, 0.5, 0.0, 0.0, 0.0, 0.0))
+        held = (0.03, 0.03, 0.0, 0.0, 0.0, 0.0)
+        pc.cycles(3, held)
         pc.cycles(3, sentype="WRONG")
-        (telegram,) = pc.cycles(1)
-        assert axes_of(telegram)[:2] == pytest.approx((expected, -89.5))
-        assert pc.finish()[1] == 0
+        (telegram,) = pc.cycles(1, held)
+        assert axes_of(telegram)[:2] == pytest.approx((expected, -89.97))
+        assert pc.finish(held)[1] == 0
 
 
 def test_with_onlysend_the_controller_streams_without_an_answer_until_halted(bench, tmp_path):
@@ -304,8 +306,7 @@ def test_a_set_point_past_an_axis_limit_stops_the_controller(bench):
     pc.ptp((150.0, -90.0, 90.0, 0.0, 45.0, 0.0))  # away from the spheres
     pc.ptp((150.0, 64.0, 0.0, 0.0, 45.0, 0.0))
     pc.rsi_on()
-    pc.cycles(1, (0.0, 2.0, 0.0, 0.0, 0.0, 0.0))
-    number, code, _, text = pc.reply()
+    number, code, _, text = pc.until_reply(lambda cycle: (0.0, 0.008 * cycle, 0.0, 0.0, 0.0, 0.0))
     assert (number, code) == ("7", 31)
     assert "+A2" in text
 
