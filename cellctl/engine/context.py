@@ -39,6 +39,7 @@ class Context:
     commit: Callable[[str, Row], None]
     tell: Callable[[str], None]
     rows: Callable[[str], Sequence[Row]]
+    all_rows: Callable[[str], Sequence[Row]]
 
     @property
     def clock(self) -> Clock:
@@ -78,6 +79,10 @@ class Context:
     def recorded(self, kind: str) -> Sequence[Row]:
         """The rows of `kind` that count: of finished steps and of this attempt, in the order of recording."""
         return self.rows(kind)
+
+    def all_recorded(self, kind: str) -> Sequence[Row]:
+        """The rows of `kind` of every attempt, of failed and cut-off ones too: what was done, not what counts."""
+        return self.all_rows(kind)
 
     def say(self, text: str) -> None:
         """One line of progress for the operator."""

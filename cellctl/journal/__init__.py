@@ -20,7 +20,9 @@ from cellctl.journal.events import (
     StepFailure,
     StepStarted,
 )
-from cellctl.journal.reader import is_being_written, journal_in, read_journal
+from cellctl.journal.lock import Writer
+from cellctl.journal.pushed_table import PushedTable
+from cellctl.journal.reader import is_being_written, journal_in, read_journal, writer_of
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
 
@@ -33,6 +35,7 @@ __all__ = [
     "KnownEvent",
     "OperatorAction",
     "Outcome",
+    "PushedTable",
     "RawEvent",
     "Recorded",
     "RecordedRow",
@@ -47,8 +50,10 @@ __all__ = [
     "StepFailure",
     "StepStarted",
     "StepState",
+    "Writer",
     "fold",
     "is_being_written",
     "journal_in",
     "read_journal",
+    "writer_of",
 ]
