@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self, final
+from typing import Any, Final, Self, final
 
 from cellctl.journal.state import RunState
+
+PUSH_ROWS: Final = ("push", "table")
+"""Kinds of rows about a table: a push begins; what is in force, or not any more."""
 
 
 @final
@@ -22,7 +25,7 @@ class PushedTable:
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[Mapping[str, Any]]) -> Self | None:
-        """From the `table` rows of every attempt and the `verdict` rows that count; None where nothing was pushed."""
+        """From the `PUSH_ROWS` of every attempt and the `verdict` rows that count; None where nothing was pushed."""
         if not rows:
             return None
         last = rows[-1]
@@ -32,7 +35,7 @@ class PushedTable:
     @classmethod
     def of_run(cls, state: RunState) -> Self | None:
         """From all that a run's journal holds."""
-        return cls.of(state.all_recorded("table"), state.recorded("verdict"))
+        return cls.of(state.all_recorded(*PUSH_ROWS), state.recorded("verdict"))
 
     @property
     def short(self) -> str:

@@ -18,14 +18,14 @@ from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table_refusals import table_problems
-from cellctl.journal import PushedTable
+from cellctl.journal import PUSH_ROWS, PushedTable
 from cellctl.procedure import StepContext
 
 
 async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> dict[str, Any]:
     """Push the table in the run folder, read the active one back, compare; the row to record.
 
-    A row is recorded before the push, too: a run that is cut off in it has said which table may be in force. Where the
+    A `push` row is recorded before: a run that is cut off in the push has said which table may be in force. Where the
     table is in force already (a resumed run) it is not pushed again: a rollback would go from the table to itself.
 
     Raises InputError where the file is not table `table_id` or must not go to this controller, DeviceFault where the
@@ -35,7 +35,7 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     wanted = ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
     state = await robot.table_state()
     if state.staged or not in_force(state, table.id):
-        await context.record("table", _row(table, active=None))
+        await context.record("push", _row(table, active=None))
         state = await robot.push_table(wanted)
     if await robot.read_table() != wanted or not in_force(state, table.id):
         cure = "look at the controller's tables: cellctl table show, cellctl table rollback"
@@ -74,7 +74,7 @@ async def take_back(context: StepContext, robot: TableStore, row: dict[str, Any]
 
 async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
     """`take_back` of a table that this run pushed and has not proved; nothing where there is none."""
-    table = PushedTable.of(context.all_recorded("table"), context.recorded("verdict"))
+    table = PushedTable.of(context.all_recorded(*PUSH_ROWS), context.recorded("verdict"))
     if table is not None and table.unproved_in_force:
         await take_back(context, robot, dict(table.row))
         context.say(f"table {table.short} is not proved and no longer in force: the one before it is")

@@ -125,7 +125,7 @@ def test_an_abort_after_the_push_takes_the_table_back_and_a_resumed_run_puts_it_
     first, after_first, second, after_second = asyncio.run(go())
     assert (first.state, second.state) == (State.ABORTED, State.FINISHED), (first.error, second.error)
     assert after_first == after_second == (None, table.id)
-    rows = fold(read_journal(run)).all_recorded("table")
+    rows = fold(read_journal(run)).all_recorded("push", "table")
     assert [row["active"] for row in rows] == [None, True, False, None, True, False]
 
 

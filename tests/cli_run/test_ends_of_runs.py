@@ -138,7 +138,7 @@ def test_the_command_that_takes_a_table_back_names_a_simulated_cells_memory(
     [
         (PUSH, True, "not proved, may be in force"),
         (
-            [StepStarted("push", 1, moves=True), Recorded("table", {**TABLE, "active": None}, "push", 1)],
+            [StepStarted("push", 1, moves=True), Recorded("push", {**TABLE, "active": None}, "push", 1)],
             None,
             "not proved, may be in force",
         ),

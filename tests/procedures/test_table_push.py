@@ -83,17 +83,18 @@ class Context:
     cell = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")
 
     def __init__(self, folder: Path, robot: Controller | None = None, **rows: list[dict[str, Any]]) -> None:
-        self.run_folder, self.robot, self.rows = folder, robot, rows
+        self.run_folder, self.robot = folder, robot
+        self.rows = [(kind, row) for kind, of_kind in rows.items() for row in of_kind]
         self.said: list[str] = []
 
     def device(self, name: str) -> Any:
         return self.robot
 
     async def record(self, kind: str, data: Any) -> None:
-        self.rows.setdefault(kind, []).append(data)
+        self.rows.append((kind, data))
 
-    def recorded(self, kind: str) -> list[Any]:
-        return self.rows.get(kind, [])
+    def recorded(self, *kinds: str) -> list[Any]:
+        return [row for kind, row in self.rows if kind in kinds]
 
     all_recorded = recorded
 
@@ -224,7 +225,8 @@ def test_a_run_that_is_cut_off_in_the_push_has_said_which_table_may_be_in_force(
     controller.push_table = cut_off  # type: ignore[method-assign]
     with pytest.raises(DeviceUncertain):
         asyncio.run(push(context, PushInputs(table=table_id)))
-    assert [(row["id"], row["active"]) for row in context.rows["table"]] == [(table_id, None)]
+    assert [(row["id"], row["active"]) for row in context.recorded("push")] == [(table_id, None)]
+    assert context.recorded("table") == []
 
 
 def test_a_table_in_force_already_is_not_pushed_again_and_a_rollback_leads_to_the_one_before(tmp_path: Path) -> None:
@@ -242,24 +244,24 @@ def test_a_table_that_was_judged_is_not_pushed_by_a_resumed_run(tmp_path: Path) 
     assert controller.asked == []
 
 
-@pytest.mark.parametrize("rows", [[BEGUN, PUSHED], [BEGUN]], ids=["after the push", "in the push"])
+@pytest.mark.parametrize("rows", [{"table": [PUSHED]}, {}], ids=["after the push", "in the push"])
 @pytest.mark.parametrize("before", [OLD, None], ids=["a table before", "none before"])
 def test_an_unproved_table_is_taken_back_and_what_was_in_force_before_is_so_again(
-    rows: list[dict[str, Any]], before: ControllerTable | None, tmp_path: Path
+    rows: dict[str, Any], before: ControllerTable | None, tmp_path: Path
 ) -> None:
     controller = controller_with(MINE, before)
     held_out = {"verdict": "better"}  # of the held-out touches: no proof of the table
-    context = withdrawn(tmp_path, controller, table=list(rows), verdict=[held_out])
+    context = withdrawn(tmp_path, controller, push=[BEGUN], **rows, verdict=[held_out])
     assert controller.table == before
-    assert context.rows["table"][-1]["active"] is False
+    assert context.recorded("table")[-1]["active"] is False
     assert "not proved and no longer in force" in context.said[0]
 
 
 def test_a_push_that_never_came_to_its_end_and_left_the_old_table_in_force_is_not_rolled_back(tmp_path: Path) -> None:
     controller = controller_with(OLD, None)
-    context = withdrawn(tmp_path, controller, table=[BEGUN])
+    context = withdrawn(tmp_path, controller, push=[BEGUN])
     assert controller.table == OLD
-    assert context.rows["table"][-1]["active"] is False
+    assert context.recorded("table")[-1]["active"] is False
 
 
 @pytest.mark.parametrize(
@@ -276,10 +278,11 @@ def test_a_controller_is_not_asked_where_no_unproved_table_can_be_in_force(rows:
 def test_a_table_that_cannot_be_taken_back_is_named_as_uncertain(tmp_path: Path) -> None:
     controller = controller_with(MINE, OLD)
     controller.lost = True
-    rows = [PUSHED]
+    context: Any = Context(tmp_path, controller, table=[PUSHED])
+    robot: Any = controller
     with pytest.raises(DeviceUncertain, match=r"table mineminemine was pushed.*may still be in force.*nothing heard"):
-        withdrawn(tmp_path, controller, table=rows)
-    assert rows[-1]["active"] is None
+        asyncio.run(take_back_unproved(context, robot))
+    assert context.recorded("table")[-1]["active"] is None
 
 
 def test_a_table_in_both_places_of_the_controller_is_not_said_to_be_out_of_force(tmp_path: Path) -> None:
