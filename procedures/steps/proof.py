@@ -93,9 +93,9 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """
     from procedures.steps.table_push import pushed_row
 
-    judged = any("standoff" in verdict for verdict in context.recorded("verdict"))
+    judged = [verdict["verdict"] for verdict in context.recorded("verdict") if "standoff" in verdict]
     if inputs.table is None or judged:
-        return Pushed(active=False)
+        return Pushed(active="better" in judged)
     row = await pushed_row(context, context.device("robot"), inputs.table)
     await context.record("table", row)
     context.say(f"table {row['id'][:12]} is in force: {row['rows']} rows, read back letter for letter")

@@ -45,9 +45,9 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
 
 async def require_in_force(context: StepContext, robot: TableStore) -> None:
     """Raise DeviceRefused where the run's table is not in force: the rows of another one lead elsewhere."""
-    table_id = context.recorded("table")[-1]["id"]
+    table_id = context.recorded("proof")[-1]["table"]
     if not in_force(await robot.table_state(), table_id):
-        cure = "Resume the run with a procedure whose push has `on_resume: always`, or run it anew."
+        cure = "Run the procedure anew; one whose push has `on_resume: always` can be resumed after its clean-up."
         raise DeviceRefused("robot", f"table {table_id[:12]} of this run is not in force; nothing was moved", cure)
 
 

@@ -291,7 +291,7 @@ def test_a_table_in_both_places_of_the_controller_is_not_said_to_be_out_of_force
 
 
 def test_the_rows_of_another_table_are_not_driven_to(tmp_path: Path) -> None:
-    context: Any = Context(tmp_path, table=[PUSHED])
+    context: Any = Context(tmp_path, proof=[{"table": MINE.id}])
     robot: Any = controller_with(MINE, OLD)
     asyncio.run(require_in_force(context, robot))
     robot.table = OLD
