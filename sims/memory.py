@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar, final
+from typing import Any, TextIO, TypeVar, final
 
 Part = Mapping[str, Any]
 """What one part of the cell has to tell, as JSON has it."""
@@ -78,17 +79,34 @@ class Memory:
 
 @contextmanager
 def sole_user(path: Path | None) -> Iterator[None]:
-    """One process at a time has the memory at `path`; the next waits for a moment. Raises BadMemory, OSError."""
+    """One process at a time has the memory at `path`; the next waits for a moment. Raises BadMemory, OSError.
+
+    The lock's file names the process that has it.
+    """
     if path is None:
         yield
         return
-    with path.with_name(f".{path.name}.lock").open("w") as lock:
+    with path.with_name(f".{path.name}.lock").open("a+") as lock:
         deadline = time.monotonic() + PATIENCE_S
         while not _taken(lock.fileno()):
             if time.monotonic() > deadline:
-                raise BadMemory(f"{path} is in use by another simulated cell that runs")
+                raise BadMemory(f"{path} is in use by another simulated cell that runs: {_holder(lock)}")
             threading.Event().wait(0.02)
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
         yield
+
+
+def _holder(lock: TextIO) -> str:
+    """The process named in the lock's file, with its command line where this system tells it."""
+    lock.seek(0)
+    process = lock.read().strip()
+    try:
+        words = Path(f"/proc/{int(process)}/cmdline").read_bytes().rstrip(b"\0").split(b"\0")
+    except (OSError, ValueError):
+        return f"process {process or '?'}"
+    return f"process {process}, {b' '.join(words).decode(errors='replace')}"
 
 
 def _taken(lock: int) -> bool:

@@ -47,7 +47,7 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 def _ended_by(error: Exception) -> int:
     """Say `error` as its kind asks for. The kinds are imported here, so that `--help` need not wait for them."""
-    from cellctl.devices.errors import DeviceError, DeviceUncertain
+    from cellctl.devices.errors import DeviceError, DeviceUncertain, DeviceUnreachable
     from cellctl.files.problems import InputError
     from cellctl.journal.errors import JournalError
 
@@ -57,6 +57,8 @@ def _ended_by(error: Exception) -> int:
             return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
         case DeviceUncertain():
             return _said(str(error), Exit.UNCERTAIN)
+        case DeviceUnreachable():
+            return _said(f"{error}\n    nothing was moved", Exit.DEVICE_FAILED)
         case DeviceError():
             return _said(str(error), Exit.DEVICE_FAILED)
         case JournalError():

@@ -12,16 +12,15 @@ from typing import final
 
 from cellctl.cli.campaign import Campaign
 from cellctl.cli.connected import open_devices, tell_targets
+from cellctl.cli.parent import aborting_without
 from cellctl.cli.provenance import code_hash, versions
+from cellctl.cli.results import SIMULATOR_MEMORY
 from cellctl.cli.simulated import SimulatedCell
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
-
-SIMULATOR_MEMORY = "simulated_cell.json"
-"""Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
 
 
 @final
@@ -30,6 +29,7 @@ class Options:
     """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
 
     `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
+    `parent`: the process without which the run does not go on; None: there is none.
     """
 
     seed: int | None
@@ -37,17 +37,27 @@ class Options:
     simulator_extra: tuple[str, ...] = ()
     resumed: RunState | None = None
     acknowledged: bool = False
+    parent: int | None = None
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
-    """Run a campaign into `folder`, with simulators where the cell is simulated. SIGINT, SIGTERM, SIGHUP abort it.
+    """Run a campaign into `folder`, with simulators where the cell is simulated.
 
+    SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
     Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
     """
     mailbox = Mailbox()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    by_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    for number in (signal.SIGINT, signal.SIGTERM, *([] if by_nohup else [signal.SIGHUP])):
         loop.add_signal_handler(number, mailbox.abort)
+    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why)):
+        return await _with_simulators(campaign, options, folder, mailbox, watcher)
+
+
+async def _with_simulators(
+    campaign: Campaign, options: Options, folder: Path, mailbox: Mailbox, watcher: Watcher
+) -> Outcome:
     if not campaign.cell.simulated:
         return await run_on(None, campaign, options, folder, mailbox, watcher)
     memory = ("--state", str(folder / SIMULATOR_MEMORY))

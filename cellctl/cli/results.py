@@ -13,7 +13,10 @@ from cellctl.cli.outputs import to_stdout
 from cellctl.clock import calendar_time
 from cellctl.engine import Outcome, State
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.journal import JournalError, fold, read_journal
+from cellctl.journal import JournalError, PushedTable, RunState, fold, read_journal
+
+SIMULATOR_MEMORY = "simulated_cell.json"
+"""Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
 
 _BY_STATE = {
     State.ABORTED: Exit.ABORTED,
@@ -56,7 +59,7 @@ def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
         "before": verdict.get("before"),
         "after": verdict.get("after"),
         "model": verdict.get("model"),
-        "table": verdict.get("table"),
+        "table": table_of(state),
         "held_out": verdict.get("held_out"),
         "standoff": verdict.get("standoff"),
         "drift": verdict.get("drift"),
@@ -114,20 +117,52 @@ def stops_line(stops: Mapping[str, Any]) -> str:
     )
 
 
+def table_of(state: RunState) -> dict[str, Any] | None:
+    """The table that the run pushed: id, rows, pushed, verified, active (null: not known), state; None without one."""
+    table = PushedTable.of_run(state)
+    return {**table.row, "state": table.state} if table else None
+
+
+def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) -> str:
+    """What became of the table that the run pushed, and what to do where it may be in force unproved; may be empty."""
+    table = PushedTable.of_run(state)
+    if table is None or (only_unproved and not table.unproved_in_force):
+        return ""
+    if not table.unproved_in_force:
+        return table.words()
+    memory = folder / SIMULATOR_MEMORY
+    cell = f"--cell {state.started.cell.path if state.started else 'CELL'}"
+    cell += f" --state {memory}" if memory.exists() else ""
+    look = f"look with `cellctl table show {cell}`; take it back with `cellctl table rollback {cell}`"
+    return f"{table.words()}: {look}"
+
+
 def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
+    state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
         if not quiet:
             print(result["sentence"] or "Finished.")
             if result["stops"]:
                 print(stops_line(result["stops"]))
             print(f"Run folder: {folder}")
+        if said := table_line(state, folder, only_unproved=True):
+            print(f"cellctl: {said}", file=sys.stderr)
         return
     lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]
     lines += [f"    {trouble}" for trouble in outcome.troubles]
-    if outcome.state is State.UNCERTAIN:
-        lines.append("    look at the robot before anything else moves; its state is not known")
-    else:
-        lines.append("    the robot is held and the devices are stopped")
+    lines.append(f"    {_where_the_robot_is(outcome)}")
+    if said := table_line(state, folder):
+        lines.append(f"    {said}")
     lines.append(f"    {result['points']} touches are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
+
+
+def _where_the_robot_is(outcome: Outcome) -> str:
+    """What is known of the robot at the end of a run; that it is held only where this run had that confirmed."""
+    if outcome.held:
+        held = "the robot is held: its controller confirmed that it stands still"
+        return held if outcome.moved else f"nothing was moved, and {held}"
+    if not outcome.moved:
+        return "nothing was moved"
+    return "nobody confirmed that the robot stands still: look at it before anything else moves"

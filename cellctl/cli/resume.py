@@ -8,10 +8,11 @@ from typing import cast, final
 
 from cellctl.cli.campaign import Campaign
 from cellctl.cli.provenance import code_hash
+from cellctl.cli.results import table_line
 from cellctl.devices import DeviceUncertain
 from cellctl.devices.cell import ClockMode
 from cellctl.files import InputError, Problem, sha256_of
-from cellctl.journal import RunStarted, RunState, fold, read_journal
+from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
 
 
 @final
@@ -30,22 +31,26 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
     """The run in folder `run` (or `runs`/`run`), if it may be gone on with.
 
     Raises InputError where there is nothing to go on with, or procedure, cell, code or settings have changed;
-    DeviceUncertain where a step that moves or writes was cut off and nobody has `acknowledged` it; JournalError.
+    DeviceUncertain where a step that moves or writes was cut off and nobody has `acknowledged` it; JournalError, also
+    where a process still runs it.
     """
     folder = run if run.is_dir() else runs / run
+    if writer := writer_of(folder):
+        raise writer.error(folder)
     state = fold(read_journal(folder))
     started = state.started
     if started is None:
         raise InputError(_problem(folder, "was cut off before it began", "run the procedure anew"))
     if state.state == "finished":
         raise InputError(_problem(folder, "is finished: there is nothing to go on with", "run the procedure anew"))
+    said = table_line(state, folder)
     changed = _changes(campaign, started, settings)
     if changed:
-        raise InputError(
-            [_problem(folder, text, "run the procedure anew, or put back what it was") for text in changed]
-        )
+        cure = "run the procedure anew, or put back what it was"
+        cure += f"\n    {said}" if said else ""
+        raise InputError([_problem(folder, text, cure) for text in changed])
     if (state.uncertain or state.state == "uncertain") and not acknowledged:
-        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK)
+        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {said}" if said else ""))
     same = replace(campaign, parameters=dict(started.parameters))
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 

@@ -20,9 +20,14 @@ def run(
     json_: Annotated[
         str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
     ] = None,
+    detached: Annotated[
+        bool, typer.Option(help="Go on when the process that started this one ends; so do runs under nohup and setsid.")
+    ] = False,
     simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
 ) -> None:
     """Check a procedure and run it on its cell (simulated where the cell file says so).
+
+    Ctrl-C, SIGTERM, a closed terminal and the end of the process that started it abort the run, with its clean-up.
 
     Example: cellctl run procedures/sphere_selfcal.yaml --seed 3 --json result.json
     """
@@ -32,6 +37,7 @@ def run(
     from cellctl.cli.campaign import load_campaign
     from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.outputs import refuse_outputs
+    from cellctl.cli.parent import parent_of_run
     from cellctl.cli.progress import progress
     from cellctl.cli.results import (
         exit_of,
@@ -40,19 +46,23 @@ def run(
         report_of,
         result_of,
         say_end,
+        table_line,
     )
     from cellctl.cli.resume import resumed_run
 
+    parent = parent_of_run(detached=detached)
     refuse_outputs({"--json": json_}, [procedure, cell])
     campaign = load_campaign(procedure, cell, set_ or [])
     refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
     if resume:
         going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
         campaign, folder = going_on.campaign, going_on.folder
-        options = Options(going_on.seed, going_on.clock, tuple(simulator or ()), going_on.state, acknowledge)
+        options = Options(going_on.seed, going_on.clock, tuple(simulator or ()), going_on.state, acknowledge, parent)
+        if said := table_line(going_on.state, folder):
+            typer.echo(f"cellctl: {said}", err=True)
     else:
         folder = new_run_folder(runs, campaign.procedure.name)
-        options = Options(seed, clock, tuple(simulator or ()))
+        options = Options(seed, clock, tuple(simulator or ()), parent=parent)
     began = time.monotonic()
     to_stdout = json_ == "-"
     with progress(campaign, folder, quiet=to_stdout) as watcher:

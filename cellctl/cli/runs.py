@@ -10,8 +10,8 @@ import typer
 if TYPE_CHECKING:
     from cellctl.journal import RunState
 
-_COLUMNS = ["run", "began", "state", "touches", "verdict"]
-_KEYS = ("run", "began", "state", "points", "verdict")
+_COLUMNS = ["run", "began", "state", "touches", "verdict", "table"]
+_KEYS = ("run", "began", "state", "points", "verdict", "table_state")
 
 
 def runs(
@@ -81,10 +81,13 @@ def _aligned(rows: list[list[str]]) -> list[str]:
 
 
 def _summary(place: Path, state: RunState) -> dict[str, Any]:
-    from cellctl.journal import is_being_written
+    from cellctl.cli.results import table_line, table_of
+    from cellctl.journal import writer_of
 
+    table = table_of(state)
     verdict = (state.recorded("verdict") or [{}])[-1]
-    alive = state.ended is not None or is_being_written(place)
+    writer = writer_of(place)
+    alive = state.ended is not None or writer
     return {
         "run": place.name,
         "began": state.started.calendar if state.started else None,
@@ -97,6 +100,10 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
         "sentence": verdict.get("sentence"),
         "before": verdict.get("before"),
         "after": verdict.get("after"),
+        "table": table,
+        "table_state": table["state"] if table else None,
+        "table_words": table_line(state, place) or None,
+        "process": writer.pid if writer else None,
         "stops": verdict.get("stops"),
         "reason": state.ended.reason if state.ended else None,
         "cell_s": round((state.last_ns - state.first_ns) * 1e-9, 3),
@@ -114,12 +121,16 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
         f"  cell       {summary['cell']} ({summary['clock']}, seed {summary['seed']})",
         f"  began      {summary['began']}, {summary['cell_s']:.1f} s of the cell's time",
     ]
+    if summary["process"]:
+        lines.append(f"  run by     process {summary['process']}")
     lines += [f"  {name:10} {who['model']}, serial {who['serial']}" for name, who in state.identities.items()]
     lines.append(
         f"  touches    {summary['points']}; attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
     )
     if summary["sentence"]:
         lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
+    if summary["table_words"]:
+        lines.append(f"  table      {summary['table_words']}")
     if summary["stops"]:
         lines.append(f"  {stops_line(summary['stops'])}")
     if summary["reason"]:

@@ -39,6 +39,7 @@ class Context:
     commit: Callable[[str, Row], None]
     tell: Callable[[str], None]
     rows: Callable[[str], Sequence[Row]]
+    all_rows: Callable[..., Sequence[Row]]
 
     @property
     def clock(self) -> Clock:
@@ -78,6 +79,10 @@ class Context:
     def recorded(self, kind: str) -> Sequence[Row]:
         """The rows of `kind` that count: of finished steps and of this attempt, in the order of recording."""
         return self.rows(kind)
+
+    def all_recorded(self, *kinds: str) -> Sequence[Row]:
+        """The rows of these kinds of every attempt, failed and cut-off ones too, in order: what was done."""
+        return self.all_rows(*kinds)
 
     def say(self, text: str) -> None:
         """One line of progress for the operator."""

@@ -16,6 +16,7 @@ class Mailbox:
         self._may_run.set()
         self._on_abort: Callable[[], object] | None = None
         self.aborted = False
+        self.why_aborted = ""
 
     def pause(self) -> None:
         """Stop before the next step."""
@@ -25,10 +26,10 @@ class Mailbox:
         """Go on after a pause."""
         self._may_run.set()
 
-    def abort(self) -> None:
-        """End the campaign: cancel what runs, clean up. A second abort changes nothing."""
+    def abort(self, why: str = "aborted by the operator") -> None:
+        """End the campaign: cancel what runs, clean up; `why`, for who reads of it. A second abort changes nothing."""
         if not self.aborted:
-            self.aborted = True
+            self.aborted, self.why_aborted = True, why
             self._may_run.set()
             if self._on_abort:
                 self._on_abort()

@@ -14,7 +14,8 @@ from cellctl.engine.states import State
 class Outcome:
     """The end of a run: its state, the error that ended it (None where it finished), what was recorded last as verdict.
 
-    `seconds`: of the cell's time, from connecting to the end.
+    `seconds`: of the cell's time, from connecting to the end. `moved`: a step that moves or writes was begun by this
+    process. `held`: the cell has a robot, and each one's driver confirmed after the last step that it stands still.
     """
 
     state: State
@@ -22,3 +23,5 @@ class Outcome:
     troubles: tuple[str, ...]
     verdict: Mapping[str, Any] | None
     seconds: float
+    moved: bool
+    held: bool

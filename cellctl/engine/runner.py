@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, final
 
 from cellctl.clock import Clock
-from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity
+from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, SearchingRobot
 from cellctl.engine.context import AfterConnect, Context, Surround
 from cellctl.engine.mailbox import Mailbox
 from cellctl.engine.outcome import Outcome
@@ -55,7 +55,7 @@ _CLEANUP_SECONDS = 30.0
 
 
 class Aborted(Exception):
-    """The operator ended the run."""
+    """The operator ended the run, or what started it is gone; the text says which."""
 
 
 @final
@@ -92,6 +92,9 @@ class Engine:
         self._watcher = watcher or NobodyWatching()
         self._clock: Clock = run.clock
         self._connected: list[Device] = []
+        self._answered: set[str] = set()
+        self._stopped: set[str] = set()
+        self._moved = False
         self._record = record or RunState()
         self._done = dict(self._record.finished)
         self._journal_error: JournalError | None = None
@@ -109,13 +112,15 @@ class Engine:
         error = await _end_of(work)
         self._mailbox.when_aborted(None)
         if self._mailbox.aborted and isinstance(error, asyncio.CancelledError):
-            error = Aborted("aborted by the operator")
+            error = Aborted(self._mailbox.why_aborted)
         troubles = await _shielded(self._clean_up(error))
         end = self._end_state(error, troubles)
         self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
         verdict = next(reversed(self._record.recorded("verdict")), None)
         self._append(RunEnded(end.value, verdict.get("verdict", "") if verdict else "", str(error or "")))
-        return Outcome(end, error or self._journal_error, tuple(troubles), verdict, self._clock.now() - began)
+        seconds = self._clock.now() - began
+        error = error or self._journal_error
+        return Outcome(end, error, tuple(troubles), verdict, seconds, self._moved, self._held())
 
     async def _work(self, after_connect: AfterConnect | None) -> None:
         self._enter(State.CONNECTING, "")
@@ -133,6 +138,8 @@ class Engine:
         devices = list(self._plan.devices.values())
         self._connected = devices
         results = await asyncio.gather(*(device.connect() for device in devices), return_exceptions=True)
+        pairs = zip(devices, results, strict=True)
+        self._answered = {device.name for device, result in pairs if isinstance(result, Identity)}
         failed = [result for result in results if isinstance(result, BaseException)]
         for failure in failed:
             if not isinstance(failure, DeviceError):
@@ -167,6 +174,7 @@ class Engine:
         await self._at_border()
         kind = self._plan.registry.find(step.do)
         inputs = inputs_of(self._plan.procedure, step, kind, scope)
+        self._moved = self._moved or kind.moves
         retryable = tuple(kind.retryable()[name] for name in step.retry.on)
         for tried in range(1, step.retry.attempts + 1):
             try:
@@ -189,6 +197,7 @@ class Engine:
             commit=lambda of, data: self._append(Recorded(of, data, path, attempt)),
             tell=lambda text: self._said(path, text),
             rows=self._record.recorded,
+            all_rows=self._record.all_recorded,
         )
         self._append(StepStarted(path, attempt, kind.moves, step.do))
         try:
@@ -218,7 +227,10 @@ class Engine:
                 troubles += await self._clean_step(step)
         for device in self._connected:
             safe = f"{device.name} could not be brought to its safe state"
-            troubles += await _tried(device.stop, self._clock.timeout(_STOP_SECONDS), safe)
+            failed = await _tried(device.stop, self._clock.timeout(_STOP_SECONDS), safe)
+            troubles += failed
+            if not failed:
+                self._stopped.add(device.name)
             free = f"{device.name} could not be let go of"
             troubles += await _tried(device.close, asyncio.timeout(_CLOSE_WALL_SECONDS), free)
         return list(dict.fromkeys(troubles))
@@ -232,6 +244,11 @@ class Engine:
         except Exception as failure:
             return [f"clean-up step '{step.id}' failed: {failure}"]
         return []
+
+    def _held(self) -> bool:
+        """Whether every robot of the cell answered, and confirmed in the clean-up that it stands still."""
+        robots = {device.name for device in self._plan.devices.values() if isinstance(device, SearchingRobot)}
+        return bool(robots) and robots <= self._answered & self._stopped
 
     def _end_state(self, error: BaseException | None, troubles: list[str]) -> State:
         if troubles or isinstance(error, DeviceUncertain):

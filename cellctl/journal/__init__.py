@@ -20,11 +20,14 @@ from cellctl.journal.events import (
     StepFailure,
     StepStarted,
 )
-from cellctl.journal.reader import is_being_written, journal_in, read_journal
+from cellctl.journal.lock import Writer
+from cellctl.journal.pushed_table import PUSH_ROWS, PushedTable
+from cellctl.journal.reader import is_being_written, journal_in, read_journal, writer_of
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
 
 __all__ = [
+    "PUSH_ROWS",
     "DevicesConnected",
     "Entry",
     "Event",
@@ -33,6 +36,7 @@ __all__ = [
     "KnownEvent",
     "OperatorAction",
     "Outcome",
+    "PushedTable",
     "RawEvent",
     "Recorded",
     "RecordedRow",
@@ -47,8 +51,10 @@ __all__ = [
     "StepFailure",
     "StepStarted",
     "StepState",
+    "Writer",
     "fold",
     "is_being_written",
     "journal_in",
     "read_journal",
+    "writer_of",
 ]

@@ -5,10 +5,48 @@ from __future__ import annotations
 import fcntl
 import io
 import os
+import shlex
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self, final
 
+from cellctl.clock import calendar_time
 from cellctl.journal.errors import JournalError
+
+_LONGEST = 4096
+"""Bytes of a lock file that are read: more than a process writes about itself."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Writer:
+    """The process that writes a run: its id, since when (UTC, ISO 8601), its command line. `?` for what is unknown."""
+
+    pid: str
+    since: str
+    command: str
+
+    @classmethod
+    def this_process(cls) -> Self:
+        """The process that calls this, from now on."""
+        return cls(str(os.getpid()), calendar_time(), " ".join(shlex.join(sys.orig_argv).split()))
+
+    @classmethod
+    def read(cls, text: str) -> Self:
+        """From the text of a lock file, of which older versions of cellctl wrote the first line alone."""
+        lines = [line or "?" for line in text.split("\n")]
+        return cls(*[*lines, "?", "?"][:3])
+
+    def text(self) -> str:
+        """For the lock file."""
+        return "".join(f"{line}\n" for line in (self.pid, self.since, self.command))
+
+    def error(self, run_folder: Path) -> JournalError:
+        """What another process is told that wants to write the run in `run_folder`."""
+        cure = f"wait for its end, or end it (kill {self.pid}: it cleans up and ends); then try again"
+        what = f"process {self.pid} writes this run, since {self.since}: {self.command}"
+        return JournalError(run_folder, what, cure)
 
 
 @final
@@ -25,12 +63,11 @@ class WriterLock:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             stream.truncate(0)
-            stream.write(f"{os.getpid()}\n".encode())
+            stream.write(Writer.this_process().text().encode(errors="replace"))
         except BlockingIOError:
-            holder = os.pread(stream.fileno(), 32, 0).decode(errors="replace").strip() or "?"
+            writer = _written_in(stream)
             stream.close()
-            cure = "wait for its end, or end it; then try again"
-            raise JournalError(path.parent, f"process {holder} writes this run", cure) from None
+            raise writer.error(path.parent) from None
         except OSError:
             stream.close()
             raise
@@ -41,13 +78,18 @@ class WriterLock:
         self._stream.close()
 
 
-def is_locked(path: Path) -> bool:
-    """Whether somebody holds the lock at `path` now."""
+def lock_holder(path: Path) -> Writer | None:
+    """Who holds the lock at `path` now; None where nobody does."""
     try:
         with io.FileIO(path) as stream:
-            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            try:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return _written_in(stream)
     except OSError:
-        return False
-    return False
+        return None
+    return None
+
+
+def _written_in(stream: io.FileIO) -> Writer:
+    return Writer.read(os.pread(stream.fileno(), _LONGEST, 0).decode(errors="replace").removesuffix("\n"))

@@ -10,7 +10,7 @@ from pathlib import Path
 from cellctl.journal.codec import decode
 from cellctl.journal.errors import JournalError, named_errors
 from cellctl.journal.events import Entry
-from cellctl.journal.lock import is_locked
+from cellctl.journal.lock import Writer, lock_holder
 from cellctl.journal.schema import APPLICATION_ID, FILE_NAME, LOCK_NAME, SELECT, VERSION
 
 
@@ -39,7 +39,12 @@ def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
 
 def is_being_written(run: Path) -> bool:
     """Whether a process writes this run now; without one, a run without its end has been cut off."""
-    return is_locked(journal_in(run).parent / LOCK_NAME)
+    return writer_of(run) is not None
+
+
+def writer_of(run: Path) -> Writer | None:
+    """The process that writes this run (its folder or its journal) now; None where none does."""
+    return lock_holder(journal_in(run).parent / LOCK_NAME)
 
 
 def refuse_foreign(path: Path) -> None:

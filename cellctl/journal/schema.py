@@ -8,7 +8,7 @@ FILE_NAME: Final = "journal.sqlite"
 """In every run folder."""
 
 LOCK_NAME: Final = "journal.lock"
-"""Beside it: whoever writes holds it (flock), and has left its process id in it."""
+"""Beside it: whoever writes holds it (flock), and has left its process id in it, the time and its command line."""
 
 APPLICATION_ID: Final = 0x43454C4C
 """`CELL`: says that an SQLite file is a journal of ours."""

@@ -99,6 +99,10 @@ class RunState:
         """The rows of `kind` that count, in the order of recording."""
         return [row.data for row in self.rows if row.kind == kind and self.counts(row)]
 
+    def all_recorded(self, *kinds: str) -> list[Mapping[str, Any]]:
+        """The rows of these kinds of every attempt, failed and cut-off ones too, in order: what was done."""
+        return [row.data for row in self.rows if row.kind in kinds]
+
     def counts(self, row: RecordedRow) -> bool:
         """Whether `row` counts: the engine's own always, a step's if it is of the latest attempt, done or in flight."""
         step = self.steps.get(row.step)

@@ -59,5 +59,8 @@ class StepContext(Protocol):
     def recorded(self, kind: str) -> Sequence[Row]:
         """The rows of `kind` that count: those of finished steps, and of this attempt, in the order of recording."""
 
+    def all_recorded(self, *kinds: str) -> Sequence[Row]:
+        """The rows of these kinds of every attempt, failed and cut-off ones too, in order: what was done."""
+
     def say(self, text: str) -> None:
         """One line of progress for the operator."""

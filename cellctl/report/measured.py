@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration import ErrorFigures
+from cellctl.journal import PushedTable
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.distributions import before_and_after, one_by_one
 from cellctl.report.maps import against_joints, sphere_maps
@@ -151,8 +152,8 @@ def drift_section(run: Run) -> Section | None:
 
 def table_section(run: Run) -> Section | None:
     """The compensation table: what the journal says became of it, and what the file holds."""
-    pushed = run.recorded("table")
-    told = dict(pushed[-1]) if pushed else dict(run.verdict.get("table") or {})
+    pushed = PushedTable.of_run(run.state)
+    told = {**pushed.row, "now": pushed.state} if pushed else {}
     if not told and run.table is None:
         return None
     content = run.table or {}

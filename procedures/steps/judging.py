@@ -8,6 +8,7 @@ from typing import Any
 
 from cellctl.devices import TableStore
 from cellctl.procedure import StepContext
+from procedures.steps.table_push import take_back
 
 
 def verdict_of(context: StepContext) -> dict[str, Any]:
@@ -50,14 +51,9 @@ def verdict_of(context: StepContext) -> dict[str, Any]:
 
 
 async def table_taken_back(context: StepContext, robot: TableStore) -> dict[str, Any]:
-    """Put the table before into force again; the row of the one that was taken back."""
-    pushed = dict(context.recorded("table")[-1])
-    state = await robot.table_state()
-    if state.active is not None and state.active.id == pushed["id"]:
-        state = await robot.rollback_table()
-    row = {**pushed, "active": state.active is not None and state.active.id == pushed["id"]}
-    await context.record("table", row)
-    context.say(f"table {pushed['id'][:12]}… did no good and is no longer in force")
+    """Put the table before into force again; the row of the one that was taken back. Raises DeviceUncertain."""
+    row = await take_back(context, robot, dict(context.recorded("table")[-1]))
+    context.say(f"table {row['id'][:12]} did no good and is no longer in force")
     return row
 
 

@@ -87,14 +87,18 @@ class Pushed(StepResult):
 
 @step("sphere.push", needs={"robot": TableStore}, moves=True)
 async def push(context: StepContext, inputs: PushInputs) -> Pushed:
-    """Push the run's table to the controller: refused where it does not fit, read back, in force at once."""
+    """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
+
+    In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
+    """
     from procedures.steps.table_push import pushed_row
 
-    if inputs.table is None:
-        return Pushed(active=False)
+    judged = [verdict["verdict"] for verdict in context.recorded("verdict") if "standoff" in verdict]
+    if inputs.table is None or judged:
+        return Pushed(active="better" in judged)
     row = await pushed_row(context, context.device("robot"), inputs.table)
     await context.record("table", row)
-    context.say(f"table {row['id'][:12]}… is in force: {row['rows']} rows, read back letter for letter")
+    context.say(f"table {row['id'][:12]} is in force: {row['rows']} rows, read back letter for letter")
     return Pushed(active=True)
 
 
@@ -116,6 +120,7 @@ class StoodOff(StepResult):
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
     from procedures.steps.standoff_rows import standoff_row
+    from procedures.steps.table_push import require_in_force
 
     robot: CompensatedRobot = context.device("robot")
     target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
@@ -124,6 +129,7 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     async def to_target() -> JointReadings:
         if target.row is None:
             return await robot.move(tuple(target.commanded), speeds.near_percent)
+        await require_in_force(context, robot)
         return await robot.move_to_row(target.row, speeds.near_percent)
 
     async def record(found: FoundContact) -> None:
@@ -151,3 +157,11 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
         found["table"] = await table_taken_back(context, context.device("robot"))
     await context.record("verdict", found)
     return Judged(verdict=found["verdict"], sentence=found["sentence"])
+
+
+@step("sphere.withdraw", needs={"robot": TableStore}, moves=True)
+async def withdraw(context: StepContext, inputs: NoInputs) -> None:
+    """For the clean-up: take the run's table out of force where the run ended before it was proved."""
+    from procedures.steps.table_push import take_back_unproved
+
+    await take_back_unproved(context, context.device("robot"))

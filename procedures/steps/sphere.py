@@ -9,10 +9,10 @@ from pydantic import Field
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
-from procedures.steps.proof import compensate, judge, plan_proof, push, standoff
+from procedures.steps.proof import compensate, judge, plan_proof, push, standoff, withdraw
 from procedures.steps.touch_plans import Joints, TouchPlan
 
-__all__ = ["compensate", "identify", "judge", "plan", "plan_proof", "push", "standoff", "touch"]
+__all__ = ["compensate", "identify", "judge", "plan", "plan_proof", "push", "standoff", "touch", "withdraw"]
 """The steps of the family `sphere`; those of the proof stand in a module of their own."""
 
 

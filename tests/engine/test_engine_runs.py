@@ -81,7 +81,13 @@ async def hold(context: StepContext, inputs: NoInputs) -> None:
     CALLS.append("hold")
 
 
-KINDS = [numbers, double, flaky, forever, broken, hold]
+@step("test.look")
+async def look(context: StepContext, inputs: NoInputs) -> None:
+    """Note what the step `touch` recorded."""
+    CALLS.append(f"counts {len(context.recorded('row'))}, recorded {len(context.all_recorded('row'))}")
+
+
+KINDS = [numbers, double, flaky, forever, broken, hold, look]
 
 
 class FakeDevice:
@@ -109,6 +115,16 @@ class FakeDevice:
 
     async def close(self) -> None:
         self.calls.append("close")
+
+
+class FakeRobot(FakeDevice):
+    """A fake device that counts as a robot."""
+
+    axes = 6
+
+    def _(self) -> None: ...
+
+    joints = move = search = stop_now = clear_stop = guard = _
 
 
 def engine_for(steps: str, folder: Path, devices: list[FakeDevice] | None = None, cleanup: str = "") -> Any:
@@ -346,3 +362,53 @@ def test_a_display_that_fails_ends_no_campaign(tmp_path: Path) -> None:
     engine._watcher = Gone()
     assert asyncio.run(engine.run()).state is State.FINISHED
     assert CALLS == ["double 1", "double 2", "double 3"]
+
+
+@pytest.mark.parametrize(
+    ("steps", "robot", "moved", "held"),
+    [
+        ("  - {id: some, do: test.numbers}", FakeRobot("robot"), False, True),
+        ("  - {id: touch, do: test.flaky}", FakeRobot("robot"), True, True),
+        ("  - {id: touch, do: test.flaky}", FakeRobot("robot", stops=False), True, False),
+        ("  - {id: touch, do: test.flaky}", FakeRobot("robot", reachable=False), False, False),
+        ("  - {id: touch, do: test.flaky}", FakeDevice("plc"), True, False),
+    ],
+    ids=["planned only", "moved", "does not stop", "not connected", "no robot"],
+)
+def test_a_robot_is_held_only_where_it_was_connected_and_confirmed_its_stop(
+    steps: str, robot: FakeDevice, moved: bool, held: bool, tmp_path: Path
+) -> None:
+    engine, _, _ = engine_for(steps, tmp_path, [robot])
+    outcome = asyncio.run(engine.run())
+    assert (outcome.moved, outcome.held) == (moved, held)
+
+
+def test_a_robot_that_confirmed_its_stop_is_held_though_another_device_was_not_reached(tmp_path: Path) -> None:
+    devices = [FakeRobot("robot"), FakeDevice("probe", reachable=False)]
+    engine, _, _ = engine_for("  - {id: touch, do: test.flaky}", tmp_path, devices)
+    outcome = asyncio.run(engine.run())
+    assert (outcome.moved, outcome.held) == (False, True)
+
+
+def test_a_clean_up_step_that_writes_has_moved_nothing_where_no_step_was_begun(tmp_path: Path) -> None:
+    device = FakeRobot("robot", reachable=False)
+    engine, _, journal = engine_for(LOOP, tmp_path, [device], "  - {id: withdraw, do: test.flaky}")
+    outcome = asyncio.run(engine.run())
+    assert fold(read_journal(journal.path)).steps["cleanup.withdraw"].moves
+    assert not outcome.moved
+
+
+def test_a_clean_up_step_sees_what_a_failed_attempt_recorded(tmp_path: Path) -> None:
+    engine, _, _ = engine_for("  - {id: touch, do: test.flaky}", tmp_path, cleanup="  - {id: look, do: test.look}")
+    assert asyncio.run(engine.run()).state is State.FAILED
+    assert CALLS == ["counts 0, recorded 1"]
+
+
+def test_who_aborted_a_run_is_said_at_its_end(tmp_path: Path) -> None:
+    engine, mailbox, journal = engine_for(LOOP, tmp_path)
+    mailbox.abort("aborted: the shell has ended")
+    mailbox.abort()
+    assert str(asyncio.run(engine.run()).error) == "aborted: the shell has ended"
+    ended = fold(read_journal(journal.path)).ended
+    assert ended is not None
+    assert ended.reason == "aborted: the shell has ended"

@@ -1,4 +1,4 @@
-"""Pushing the run's table: what is refused before the controller hears of it, and what it holds afterwards."""
+"""The run's table: what is refused, what is in force afterwards, and that an unproved one is taken back."""
 
 from __future__ import annotations
 
@@ -9,12 +9,22 @@ from typing import Any
 
 import pytest
 
-from cellctl.devices import ControllerTable, DeviceFault, Identity, TableInfo, TableState
+from cellctl.devices import (
+    ControllerTable,
+    DeviceFault,
+    DeviceLost,
+    DeviceRefused,
+    DeviceUncertain,
+    Identity,
+    TableInfo,
+    TableState,
+)
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.model import JointRegion
 from cellctl.formats.table import Row, TableRobot, TableSource
-from procedures.steps.table_push import pushed_row
+from procedures.steps.proof import PushInputs, push
+from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
 
 ROOT = Path(__file__).parents[2]
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
@@ -23,30 +33,73 @@ HOME = [0.0, -90.0, 90.0, 0.0, 45.0, 0.0]
 
 
 class Controller:
-    """Keeps what is pushed, or something else."""
+    """Keeps what is pushed, or something else; `lost`: it does not answer any more."""
+
+    name = "robot"
 
     def __init__(self, serial: str = "SIM-1", damage: bool = False) -> None:
         self.serial, self.damage = serial, damage
         self.table: ControllerTable | None = None
+        self.previous: ControllerTable | None = None
+        self.lost = False
+        self.asked: list[str] = []
 
     async def connect(self) -> Identity:
         return Identity("robot", self.serial, "KR5", "KSS", self.serial.startswith("SIM-"))
 
     async def push_table(self, table: ControllerTable) -> TableState:
-        self.table = table
-        return TableState(TableInfo(table.id, len(table.rows), ""), None, None)
+        self._hear("push")
+        self.table, self.previous = table, self.table
+        return self._state()
+
+    async def table_state(self) -> TableState:
+        self._hear("state")
+        return self._state()
 
     async def read_table(self) -> ControllerTable | None:
+        self._hear("read")
         assert self.table is not None
         return replace(self.table, rows=self.table.rows[:-1]) if self.damage else self.table
 
+    async def rollback_table(self) -> TableState:
+        self._hear("rollback")
+        self.table, self.previous = self.previous, self.table
+        return self._state()
+
+    def _hear(self, what: str) -> None:
+        self.asked.append(what)
+        if self.lost:
+            raise DeviceLost("robot", "nothing heard from the controller for 2.1 s")
+
+    def _state(self) -> TableState:
+        infos = [TableInfo(table.id, len(table.rows), "") if table else None for table in (self.table, self.previous)]
+        return TableState(infos[0], infos[1], None)
+
 
 class Context:
+    """A step's view of a run in which every row counts."""
+
     robot_file = ROBOT_FILE
     cell = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")
 
-    def __init__(self, folder: Path) -> None:
-        self.run_folder = folder
+    def __init__(self, folder: Path, robot: Controller | None = None, **rows: list[dict[str, Any]]) -> None:
+        self.run_folder, self.robot = folder, robot
+        self.rows = [(kind, row) for kind, of_kind in rows.items() for row in of_kind]
+        self.said: list[str] = []
+
+    def device(self, name: str) -> Any:
+        return self.robot
+
+    async def record(self, kind: str, data: Any) -> None:
+        self.rows.append((kind, data))
+
+    def recorded(self, *kinds: str) -> list[Any]:
+        return [row for kind, row in self.rows if kind in kinds]
+
+    all_recorded = recorded
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
 
 
 def table_in(folder: Path, **changes: Any) -> str:
@@ -76,7 +129,7 @@ def table_in(folder: Path, **changes: Any) -> str:
     return table.id
 
 
-def push(folder: Path, table_id: str, controller: Controller | None = None) -> dict[str, Any]:
+def pushed(folder: Path, table_id: str, controller: Controller | None = None) -> dict[str, Any]:
     context: Any = Context(folder)
     robot: Any = controller or Controller()
     return asyncio.run(pushed_row(context, robot, table_id))
@@ -85,7 +138,7 @@ def push(folder: Path, table_id: str, controller: Controller | None = None) -> d
 def test_a_pushed_table_is_verified_and_active(tmp_path: Path) -> None:
     controller = Controller()
     table_id = table_in(tmp_path)
-    row = push(tmp_path, table_id, controller)
+    row = pushed(tmp_path, table_id, controller)
     assert row == {
         "id": table_id,
         "rows": 2,
@@ -115,7 +168,7 @@ def test_what_does_not_fit_is_refused_and_the_controller_hears_nothing(
     table_id = table_in(tmp_path, **changes)
     controller = Controller(serial)
     with pytest.raises(InputError, match=words):
-        push(tmp_path, table_id, controller)
+        pushed(tmp_path, table_id, controller)
     assert controller.table is None
 
 
@@ -125,7 +178,7 @@ def test_a_table_changed_after_the_run_made_it_is_refused(tmp_path: Path) -> Non
     file.write_text(file.read_text().replace("90.1", "90.2"))
     controller = Controller()
     with pytest.raises(InputError, match="changed"):
-        push(tmp_path, table_id, controller)
+        pushed(tmp_path, table_id, controller)
     assert controller.table is None
 
 
@@ -133,10 +186,114 @@ def test_another_runs_table_is_refused(tmp_path: Path) -> None:
     table_in(tmp_path)
     controller = Controller()
     with pytest.raises(InputError, match="this run made"):
-        push(tmp_path, "f" * 64, controller)
+        pushed(tmp_path, "f" * 64, controller)
     assert controller.table is None
 
 
 def test_a_controller_that_holds_something_else_is_a_fault(tmp_path: Path) -> None:
     with pytest.raises(DeviceFault, match="not table"):
-        push(tmp_path, table_in(tmp_path), Controller(damage=True))
+        pushed(tmp_path, table_in(tmp_path), Controller(damage=True))
+
+
+OLD = ControllerTable("old" * 8, "SIM-1", ())
+PUSHED = {"id": "mine" * 8, "rows": 2, "pushed": True, "verified": True, "active": True, "max_correction_deg": 0.1}
+BEGUN = {**PUSHED, "pushed": False, "verified": False, "active": None}
+MINE = ControllerTable(PUSHED["id"], "SIM-1", ())
+BETTER = {"verdict": "better", "standoff": {}, "table": PUSHED}
+
+
+def controller_with(active: ControllerTable | None, previous: ControllerTable | None) -> Controller:
+    controller = Controller()
+    controller.table, controller.previous = active, previous
+    return controller
+
+
+def withdrawn(folder: Path, controller: Controller, **rows: list[dict[str, Any]]) -> Context:
+    context: Any = Context(folder, controller, **rows)
+    robot: Any = controller
+    asyncio.run(take_back_unproved(context, robot))
+    return context
+
+
+def test_a_run_that_is_cut_off_in_the_push_has_said_which_table_may_be_in_force(tmp_path: Path) -> None:
+    table_id, controller = table_in(tmp_path), Controller()
+    context: Any = Context(tmp_path, controller)
+
+    async def cut_off(table: ControllerTable) -> TableState:
+        raise DeviceUncertain("robot", "uncertain which table is in force")
+
+    controller.push_table = cut_off  # type: ignore[method-assign]
+    with pytest.raises(DeviceUncertain):
+        asyncio.run(push(context, PushInputs(table=table_id)))
+    assert [(row["id"], row["active"]) for row in context.recorded("push")] == [(table_id, None)]
+    assert context.recorded("table") == []
+
+
+def test_a_table_in_force_already_is_not_pushed_again_and_a_rollback_leads_to_the_one_before(tmp_path: Path) -> None:
+    table_id, controller = table_in(tmp_path), controller_with(OLD, None)
+    assert pushed(tmp_path, table_id, controller) == pushed(tmp_path, table_id, controller)
+    assert controller.asked.count("push") == 1
+    withdrawn(tmp_path, controller, table=[{**PUSHED, "id": table_id}])
+    assert controller.table == OLD
+
+
+def test_a_table_that_was_judged_is_not_pushed_by_a_resumed_run(tmp_path: Path) -> None:
+    controller = Controller()
+    context: Any = Context(tmp_path, controller, verdict=[{"verdict": "worse", "standoff": {}}])
+    assert not asyncio.run(push(context, PushInputs(table=table_in(tmp_path)))).active
+    assert controller.asked == []
+
+
+@pytest.mark.parametrize("rows", [{"table": [PUSHED]}, {}], ids=["after the push", "in the push"])
+@pytest.mark.parametrize("before", [OLD, None], ids=["a table before", "none before"])
+def test_an_unproved_table_is_taken_back_and_what_was_in_force_before_is_so_again(
+    rows: dict[str, Any], before: ControllerTable | None, tmp_path: Path
+) -> None:
+    controller = controller_with(MINE, before)
+    held_out = {"verdict": "better"}  # of the held-out touches: no proof of the table
+    context = withdrawn(tmp_path, controller, push=[BEGUN], **rows, verdict=[held_out])
+    assert controller.table == before
+    assert context.recorded("table")[-1]["active"] is False
+    assert "not proved and no longer in force" in context.said[0]
+
+
+def test_a_push_that_never_came_to_its_end_and_left_the_old_table_in_force_is_not_rolled_back(tmp_path: Path) -> None:
+    controller = controller_with(OLD, None)
+    context = withdrawn(tmp_path, controller, push=[BEGUN])
+    assert controller.table == OLD
+    assert context.recorded("table")[-1]["active"] is False
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [{}, {"table": [PUSHED], "verdict": [BETTER]}, {"table": [PUSHED, {**PUSHED, "active": False}]}],
+    ids=["nothing pushed", "proved", "taken back already"],
+)
+def test_a_controller_is_not_asked_where_no_unproved_table_can_be_in_force(rows: Any, tmp_path: Path) -> None:
+    controller = controller_with(MINE, OLD)
+    withdrawn(tmp_path, controller, **rows)
+    assert controller.asked == []
+
+
+def test_a_table_that_cannot_be_taken_back_is_named_as_uncertain(tmp_path: Path) -> None:
+    controller = controller_with(MINE, OLD)
+    controller.lost = True
+    context: Any = Context(tmp_path, controller, table=[PUSHED])
+    robot: Any = controller
+    with pytest.raises(DeviceUncertain, match=r"table mineminemine was pushed.*may still be in force.*nothing heard"):
+        asyncio.run(take_back_unproved(context, robot))
+    assert context.recorded("table")[-1]["active"] is None
+
+
+def test_a_table_in_both_places_of_the_controller_is_not_said_to_be_out_of_force(tmp_path: Path) -> None:
+    with pytest.raises(DeviceUncertain, match="still in force after one rollback"):
+        withdrawn(tmp_path, controller_with(MINE, MINE), table=[PUSHED])
+
+
+def test_the_rows_of_another_table_are_not_driven_to(tmp_path: Path) -> None:
+    context: Any = Context(tmp_path, proof=[{"table": MINE.id}])
+    robot: Any = controller_with(MINE, OLD)
+    asyncio.run(require_in_force(context, robot))
+    robot.table = OLD
+    with pytest.raises(DeviceRefused, match="not in force; nothing was moved"):
+        asyncio.run(require_in_force(context, robot))

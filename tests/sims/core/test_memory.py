@@ -1,11 +1,12 @@
 """The memory's file: whole or not at all, and no reason for a robot to stop."""
 
 import json
+import os
 import shutil
 
 import pytest
 
-from sims.memory import BadMemory, Memory
+from sims.memory import BadMemory, Memory, sole_user
 
 
 def test_what_was_told_last_is_recalled(tmp_path):
@@ -54,3 +55,11 @@ def test_without_a_file_nothing_is_remembered(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Memory().save()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_who_has_the_memory_is_named_to_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr("sims.memory.PATIENCE_S", 0.0)
+    path = tmp_path / "state.json"
+    refused = pytest.raises(BadMemory, match=f"runs: process {os.getpid()}, .*pytest")
+    with sole_user(path), refused, sole_user(path):
+        pass

@@ -1,0 +1,54 @@
+"""A run ends with the process that started it, however that one ends, unless it was started detached."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_LOOK_S = 0.5
+"""Wall time between two looks: processes know no other."""
+
+
+def parent_of_run(*, detached: bool) -> int | None:
+    """The process without which a run that begins now does not go on; None where it was started detached.
+
+    That is: with `--detached`, by nohup (SIGHUP is ignored), or in a session of its own (setsid, a service manager).
+    """
+    by_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return None if detached or by_nohup or os.getsid(0) == os.getpid() else os.getppid()
+
+
+@contextmanager
+def aborting_without(parent: int | None, abort: Callable[[str], object]) -> Iterator[None]:
+    """While this lasts, call `abort` once with the reason where `parent` has ended, from a thread of its own."""
+    if parent is None:
+        yield
+        return
+    over = threading.Event()
+    watch = threading.Thread(target=_watch, args=(parent, _name_of(parent), abort, over), daemon=True)
+    watch.start()
+    try:
+        yield
+    finally:
+        over.set()
+        watch.join()
+
+
+def _watch(parent: int, name: str, abort: Callable[[str], object], over: threading.Event) -> None:
+    while not over.wait(_LOOK_S):
+        if os.getppid() != parent:  # an orphan gets another parent
+            abort(
+                f"aborted: process {parent}{name}, which started this run, has ended "
+                "(a run that is to go on without it is started with --detached)"
+            )
+            return
+
+
+def _name_of(process: int) -> str:
+    with suppress(OSError):
+        return f" ({Path(f'/proc/{process}/comm').read_text().strip()})"
+    return ""
