@@ -1,4 +1,4 @@
-"""For all tests: one thread of linear algebra, as on the command line: its matrices are small, workers share cores.
+"""For all tests: what takes long runs with `--long` alone; one thread of linear algebra, as on the command line.
 
 Hypothesis tries the same examples in every run, and measures no time: what passes on one machine passes on a busy one.
 To look for examples that nobody has tried yet: `pytest --hypothesis-profile explore`.
@@ -6,6 +6,7 @@ To look for examples that nobody has tried yet: `pytest --hypothesis-profile exp
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 for library in ("OPENBLAS", "MKL", "OMP"):
@@ -14,3 +15,17 @@ for library in ("OPENBLAS", "MKL", "OMP"):
 settings.register_profile("explore", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("repeat", settings.get_profile("explore"), derandomize=True, database=None)
 settings.load_profile("repeat")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--long`: everything, that is, with what takes long."""
+    parser.addoption("--long", action="store_true", help="run what takes long, too (about half an hour)")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what takes long, unless asked; begin with campaigns, so that no worker is left with one at the end."""
+    if not config.getoption("--long"):
+        left_out = [item for item in items if item.get_closest_marker("long")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
+    items.sort(key=lambda item: item.get_closest_marker("campaign") is None)

@@ -25,24 +25,28 @@ def summary(request):
     return Summary.of([honesty(SETUPS[request.param](seed)) for seed in range(SEEDS)])
 
 
+@pytest.mark.long
 def test_covariance_is_as_large_as_the_errors_squared(summary):
     """Four standard deviations of the mean of 20 draws; σ 10 % too small or too large for all parameters shows."""
     assert summary.nees == pytest.approx(1.0, abs=0.2)
     assert summary.place_nees == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.long
 def test_truth_lies_in_the_95_percent_regions(summary):
     assert summary.coverage >= FEWEST_INSIDE
     assert summary.place_coverage >= FEWEST_INSIDE
     assert summary.volume_coverage >= FEWEST_INSIDE
 
 
+@pytest.mark.long
 def test_no_worse_than_scipys_optimum_of_the_same_posterior(summary):
     """The bend is worked out on the nominal arm, the test's own on the true one: a quarter σ at most."""
     assert summary.ratio <= 1.02
     assert summary.off_scipy < 0.25
 
 
+@pytest.mark.long
 def test_clean_rows_are_neither_left_out_nor_called_noisy(summary):
     assert summary.left_out_per_1000 == 0.0
     assert summary.grown == summary.loosened == 0

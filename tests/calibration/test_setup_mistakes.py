@@ -187,6 +187,7 @@ def test_two_wrong_joints_are_named_together(measured, wrong, words):
     assert [re.sub(r"[\d.]+(?=°)", lambda angle: f"{float(angle[0]):.0f}", said) for said in first] == words
 
 
+@pytest.mark.long
 def test_three_wrong_joints_are_named_together(kuka):
     readings = changed(kuka.readings, A2=lambda a: a + 20, A3=lambda a: a - 50, A5=lambda a: a + 33)
     first, *_ = named(positions(KR5, readings, kuka.xyz), KR5, readings)
@@ -355,6 +356,7 @@ def test_touches_name_spheres_of_another_size(touches, touch_task, factor, words
     assert named(other, KR5, touches.readings)[0] == [f"spheres: {words}"]
 
 
+@pytest.mark.long
 def test_healthy_robots_are_never_accused():
     """60 robots, each by positions, by poses, in 20 rows, with wild rows, three times as wrong as tolerances allow."""
     for seed in range(60):
@@ -365,6 +367,7 @@ def test_healthy_robots_are_never_accused():
         assert named(poses(KR5, usual.readings, usual.xyz, usual.turns), KR5, usual.readings) == []
 
 
+@pytest.mark.long
 def test_robots_of_constant_orientation_are_never_accused():
     for seed in range(50):
         data = Measured(seed, 40, still=True)
@@ -423,6 +426,7 @@ def test_sockets_are_not_accused_and_name_a_reversed_or_offset_joint(socketed):
     assert named(sockets(wrong, which), KR5, wrong)[0] == ["A5 off by 90.0°"]
 
 
+@pytest.mark.long
 def test_random_numbers_are_no_set_up_mistake():
     data = Measured(31, 60)
     noise = np.random.default_rng(31).normal(0, 500, (60, 3))
@@ -496,6 +500,7 @@ def test_of_rows_in_metres_wild_ones_are_not_claimed():
     assert mistake.after < 3.0
 
 
+@pytest.mark.long
 def test_no_sound_row_looks_like_another_unit_even_where_all_are_asked():
     """Asked outright, whatever nominal is like: sound sets, wild rows, robots three times as bad, a frame amid them."""
     for seed in range(3):

@@ -95,6 +95,7 @@ def test_no_telegram_says_what_to_look_at(tmp_path: Path) -> None:
     _cleanly_failed(ended, touches=2)
 
 
+@pytest.mark.long
 def test_a_wrong_sentype_is_named(tmp_path: Path) -> None:
     ended = run_here(
         touches_procedure(tmp_path), cell_with(tmp_path, faults("fault: rsi.sentype, search: 1")), tmp_path
@@ -139,6 +140,7 @@ def test_no_contact_within_travel_is_tried_again_and_then_ends_the_run(tmp_path:
     assert attempts[0].attempt == 2
 
 
+@pytest.mark.long
 def test_a_search_without_contact_once_is_made_good_by_the_retry(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: probe.no_contact, search: 3, for_ms: 6500"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
@@ -146,6 +148,7 @@ def test_a_search_without_contact_once_is_made_good_by_the_retry(tmp_path: Path)
     assert [row["attempt"] for row in ended.touches] == [1, 1, 2, 1, 1, 1]
 
 
+@pytest.mark.long
 def test_a_closure_in_mid_air_is_no_contact_and_the_retry_makes_it_good(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 1200, for_ms: 30"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
@@ -154,6 +157,7 @@ def test_a_closure_in_mid_air_is_no_contact_and_the_retry_makes_it_good(tmp_path
     assert len(ended.truth) == 6, "what was recorded are contacts with spheres"
 
 
+@pytest.mark.long
 def test_a_loop_that_closes_early_and_stays_closed_is_no_contact(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 300"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
@@ -161,6 +165,7 @@ def test_a_loop_that_closes_early_and_stays_closed_is_no_contact(tmp_path: Path)
     _cleanly_failed(ended, touches=2)
 
 
+@pytest.mark.long
 def test_a_loop_that_closes_anywhere_and_stays_closed_does_not_count(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 1500"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
@@ -188,6 +193,7 @@ def test_an_rsi_stall_past_the_late_count_is_the_controllers_stop_and_is_named(t
     _cleanly_failed(ended, touches=2)
 
 
+@pytest.mark.long
 def test_a_short_rsi_stall_is_survived_and_counted(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: rsi.stall, search: 3, after_ms: 300, for_ms: 60"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
@@ -195,6 +201,7 @@ def test_a_short_rsi_stall_is_survived_and_counted(tmp_path: Path) -> None:
     assert [row["late"] > 0 for row in ended.touches] == [False, False, True, False, False, False]
 
 
+@pytest.mark.long
 def test_the_operators_stop_in_a_search_ends_the_run(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: robot.stop, search: 3, after_ms: 300"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)

@@ -38,6 +38,7 @@ def test_the_measured_contact_is_the_true_one_within_repeatability(tmp_path: Pat
     assert 0.2 * REPEATABILITY_MM < rms <= REPEATABILITY_MM + ALLOWANCE_MM
 
 
+@pytest.mark.long
 def test_the_stopped_pose_would_be_a_worse_measurement_than_the_contact(tmp_path: Path) -> None:
     ended = run_here(touches_procedure(tmp_path), cell_with(tmp_path), tmp_path)
     overtravel = [contact["overtravel_mm"] for contact in ended.truth]
@@ -46,6 +47,7 @@ def test_the_stopped_pose_would_be_a_worse_measurement_than_the_contact(tmp_path
     assert all(row["stop_cycles"] <= 2 for row in ended.touches)
 
 
+@pytest.mark.long
 def test_over_travel_in_lockstep_is_the_same_on_an_idle_and_on_a_busy_machine(tmp_path: Path) -> None:
     idle, busy = tmp_path / "idle", tmp_path / "busy"
     idle.mkdir()
@@ -59,6 +61,7 @@ def test_over_travel_in_lockstep_is_the_same_on_an_idle_and_on_a_busy_machine(tm
     assert late[0] == late[1] == [0] * 18
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_the_same_campaign_runs_in_real_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     unhurried(monkeypatch)

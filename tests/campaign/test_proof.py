@@ -63,6 +63,8 @@ def true_errors(run: Run, which: str) -> np.ndarray:
     return np.linalg.norm(tips - centre, axis=1) - REACH_MM - 10.0
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("proved")
 def test_what_a_stand_off_measures_is_how_far_off_the_true_robot_stands(proved: Run) -> None:
     after = np.array([row["error_mm"] for row in proved.rows("standoff") if row["run"] == "after"])
     off = after - true_errors(proved, "after")
@@ -73,6 +75,8 @@ def test_what_a_stand_off_measures_is_how_far_off_the_true_robot_stands(proved: 
     assert np.abs(before).mean() > 5 * np.abs(after).mean()
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("proved")
 def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_the_robot_went(proved: Run) -> None:
     table = TableFile.load(proved.folder / "run" / "table.json")
     pushed = proved.rows("table")
@@ -87,6 +91,8 @@ def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_
     assert table.simulated
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("proved")
 def test_the_proof_sphere_is_in_no_fit(proved: Run) -> None:
     assert {row["sphere"] for row in proved.rows("touch")} == {"S1", "S2", "S3"}
     assert {row["sphere"] for row in proved.rows("locate")} == {"P1"}
@@ -95,6 +101,8 @@ def test_the_proof_sphere_is_in_no_fit(proved: Run) -> None:
     assert "P1" not in (proved.folder / "run" / "dataset.csv").read_text()
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("proved")
 def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
     verdict = proved.ended.outcome.verdict
     assert verdict is not None
@@ -108,6 +116,8 @@ def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
     assert verdict["standoff"]["predicted_sigma"] > 0.01
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("proved")
 def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(proved: Run) -> None:
     visits = proved.rows("reference")
     assert [row["after_touch"] for row in visits] == [19, 40]  # the first visit is touch 0, the second number 20
@@ -116,6 +126,8 @@ def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(pro
     assert not proved.ended.outcome.verdict["drift"]["modelled"]
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("proved")
 def test_after_every_stand_off_the_robot_has_gone_back_clear_of_all_spheres(proved: Run) -> None:
     assert len(proved.ended.truth) == len([row for kind in KINDS for row in proved.rows(kind)])
 
@@ -134,6 +146,7 @@ def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: P
     assert not (tmp_path / "run" / "table.json").exists()
 
 
+@pytest.mark.long
 def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(tmp_path: Path) -> None:
     strict = {"limits:\n": "limits:\n  table: {correction_deg: 0.01}\n"}
     enough = short_campaign(tmp_path, touches_fit=50, reference_every=20)  # to be better, which comes before
@@ -155,6 +168,7 @@ def test_a_proof_sphere_out_of_reach_is_named(tmp_path: Path) -> None:
     assert ended.journal.recorded("table") == []
 
 
+@pytest.mark.long
 def test_a_tip_that_jumps_stops_the_run_at_the_next_visit_to_the_reference(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: tip.jump, before_search: 18, mm: 0.6"))
     ended = run_here(short_campaign(tmp_path), cell, tmp_path)
@@ -167,6 +181,7 @@ def test_a_tip_that_jumps_stops_the_run_at_the_next_visit_to_the_reference(tmp_p
     assert ended.journal.recorded("table") == []
 
 
+@pytest.mark.long
 def test_wear_of_the_tip_is_seen_and_allowed_for(tmp_path: Path) -> None:
     """0.01 mm a touch: 0.6 mm in all, several times what the held-out touches would be off by otherwise."""
     cell = cell_with(tmp_path, "  errors: {wear: 20}\n")
@@ -213,6 +228,7 @@ cleanup:
 """
 
 
+@pytest.mark.long
 def test_where_contact_is_measured_does_not_depend_on_the_speed_of_the_search(at_two_speeds: list[Run]) -> None:
     robot = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")
     tips = [

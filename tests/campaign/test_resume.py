@@ -53,6 +53,7 @@ def killed_after(process: subprocess.Popen[str], seconds: float) -> bool:
     return False
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_fifty_random_kills_lose_and_repeat_nothing(seed: int, tmp_path: Path) -> None:
     chance = random.Random(seed)
@@ -91,6 +92,7 @@ def test_a_cut_off_touch_is_not_repeated_before_somebody_has_looked(tmp_path: Pa
     _nothing_lost_or_doubled(journal)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["procedure", "cell"])
 def test_a_run_of_which_procedure_or_cell_has_changed_is_not_resumed(what: str, tmp_path: Path) -> None:
     files = {"procedure": touches_procedure(tmp_path), "cell": cell_with(tmp_path)}
@@ -103,6 +105,7 @@ def test_a_run_of_which_procedure_or_cell_has_changed_is_not_resumed(what: str, 
     assert "has changed since" in refused.stderr
 
 
+@pytest.mark.long
 def test_a_finished_run_is_not_resumed(tmp_path: Path) -> None:
     common = [str(touches_procedure(tmp_path)), "--cell", str(cell_with(tmp_path)), "--runs", str(tmp_path / "runs")]
     assert cellctl("run", *common).returncode == 0

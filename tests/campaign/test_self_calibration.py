@@ -27,6 +27,11 @@ pytestmark = pytest.mark.campaign
 
 
 SEEDS = [1, 2, 3, 4, 5]
+ROBOTS = [
+    pytest.param(1, marks=pytest.mark.xdist_group("the first robot")),
+    *(pytest.param(seed, marks=[pytest.mark.long, pytest.mark.xdist_group("five robots")]) for seed in SEEDS[1:]),
+]
+"""One worker each, so that each campaign is run once."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ def campaign(tmp_path_factory) -> Callable[[int], Whole]:
     return run
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", ROBOTS)
 def test_the_robot_is_identified_and_the_whole_workspace_is_better(
     seed: int, campaign: Callable[[int], Whole], tmp_path: Path
 ) -> None:
@@ -80,7 +85,7 @@ def test_the_robot_is_identified_and_the_whole_workspace_is_better(
     assert {row["sphere"] for row in rows} == {"S1", "S2", "S3"}
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", ROBOTS)
 def test_on_a_sphere_that_no_fit_saw_the_pushed_joints_stand_off_within_a_tenth_of_a_millimetre(
     seed: int, campaign: Callable[[int], Whole]
 ) -> None:
@@ -99,6 +104,8 @@ def test_on_a_sphere_that_no_fit_saw_the_pushed_joints_stand_off_within_a_tenth_
     assert table["active"]
 
 
+@pytest.mark.long
+@pytest.mark.xdist_group("five robots")
 def test_over_five_robots_stand_off_errors_are_as_large_as_was_predicted(campaign: Callable[[int], Whole]) -> None:
     rows = [row for seed in SEEDS for row in campaign(seed).standoffs()]
     predicted = np.sqrt(np.mean([row["sigma_mm"] ** 2 for row in rows]))

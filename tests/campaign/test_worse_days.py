@@ -67,6 +67,7 @@ def test_a_result_that_could_not_be_written_is_refused_before_anything_moves(tmp
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.long
 def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +126,7 @@ def test_simulators_that_never_get_ready_are_unreachable_and_ended(
         asyncio.run(SimulatedCell.start(campaign.cell, None, None))
 
 
+@pytest.mark.long
 def test_after_the_end_the_controller_can_be_asked_again(tmp_path: Path) -> None:
     async def one() -> list[dict[str, str]]:
         campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])

@@ -89,8 +89,14 @@ def pattern_of(line: str) -> str:
     return r"^\s*" + r"\s+".join(words) + r"\s*$"
 
 
+MOST_COMMANDS = 8
+
+
 def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.campaign] if any("cellctl run" in part.text for part in parts) else []
+    """Documents that take a user through a whole story take as long as the story."""
+    text = "".join(part.text for part in parts)
+    whole = [pytest.mark.campaign, pytest.mark.long] if "cellctl run" in text else []
+    return whole or ([pytest.mark.long] if text.count("cellctl ") > MOST_COMMANDS else [])
 
 
 @pytest.mark.timeout(1500)
