@@ -40,6 +40,7 @@ def krl(
 
 def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, str]:
     """The files of the one device that has some. Raises InputError where none has, or more than one."""
+    from cellctl.clock import WallClock
     from cellctl.files import InputError
 
     if device is not None and device not in cell.addresses:
@@ -48,7 +49,7 @@ def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, 
     found: dict[str, dict[str, str]] = {}
     for name, address in cell.addresses.items():
         if device in (None, name):
-            files = drivers.controller_files(cell.name, address, cell.path.parent, cell.limits.get(name, {}))
+            files = drivers.controller_files(cell.name, address, cell.surroundings(name, WallClock()))
             if files is not None:
                 found[name] = files
     if len(found) == 1:
