@@ -6,6 +6,7 @@ from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, MONITOR_
 from drivers.kuka_rsi.eki_channel import ANSWER_S, SILENCE_S
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.settings import RsiSettings
+from drivers.kuka_rsi.table_rows import BLOCK_ROWS
 
 _PLACES = """\
 WHERE EACH FILE GOES (KSS, on the controller, user group Expert)
@@ -87,7 +88,7 @@ NOT TRIED ON A REAL CONTROLLER
    5. RESET: CONFIRM, STOP, CANCEL and RUN by CWRITE($CMD, ...) in the submit interpreter, and the path in RUN.
    6. Get_MsgBuffer and its fields: the number in `Msg` is that of the message at the pendant.
    7. Push a table, switch the controller off and on: `cellctl table show` still names it.
-   8. While a block of ten rows is taken (its sums are worked out in KRL), `Stat` goes on coming. The computer waits
+   8. While a block of {rows} rows is taken (its sums are worked out in KRL), `Stat` goes on coming. The computer waits
       {silence:g} s for a word and {answer:g} s for the answer.
    9. $V_R1MADA[] in HELLO, as this KSS wants it.
   10. RSI_CREATE takes the context: `cellctl.rsix` was written from published contexts, without their drawing part.
@@ -113,7 +114,7 @@ def instructions(
             flags=", ".join(f"$FLAG[{number}] {name}" for name, number in flags.items()), interrupt=interrupt
         ),
         _FIRST,
-        _VERIFY.format(silence=SILENCE_S, answer=ANSWER_S),
+        _VERIFY.format(rows=BLOCK_ROWS, silence=SILENCE_S, answer=ANSWER_S),
     ]
     return "\n".join(parts)
 

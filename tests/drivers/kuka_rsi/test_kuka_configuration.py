@@ -36,6 +36,11 @@ def test_the_shipped_cell_s_configuration_has_no_mistake():
     ("before", "after", "line", "what"),
     [
         ("DEF_AIPos", "DEF_ASPos", 8, "SEND lacks DEF_AIPos"),
+        ("DEF_Delay", "DEF_MACur", 8, 'add <ELEMENT TAG="DEF_Delay" TYPE="LONG" INDX="INTERNAL"/>'),
+        ('TAG="DEF_Delay" TYPE="LONG"', 'TAG="DEF_Delay" TYPE="STRING"', 11, "must be <ELEMENT TAG="),
+        ('TAG="DEF_AIPos" TYPE="DOUBLE"', 'TAG="DEF_AIPos" TYPE="LONG"', 10, "DEF_AIPos (the actual joints) must be"),
+        ('TAG="DEF_Delay" TYPE="LONG" INDX="INTERNAL"', 'TAG="DEF_Delay" TYPE="LONG" INDX="1"', 11, "INTERNAL"),
+        ('INDX="7" HOLDON="0"', 'INDX="7" HOLDON="1"', 20, 'Stop has no HOLDON="0"'),
         ("<ONLYSEND>FALSE", "<ONLYSEND>TRUE", 6, "ONLYSEND"),
         ("<SENTYPE>CELLCTL</SENTYPE>", "<SENTYPE/>", 5, "SENTYPE"),
         ("<SENTYPE>CELLCTL</SENTYPE>", "", 2, "SENTYPE"),
