@@ -13,7 +13,8 @@ from cell_runs import CELL, ROOT, SELFCAL, cell_with
 
 from cellctl.cli.check import check
 from cellctl.cli.run import run as run_command
-from cellctl.devices import DeviceUnreachable
+from cellctl.clock import WallClock
+from cellctl.devices import Address, DeviceUnreachable
 from cellctl.devices.cell import Cell
 from cellctl.devices.reach import reach_of
 from cellctl.devices.registry import DriverRegistry
@@ -22,7 +23,8 @@ from cellctl.formats import RobotFile
 from cellctl.journal import JournalError
 from cellctl.planning import TouchOptions
 from drivers.kuka_rsi.limits import SEARCH_NEEDS, SearchLimits, ceilings
-from drivers.kuka_rsi.process import CyclicProcess
+from drivers.kuka_rsi.robot import KukaRobot
+from drivers.kuka_rsi.settings import RsiSettings
 
 LIMITS = "{correction_deg: 5, speed_deg_s: 2.5, acceleration_deg_s2: 20, jerk_deg_s3: 400, travel_deg: 5}"
 CONTROLLER = "&controller=192.168.10.1"
@@ -82,9 +84,10 @@ def test_a_cell_file_cannot_say_a_shorter_reach() -> None:
 def test_the_cyclic_process_refuses_limits_that_something_above_it_lifted() -> None:
     lifted = SearchLimits()
     object.__setattr__(lifted, "speed_deg_s", 30.0)
-    start = CyclicProcess.start("robot", ("127.0.0.1", 0), "wall:0", "", lifted)
+    address = Address.parse("kuka+rsi://127.0.0.1:0?ethernet=rsi_ethernet.xml&eki=127.0.0.1:1")
+    robot = KukaRobot("robot", RsiSettings.of(address, CELL.parent), WallClock(), lifted)
     with pytest.raises(DeviceUnreachable, match="speed_deg_s: 30 is above the ceiling"):
-        asyncio.run(start)
+        asyncio.run(robot.connect())
 
 
 def test_check_refuses_a_limit_above_its_ceiling_at_its_line_with_the_reason_and_a_cure(tmp_path: Path) -> None:
