@@ -489,14 +489,14 @@ def test_a_table_is_staged_read_back_activated_and_moved_to(controller: Controll
 
 
 STATEMENTS_S = 1000
-"""Statements a second of a controller so slow that ten rows take it more than ten seconds."""
+"""Statements a second of a controller so slow that it takes six seconds for a block of the driver's."""
 
 
 @pytest.mark.parametrize("operation", ["TBLOCK", "TREAD"])
-@pytest.mark.parametrize("rows", [BLOCK_ROWS, 10])
 def test_a_slow_controller_is_heard_of_all_the_time_and_answers_the_drivers_block_in_time(
-    controller: Controller, operation: str, rows: int
+    controller: Controller, operation: str
 ) -> None:
+    rows = BLOCK_ROWS
     stage(controller, "aa", ROWS[:rows])
     if operation == "TBLOCK":
         table = f'<Table Id="bb" Serial="{SERIAL}" Rows="{rows}" Sum="{checksum(1, ROWS[:rows])}"/>'
@@ -516,7 +516,7 @@ def test_a_slow_controller_is_heard_of_all_the_time_and_answers_the_drivers_bloc
     read = write_command(5, "TREAD", f'<Block First="1" Count="{rows}"/>')
     assert controller.reply(block(2, 1, ROWS[:rows]) if operation == "TBLOCK" else read).code == 0
     assert max(b - a for a, b in itertools.pairwise(words_s)) < SILENCE_S / 4
-    assert (words_s[-1] < ANSWER_S) == (rows == BLOCK_ROWS)
+    assert SILENCE_S < words_s[-1] < ANSWER_S
 
 
 def test_the_table_before_comes_back_and_a_staged_one_does_not_survive_a_restart(controller: Controller) -> None:
