@@ -17,7 +17,7 @@ def krl(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")],
     device: Annotated[str | None, typer.Option(help="The device, where several have a controller to load.")] = None,
 ) -> None:
-    """Write what a person loads on the controller: programs, channel and Ethernet configuration, a README.txt.
+    """Write what a person loads on the controller: programs, channel, Ethernet configuration, RSI context, README.txt.
 
     Opens no device. README.txt says where each file goes, and what nobody has tried on a real controller yet.
 

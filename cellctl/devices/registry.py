@@ -55,13 +55,18 @@ class DriverRegistry:
         return self.driver(address.scheme)(name, address, surroundings)
 
     def findings(self, name: str, address: Address, surroundings: Surroundings) -> list[Finding]:
-        """What is wrong with, or to be doubted about, an address, its settings and limits; opens nothing."""
+        """What is wrong with, or to be doubted about, an address, its settings and limits; opens nothing.
+
+        A driver's module may have `check_address(address, folder)`, which names mistakes in what the address names, and
+        `check_setup(address, surroundings)`, which gives findings about limits and address.
+        """
         try:
-            self.open(name, address, replace(surroundings, limits={}))
+            opener = self.driver(address.scheme)
+            module = sys.modules[self._entries[address.scheme].module]
+            check_address, check_setup = (getattr(module, hook, None) for hook in ("check_address", "check_setup"))
+            opener(name, address, replace(surroundings, limits={}) if check_setup else surroundings)
         except ValueError as error:
             return [Finding(str(error))]
-        module = sys.modules[self._entries[address.scheme].module]
-        check_address, check_setup = (getattr(module, hook, None) for hook in ("check_address", "check_setup"))
         found = [Finding(what) for what in check_address(address, surroundings.folder)] if check_address else []
         return found + (list(check_setup(address, surroundings)) if check_setup else [])
 
