@@ -15,10 +15,14 @@ def check(
 ) -> None:
     """Name all mistakes in a procedure and its cell, each with file, line and cure; move nothing.
 
+    Warnings, too: what is allowed and probably not meant. They leave the exit code as it is.
+
     Example: cellctl check procedures/sphere_selfcal.yaml
     """
     from cellctl.cli.campaign import load_campaign
+    from cellctl.cli.cell_warnings import say_warnings
 
     campaign = load_campaign(procedure, cell, set_ or [])
+    say_warnings(campaign.cell)
     devices = ", ".join(sorted(campaign.cell.addresses))
     typer.echo(f"{procedure}: no mistakes found (cell '{campaign.cell.name}': {devices}).")

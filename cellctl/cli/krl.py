@@ -17,7 +17,7 @@ def krl(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")],
     device: Annotated[str | None, typer.Option(help="The device, where several have a controller to load.")] = None,
 ) -> None:
-    """Write what a person loads on the controller: programs, channel and Ethernet configuration, a README.txt.
+    """Write what a person loads on the controller: programs, channel, Ethernet configuration, RSI context, README.txt.
 
     Opens no device. README.txt says where each file goes, and what nobody has tried on a real controller yet.
 
@@ -40,6 +40,7 @@ def krl(
 
 def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, str]:
     """The files of the one device that has some. Raises InputError where none has, or more than one."""
+    from cellctl.clock import WallClock
     from cellctl.files import InputError
 
     if device is not None and device not in cell.addresses:
@@ -48,7 +49,7 @@ def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, 
     found: dict[str, dict[str, str]] = {}
     for name, address in cell.addresses.items():
         if device in (None, name):
-            files = drivers.controller_files(cell.name, address, cell.path.parent, cell.limits.get(name, {}))
+            files = drivers.controller_files(cell.name, address, cell.surroundings(name, WallClock()))
             if files is not None:
                 found[name] = files
     if len(found) == 1:

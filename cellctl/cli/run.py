@@ -35,6 +35,7 @@ def run(
     import time
 
     from cellctl.cli.campaign import load_campaign
+    from cellctl.cli.cell_warnings import say_warnings
     from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.parent import parent_of_run
@@ -54,6 +55,7 @@ def run(
     refuse_outputs({"--json": json_}, [procedure, cell])
     campaign = load_campaign(procedure, cell, set_ or [])
     refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
+    say_warnings(campaign.cell)
     if resume:
         going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
         campaign, folder = going_on.campaign, going_on.folder

@@ -8,8 +8,10 @@ from typing import Any, Literal, Self, final
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from cellctl.clock import Clock, WallClock
 from cellctl.devices.addresses import Address
-from cellctl.devices.protocols import Surroundings
+from cellctl.devices.protocols import Finding, Surroundings
+from cellctl.devices.reach import reach_of
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.validated import validated
@@ -45,8 +47,9 @@ class Cell:
     """A cell file as loaded.
 
     `addresses`: device name → address; `robot_file`: the nominal robot; `limits`: device name → limits of its lowest
-    layer; `table_correction_deg`: the most that a compensation table may correct a joint by, deg; `simulated`: the file
-    says how to simulate its devices, with `seed` and `clock` as it says.
+    layer; `reach_mm`: how far the robot reaches at most, None where its file does not say; `table_correction_deg`: the
+    most that a compensation table may correct a joint by, deg; `simulated`: the file says how to simulate its devices,
+    with `seed` and `clock` as it says. `warnings`: what is allowed and probably not meant.
     """
 
     document: Document
@@ -55,10 +58,12 @@ class Cell:
     robot_file: Path
     addresses: dict[str, Address]
     limits: dict[str, dict[str, float]]
+    reach_mm: float | None
     table_correction_deg: float
     simulated: bool
     seed: int
     clock: ClockMode
+    warnings: tuple[Problem, ...] = ()
 
     @classmethod
     def load(cls, path: Path, drivers: DriverRegistry) -> Self:
@@ -67,8 +72,11 @@ class Cell:
         if not isinstance(document.data, dict):
             raise InputError(document.problem((), "is not a cell file", "it is a mapping: name, model, devices …"))
         model = validated(document, _CellModel)
-        addresses, problems = _addresses(document, model, drivers, path.parent)
         robot_file = path.parent / model.model
+        reach_mm = reach_of(robot_file)
+        addresses, problems = _addresses(document, model)
+        found, warnings = _findings(document, model, addresses, drivers, path.parent, reach_mm)
+        problems += found
         if not robot_file.is_file():
             problems.append(document.problem(("model",), f"there is no robot file '{model.model}'", "check the path"))
         problems += _table_limits(document, model)
@@ -84,15 +92,17 @@ class Cell:
             robot_file=robot_file,
             addresses=addresses,
             limits=model.limits,
+            reach_mm=reach_mm,
             table_correction_deg=table_correction_deg(document),
             simulated=model.simulate is not None,
             seed=simulate.seed,
             clock=simulate.clock,
+            warnings=tuple(warnings),
         )
 
-    def surroundings(self, device: str, clock: Any) -> Surroundings:
+    def surroundings(self, device: str, clock: Clock) -> Surroundings:
         """What the driver of `device` is given besides its address."""
-        return Surroundings(clock, self.path.parent, self.limits.get(device, {}))
+        return Surroundings(clock, self.path.parent, self.limits.get(device, {}), self.reach_mm)
 
 
 def table_correction_deg(document: Document) -> float:
@@ -116,22 +126,39 @@ def _table_limits(document: Document, model: _CellModel) -> list[Problem]:
     return problems
 
 
-def _addresses(
-    document: Document, model: _CellModel, drivers: DriverRegistry, folder: Path
-) -> tuple[dict[str, Address], list[Problem]]:
+def _addresses(document: Document, model: _CellModel) -> tuple[dict[str, Address], list[Problem]]:
     addresses: dict[str, Address] = {}
     problems: list[Problem] = []
     for name, value in (model.model_extra or {}).items():
         try:
             if not isinstance(value, str):
                 raise ValueError("a device is given by its address, scheme://…")
-            address = Address.parse(value)
-            mistakes = drivers.mistakes(name, address, folder, model.limits.get(name, {}))
+            addresses[name] = Address.parse(value)
         except ValueError as error:
-            mistakes = [str(error)]
-        else:
-            addresses[name] = address
-        problems += [document.problem((name,), f"{name}: {mistake}") for mistake in mistakes]
+            problems.append(document.problem((name,), f"{name}: {error}"))
     if not addresses and not problems:
         problems.append(document.problem((), "the cell has no device", "add at least one, name: scheme://…"))
     return addresses, problems
+
+
+def _findings(
+    document: Document,
+    model: _CellModel,
+    addresses: dict[str, Address],
+    drivers: DriverRegistry,
+    folder: Path,
+    reach_mm: float | None,
+) -> tuple[list[Problem], list[Problem]]:
+    """What the drivers find in their devices' addresses and limits: mistakes, and warnings."""
+    mistakes: list[Problem] = []
+    warnings: list[Problem] = []
+    for name, address in addresses.items():
+        surroundings = Surroundings(WallClock(), folder, model.limits.get(name, {}), reach_mm)
+        for found in drivers.findings(name, address, surroundings):
+            (warnings if found.warning else mistakes).append(_placed(document, name, found))
+    return mistakes, warnings
+
+
+def _placed(document: Document, device: str, found: Finding) -> Problem:
+    place = ("limits", device, found.limit) if found.limit else (device,)
+    return document.problem(place, f"{device}: {found.what}", found.cure, key=bool(found.limit))

@@ -210,9 +210,25 @@ class Surroundings:
 
     `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
     `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
-    defaults, which are low.
+    defaults, which are low. `reach_mm`: how far the cell's robot reaches at most, None where it is not known.
     """
 
     clock: Clock
     folder: Path
     limits: dict[str, float] = field(default_factory=dict)
+    reach_mm: float | None = None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a driver finds in a device's part of the cell file, without opening anything.
+
+    `what` is wrong, or allowed and probably not meant (`warning`); `cure`: what to do. `limit`: the name of the limit
+    that it is about; empty where it is about the address.
+    """
+
+    what: str
+    cure: str = ""
+    limit: str = ""
+    warning: bool = False

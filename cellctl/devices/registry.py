@@ -5,14 +5,13 @@ from __future__ import annotations
 import difflib
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import final
 
 from cellctl import devices
-from cellctl.clock import WallClock
 from cellctl.devices.addresses import Address
-from cellctl.devices.protocols import Device, Surroundings
+from cellctl.devices.protocols import Device, Finding, Surroundings
 
 OpenDevice = Callable[[str, Address, Surroundings], Device]
 """A driver's entry point: makes the device of that name at that address; opens nothing. Raises ValueError."""
@@ -55,19 +54,23 @@ class DriverRegistry:
         """The device `name` at `address`; opens nothing. Raises ValueError."""
         return self.driver(address.scheme)(name, address, surroundings)
 
-    def mistakes(self, name: str, address: Address, folder: Path, limits: dict[str, float]) -> list[str]:
-        """What is wrong with an address, its settings and limits, found without opening anything."""
-        try:
-            self.open(name, address, Surroundings(WallClock(), folder, limits))
-        except ValueError as error:
-            return [str(error)]
-        module = sys.modules[self._entries[address.scheme].module]
-        check = getattr(module, "check_address", None)
-        return list(check(address, folder)) if check else []
+    def findings(self, name: str, address: Address, surroundings: Surroundings) -> list[Finding]:
+        """What is wrong with, or to be doubted about, an address, its settings and limits; opens nothing.
 
-    def controller_files(
-        self, cell: str, address: Address, folder: Path, limits: dict[str, float]
-    ) -> dict[str, str] | None:
+        A driver's module may have `check_address(address, folder)`, which names mistakes in what the address names, and
+        `check_setup(address, surroundings)`, which gives findings about limits and address.
+        """
+        try:
+            opener = self.driver(address.scheme)
+            module = sys.modules[self._entries[address.scheme].module]
+            check_address, check_setup = (getattr(module, hook, None) for hook in ("check_address", "check_setup"))
+            opener(name, address, replace(surroundings, limits={}) if check_setup else surroundings)
+        except ValueError as error:
+            return [Finding(str(error))]
+        found = [Finding(what) for what in check_address(address, surroundings.folder)] if check_address else []
+        return found + (list(check_setup(address, surroundings)) if check_setup else [])
+
+    def controller_files(self, cell: str, address: Address, surroundings: Surroundings) -> dict[str, str] | None:
         """File name → text of what has to be loaded on the device's controller; None where its driver has none.
 
         Raises ValueError with what is wrong with the address or the limits.
@@ -75,4 +78,6 @@ class DriverRegistry:
         self.driver(address.scheme)
         module = sys.modules[self._entries[address.scheme].module]
         generate = getattr(module, "generate_controller_files", None)
-        return dict(generate(cell, address, folder, limits)) if generate else None
+        if generate is None:
+            return None
+        return dict(generate(cell, address, surroundings.folder, surroundings.limits, surroundings.reach_mm))

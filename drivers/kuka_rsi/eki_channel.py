@@ -14,7 +14,7 @@ from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, read_doc
 ANSWER_S = 10.0
 """Longest wait, in the cell's time, for what the controller does at once."""
 
-_SILENCE_S = 2.0
+SILENCE_S = 2.0
 """The controller reports its state every 100 ms; after this long without a word it is lost."""
 
 _OPEN_S = 5.0
@@ -164,9 +164,9 @@ class EkiChannel:
 
     async def _watch(self) -> None:
         while not self._lost:
-            await self._clock.sleep(_SILENCE_S / 4)
+            await self._clock.sleep(SILENCE_S / 4)
             silent_s = (self._clock.now_ns() - self._heard_ns) * 1e-9
-            if silent_s > _SILENCE_S:
+            if silent_s > SILENCE_S:
                 self._fail(f"nothing heard from the controller for {silent_s:.1f} s")
 
     def _fail(self, what: str) -> None:

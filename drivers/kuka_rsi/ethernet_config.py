@@ -16,6 +16,12 @@ from drivers.kuka_rsi.telegram import AXIS_NAMES, ReplyTag
 _KINDS = ("BOOL", "LONG", "DOUBLE", "STRING")
 _MOST_CHANNELS = 64
 
+_NEEDED_IN_SEND = {
+    "DEF_AIPos": ("DOUBLE", "the actual joints"),
+    "DEF_Delay": ("LONG", "the controller's count of late answers: without it nobody knows which ones it took"),
+}
+"""Tags that the controller must send: type, and why."""
+
 _WITHOUT_HOLDON = {
     CorrectionMode.ABSOLUTE: "one late answer would send the robot back to its start",
     CorrectionMode.RELATIVE: "while answers are late, the robot would go on by the last increment in every cycle",
@@ -98,10 +104,16 @@ def _in_config(nodes: list[XmlNode], bound_port: int) -> Mistakes:
 
 
 def _in_send(nodes: list[XmlNode]) -> Mistakes:
-    tags = {_tag(node) for node in _elements(nodes, "SEND")}
-    if "DEF_AIPos" not in tags:
-        yield _line(nodes, "SEND"), "SEND lacks DEF_AIPos (the actual joints)"
-    yield from _twice(_elements(nodes, "SEND"), "TAG")
+    elements = _elements(nodes, "SEND")
+    by_tag = {_tag(node): node for node in elements}
+    for tag, (kind, why) in _NEEDED_IN_SEND.items():
+        node = by_tag.get(tag)
+        element = f'<ELEMENT TAG="{tag}" TYPE="{kind}" INDX="INTERNAL"/>'
+        if node is None:
+            yield _line(nodes, "SEND"), f"SEND lacks {tag} ({why}); add {element}"
+        elif _kind(node) != kind or node.attributes.get("INDX") != "INTERNAL":
+            yield node.line, f"{tag} ({why}) must be {element}"
+    yield from _twice(elements, "TAG")
 
 
 def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Mistakes:
@@ -116,6 +128,8 @@ def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Mistakes:
             yield node.line, f"{tag} is {_kind(node) or 'of no type'}, not {kind}"
         elif kind == "DOUBLE" and node.attributes.get("HOLDON") != settings.mode.holdon:
             yield node.line, f'{tag} has no HOLDON="{settings.mode.holdon}": {_WITHOUT_HOLDON[settings.mode]}'
+        elif kind == "BOOL" and node.attributes.get("HOLDON") != "0":
+            yield node.line, f'{tag} has no HOLDON="0": the stop of one search would be held into the next'
     for node in elements:
         yield from _in_received(node)
     yield from _twice(elements, "TAG")

@@ -9,7 +9,7 @@ from typing import Self, final
 from cellctl.devices import Address
 from drivers.kuka_rsi.correction_mode import CorrectionMode
 
-_SETTINGS = {"ethernet", "eki", "correction", "stop", "mode"}
+_SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "controller", "tolerance"}
 
 
 @final

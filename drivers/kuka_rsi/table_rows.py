@@ -12,7 +12,10 @@ from xml.sax.saxutils import quoteattr
 from cellctl.devices import ControllerTable, TableInfo, TableRow, TableState
 from drivers.kuka_rsi.telegram import AXIS_NAMES
 
-BLOCK_ROWS = 10
+BLOCK_ROWS = 2
+"""Rows sent or asked for at once; the channel allows ten. The controller works their sums out in KRL, some 3500
+statements a row, and its answer is waited for 10 s."""
+
 MOST_ROWS = 500
 
 

@@ -51,11 +51,27 @@ class Place:
 
 
 @dataclass
-class Routine:
-    """A DEF or DEFFCT: its parameters, whether each goes back (OUT), and its lines."""
+class Parameter:
+    """A parameter: `goes_back` (OUT); `array`: with brackets in the header, as an array has to be declared there."""
 
-    parameters: list[tuple[str, bool]]
+    name: str
+    goes_back: bool
+    array: bool
+
+
+@dataclass
+class Routine:
+    """A DEF or DEFFCT: its parameters and its lines."""
+
+    name: str
+    parameters: list[Parameter]
     lines: list[str]
+
+    def check_arrays(self) -> None:
+        """The arrays among the parameters are the same in the header and in the declarations."""
+        declared = {name for line in self.lines for name in re.findall(r"^DECL \w+ (\w+)\[\]$", line)}
+        in_header = {parameter.name for parameter in self.parameters if parameter.array}
+        assert in_header == declared, f"{self.name}: arrays in the header {in_header}, declared {declared}"
 
 
 def whole(value: int) -> int:
@@ -70,6 +86,7 @@ class Krl:
         self.variables: dict[str, Any] = {}
         self.routines: dict[str, Routine] = {}
         self.builtins = {name.upper(): builtin for name, builtin in builtins.items()}
+        self.on_statement: Callable[[], None] = lambda: None
         for source in sources:
             self._load(source)
 
@@ -88,9 +105,11 @@ class Krl:
             head = re.match(r"(?:GLOBAL )?(?:DEF|DEFFCT \w+) (\w+)\(([^)]*)\)$", text)
             if head:
                 routine = []
-                self.routines[head[1].upper()] = Routine(_parameters(head[2]), routine)
+                loaded = Routine(head[1], _parameters(head[2]), routine)
+                self.routines[head[1].upper()] = loaded
             elif routine is not None:
                 if text in ("END", "ENDFCT"):
+                    loaded.check_arrays()
                     routine = None
                 else:
                     routine.append(text)
@@ -121,8 +140,9 @@ class Krl:
             return self.builtins[name](*arguments)
         routine = self.routines[name]
         local: dict[str, Any] = {}
-        for (parameter, goes_back), place in zip(routine.parameters, arguments, strict=True):
-            local[parameter] = Ref(place) if goes_back else _copy(place.get())
+        for parameter, place in zip(routine.parameters, arguments, strict=True):
+            assert _is_text(place.get()) == parameter.array, f"{name}: {parameter.name} is no such kind"
+            local[parameter.name] = Ref(place) if parameter.goes_back else _copy(place.get())
         try:
             self._block(routine.lines, 0, len(routine.lines), local)
         except Return as end:
@@ -131,6 +151,7 @@ class Krl:
 
     def _block(self, lines: list[str], at: int, end: int, local: dict[str, Any]) -> None:
         while at < end:
+            self.on_statement()
             word = lines[at].split("(")[0].split(" ")[0]
             if word in _BLOCKS:
                 close = _closing(lines, at, word, _BLOCKS[word])
@@ -369,6 +390,11 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Text) else value
 
 
+def _is_text(value: Any) -> bool:
+    """Whether it is a CHAR array or a text in quotation marks; an enumeration's value is neither."""
+    return isinstance(value, Text) or (isinstance(value, str) and not value.startswith("#"))
+
+
 def _text(value: Any) -> list[int]:
     return [code for code in (value if isinstance(value, Text) else map(ord, str(value))) if code]
 
@@ -391,9 +417,9 @@ def _fresh(kind: str, size: str) -> Any:
     return {} if size else 0.0 if kind == "REAL" else 0
 
 
-def _parameters(text: str) -> list[tuple[str, bool]]:
+def _parameters(text: str) -> list[Parameter]:
     pairs = [part.strip().split(":") for part in text.split(",") if part.strip()]
-    return [(name.replace("[]", "").strip(), way == "OUT") for name, way in pairs]
+    return [Parameter(name.replace("[]", "").strip(), way == "OUT", name.endswith("[]")) for name, way in pairs]
 
 
 @cache

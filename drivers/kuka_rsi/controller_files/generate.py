@@ -5,13 +5,17 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 from pathlib import Path
+from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
 from cellctl.devices import Address
 from drivers.kuka_rsi.controller_files.instructions import instructions
+from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, Context, rsi_xml, rsix
+from drivers.kuka_rsi.eki_channel import SILENCE_S
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.settings import RsiSettings
+from drivers.kuka_rsi.telegram import AXIS_NAMES
 
 KRL_FILES = (
     "cellctl.src",
@@ -22,39 +26,64 @@ KRL_FILES = (
     "cellctl_tab.src",
     "cellctl_sum.src",
 )
-CONTEXT = "cellctl_rsi"
-"""Name of the RSI context that the person draws in RSI Visual."""
+_TIMEOUT_CYCLES = "100"
 
 _EKI_FILE = "cellctl_eki.xml"
 _FLAGS = {"ALIVE": 401, "GO": 402, "HALT": 403, "RSI": 404, "DONE": 405}
 _INTERRUPT = 21
-_AXES = [f"A{axis}" for axis in range(1, 7)]
 _WILDCARDS = ("0.0.0.0", "::")
 
 
-def controller_files(cell: str, address: Address, folder: Path, limits: dict[str, float]) -> dict[str, str]:
+def controller_files(
+    cell: str, address: Address, folder: Path, limits: dict[str, float], reach_mm: float | None
+) -> dict[str, str]:
     """File name → text of all that the controller of the cell named `cell` needs.
 
-    `folder`: against which the Ethernet configuration in `address` is read; `limits`: the cell file's, for this robot.
-    Raises ValueError with what is wrong with the address, the configuration or the limits.
+    `folder`: against which the Ethernet configuration in `address` is read; `limits`: the cell file's, for this robot;
+    `reach_mm`: its reach. Raises ValueError with what is wrong with the address, the configuration or the limits.
     """
+    search = SearchLimits.from_settings(limits, reach_mm)
     settings = RsiSettings.of(address, folder)
     if mistakes := read_ethernet_config(settings).mistakes:
         raise ValueError("; ".join(mistakes))
     places = {
         "CELL": " ".join(cell.split()),
-        "CONTEXT": CONTEXT,
+        "CONTEXT": CONTEXT_NAME,
         "MODE": settings.mode.upper(),
         "INTERRUPT": str(_INTERRUPT),
         "EKI_HOST": escape(settings.eki[0]),
         "EKI_PORT": str(settings.eki[1]),
+        "SILENCE": f"{SILENCE_S:g}",
         "RECEIVE": "\n".join(f"      {element}" for element in _received()),
         **{f"FLAG_{name}": str(number) for name, number in _FLAGS.items()},
     }
     made = {name: _filled(_template(name), places) for name in (*KRL_FILES, _EKI_FILE)}
     made[settings.ethernet.name] = _ethernet(settings)
-    made["README.txt"] = instructions(settings, SearchLimits.from_settings(limits), _FLAGS, _INTERRUPT, CONTEXT)
+    context = _context(places["CELL"], settings, search, address)
+    made |= {
+        f"{CONTEXT_NAME}.rsix": _ascii_xml(rsix(context)),
+        f"{CONTEXT_NAME}.rsi.xml": _ascii_xml(rsi_xml(context)),
+    }
+    made["README.txt"] = instructions(settings, search, context, _FLAGS, _INTERRUPT)
     return made
+
+
+def _context(cell: str, settings: RsiSettings, limits: SearchLimits, address: Address) -> Context:
+    """The RSI context; its links are the channels (INDX) in the person's own Ethernet configuration."""
+    elements = ElementTree.parse(settings.ethernet).iterfind("RECEIVE/ELEMENTS/ELEMENT")
+    channels = {element.get("TAG", ""): element.get("INDX", "") for element in elements}
+    return Context(
+        cell=cell,
+        ethernet=settings.ethernet.name,
+        axes=tuple(int(channels[f"{settings.correction}.{axis}"]) for axis in AXIS_NAMES),
+        stop=int(channels[settings.stop]),
+        correction_deg=limits.correction_deg,
+        timeout=int(address.query.get("tolerance", _TIMEOUT_CYCLES)),
+    )
+
+
+def _ascii_xml(text: str) -> str:
+    return text.encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 
 def _template(name: str) -> str:
@@ -73,7 +102,7 @@ def _received() -> list[str]:
         "Cmd/@Id": "INT",
         "Cmd/@Op": "STRING",
         "Cmd/Vel/@P": "REAL",
-        **{f"Cmd/Q/@{axis}": "REAL" for axis in _AXES},
+        **{f"Cmd/Q/@{axis}": "REAL" for axis in AXIS_NAMES},
         "Cmd/Row/@N": "INT",
         "Cmd/Table/@Id": "STRING",
         "Cmd/Table/@Serial": "STRING",
@@ -83,7 +112,7 @@ def _received() -> list[str]:
         "Cmd/Block/@Count": "INT",
         "Cmd/Block/@Sum": "STRING",
         "Cmd/R/@N": "INT",
-        **{f"Cmd/R/{group}/@{axis}": "STRING" for group in "QC" for axis in _AXES},
+        **{f"Cmd/R/{group}/@{axis}": "STRING" for group in "QC" for axis in AXIS_NAMES},
     }
     return [f'<ELEMENT Tag="{tag}" Type="{kind}"/>' for tag, kind in kinds.items()]
 

@@ -1,14 +1,15 @@
-"""README.txt for whoever loads the files: what goes where, what to draw in RSI Visual, what has to be tried first."""
+"""README.txt for whoever loads the files: what goes where, what the RSI context holds, what has to be tried first."""
 
 from __future__ import annotations
 
-from xml.etree import ElementTree
-
+from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, MONITOR_ABOVE_DEG, PRECISION, Context
+from drivers.kuka_rsi.eki_channel import ANSWER_S, SILENCE_S
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.settings import RsiSettings
+from drivers.kuka_rsi.table_rows import BLOCK_ROWS
 
 _PLACES = """\
-WHERE EACH FILE GOES (on the controller, user group Expert)
+WHERE EACH FILE GOES (KSS, on the controller, user group Expert)
 
   cellctl.src, cellctl.dat           KRC:\\R1\\Program\\
   cellctl_sub.src, cellctl_sub.dat   KRC:\\R1\\Program\\
@@ -16,27 +17,36 @@ WHERE EACH FILE GOES (on the controller, user group Expert)
   cellctl_sum.src                    KRC:\\R1\\Program\\
   cellctl_eki.xml                    C:\\KRC\\ROBOTER\\Config\\User\\Common\\EthernetKRL\\
   {ethernet:34} C:\\KRC\\ROBOTER\\Config\\User\\Common\\SensorInterface\\
-  {context_file:34} the same folder: you draw it in RSI Visual, below
+  cellctl.rsix                       the same folder, with RSI 4 or 5 (KSS 8.5 and later)
+  cellctl.rsi.xml                    the same folder, with RSI 3 (KSS 8.2 to 8.4), in place of cellctl.rsix
+
+  In a WorkVisual project these folders are KRC/R1/Program and Config/User/Common/...
 
   In the submit program (SPS.SUB, or one of your own from KSS 8.3 on):
     in its INIT section   CC_INIT( )
     in its loop           CC_CYCLE( )
+
+  iiQKA.OS2 (RSI 6): these files do not run there. Its EthernetKRL has other functions (EKI_Load, EKI_ReadNext) and
+  another channel format, and iiQWorks.Sim imports no context of RSI 5 or older. There a context belongs under
+  Config/RobotSensorInterface/Context, the Ethernet configuration under Config/RobotSensorInterface/Ethernet
+  configuration, the channel under Config/EthernetKRL/Ethernet configuration.
 """
 
 _CONTEXT = """\
-RSI CONTEXT "{context}" (RSI Visual)
+RSI CONTEXT "{context}" (cellctl.rsix, cellctl.rsi.xml: what the controller reads; RSI Visual has no drawing of it)
 
-  ETHERNET      ConfigFile {ethernet}, Timeout 100 (cycles, 0.4 s at 4 ms), Precision 4 or more
-                (1, the default, would round every joint to 0.1 degrees)
+  ETHERNET      ConfigFile {ethernet}, Timeout {timeout} (late answers, {patience:g} s of them at 4 ms),
+                Flag -1 (none), Precision {precision} (1, the default, would round every joint to 0.1 degrees)
   AXISCORR      CorrA1 ... CorrA6 from the ETHERNET outputs {outputs};
                 LowerLim / UpperLim of each axis -{correction:g} / +{correction:g} (degrees, from the pose at RSI_ON)
-  AXISCORRMON   MaxA1 ... MaxA6 {monitor:g}. Without it the ceiling is 6 degrees
-  STOP          input from ETHERNET output {stop}; Mode ExitMoveCorr (4): it ends RSI_MOVECORR( )
-  Do not wire an ETHERNET output back to an ETHERNET input, and no objects for external axes that the robot lacks.
+  AXISCORRMON   MaxA1 ... MaxA6 {monitor:g}: RSI stops there
+  STOP          from the ETHERNET output {stop}; Mode 4 (ExitMoveCorr): it ends RSI_MOVECORR( )
+  It follows the cell file and the Ethernet configuration: after a change there, generate it again.
+  Do not add a link from an ETHERNET output to an ETHERNET input, nor objects for external axes that the robot lacks.
 
   Limits of the cell file, which the computer keeps: correction {correction:g} deg, travel {travel:g} deg,
   speed {speed:g} deg/s, acceleration {acceleration:g} deg/s2, jerk {jerk:g} deg/s3.
-  The controller is to have the same correction limits: they are the second fence.
+  The context has the same correction limits: they hold where the computer fails to.
 """
 
 _NETWORK = """\
@@ -67,9 +77,9 @@ FIRST START
 _VERIFY = """\
 NOT TRIED ON A REAL CONTROLLER
 
-  The programs were written from published descriptions, for KSS 8.5 to 8.7, EthernetKRL 3 and RSI 4 or 5. cellctl's
+  The files were written from published descriptions, for KSS 8.5 to 8.7, EthernetKRL 3 and RSI 4 or 5. cellctl's
   tests run the conversation (not the motion) in a small KRL interpreter of their own, against the documents that the
-  computer sends; nobody has run the programs on a KRC. Try in T1, in this order, before anything else relies on them:
+  computer sends; nobody has loaded the files on a KRC. Try in T1, in this order, before anything else relies on them:
 
    1. EKI_Send with a text and its length (EthernetKRL 3; 2.x knows no third argument), in pieces of one document.
    2. HALT while PTP runs, and while RSI_MOVECORR( ) runs: the interrupt brakes, RESUME comes back, RSI is off after it.
@@ -78,20 +88,22 @@ NOT TRIED ON A REAL CONTROLLER
    5. RESET: CONFIRM, STOP, CANCEL and RUN by CWRITE($CMD, ...) in the submit interpreter, and the path in RUN.
    6. Get_MsgBuffer and its fields: the number in `Msg` is that of the message at the pendant.
    7. Push a table, switch the controller off and on: `cellctl table show` still names it.
-   8. A block of ten rows is answered in well under ten seconds (the sums are worked out in KRL).
-   9. Text parameters (NAME:IN with DECL CHAR NAME[]) and $V_R1MADA[] in HELLO, as this KSS wants them.
+   8. While a block of {rows} rows is taken (its sums are worked out in KRL), `Stat` goes on coming. The computer waits
+      {silence:g} s for a word and {answer:g} s for the answer.
+   9. $V_R1MADA[] in HELLO, as this KSS wants it.
+  10. RSI_CREATE takes the context: `cellctl.rsix` was written from published contexts, without their drawing part.
 """
 
 
 def instructions(
-    settings: RsiSettings, limits: SearchLimits, flags: dict[str, int], interrupt: int, context: str
+    settings: RsiSettings, limits: SearchLimits, context: Context, flags: dict[str, int], interrupt: int
 ) -> str:
-    """The text; `flags`: purpose → number, `interrupt`: its number, `context`: the RSI context's name."""
+    """The text; `context`: the RSI context as generated, `flags`: purpose → number, `interrupt`: its number."""
     host, port = settings.bind
     parts = [
-        "cellctl on a KUKA controller\n",
-        _PLACES.format(ethernet=settings.ethernet.name, context_file=f"{context}.rsix"),
-        _CONTEXT.format(context=context, ethernet=settings.ethernet.name, **_outputs(settings), **_limits(limits)),
+        "cellctl on a KUKA controller: not tried on a real one, see the last section\n",
+        _PLACES.format(ethernet=context.ethernet),
+        _CONTEXT.format(context=CONTEXT_NAME, **_context(context), **_limits(limits)),
         _NETWORK.format(
             bind="the address in IP_NUMBER" if host in ("0.0.0.0", "::") else host,
             port=port or "as in PORT",
@@ -102,23 +114,26 @@ def instructions(
             flags=", ".join(f"$FLAG[{number}] {name}" for name, number in flags.items()), interrupt=interrupt
         ),
         _FIRST,
-        _VERIFY,
+        _VERIFY.format(rows=BLOCK_ROWS, silence=SILENCE_S, answer=ANSWER_S),
     ]
     return "\n".join(parts)
 
 
-def _outputs(settings: RsiSettings) -> dict[str, str]:
-    """Numbers of the ETHERNET object's outputs, by what they carry."""
-    elements = ElementTree.parse(settings.ethernet).iterfind("RECEIVE/ELEMENTS/ELEMENT")
-    channels = {element.get("TAG", ""): element.get("INDX", "") for element in elements}
-    axes = [channels[f"{settings.correction}.A{axis}"] for axis in range(1, 7)]
-    return {"outputs": ", ".join(axes), "stop": channels[settings.stop]}
+def _context(context: Context) -> dict[str, object]:
+    return {
+        "ethernet": context.ethernet,
+        "timeout": context.timeout,
+        "patience": context.timeout * 0.004,
+        "precision": PRECISION,
+        "outputs": ", ".join(map(str, context.axes)),
+        "stop": context.stop,
+        "correction": context.correction_deg,
+        "monitor": context.correction_deg + MONITOR_ABOVE_DEG,
+    }
 
 
 def _limits(limits: SearchLimits) -> dict[str, float]:
     return {
-        "correction": limits.correction_deg,
-        "monitor": limits.correction_deg + 1.0,
         "travel": limits.travel_deg,
         "speed": limits.speed_deg_s,
         "acceleration": limits.acceleration_deg_s2,

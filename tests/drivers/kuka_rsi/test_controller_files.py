@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import re
 import zlib
 from collections import defaultdict, deque
@@ -20,9 +21,10 @@ from krl_programs import Krl, Place, Text
 from cellctl.clock import WallClock
 from cellctl.devices import Address, ControllerTable, TableInfo, TableRow, TableState
 from drivers.kuka_rsi import generate_controller_files
-from drivers.kuka_rsi.eki_channel import EkiChannel
+from drivers.kuka_rsi.eki_channel import ANSWER_S, SILENCE_S, EkiChannel
 from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
 from drivers.kuka_rsi.table_channel import TableChannel
+from drivers.kuka_rsi.table_rows import BLOCK_ROWS
 
 ADDRESS = Address.parse("kuka+rsi://192.168.10.2:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54601")
 REFERENCE = (ROOT / "docs" / "reference" / "eki-channel.md").read_text()
@@ -239,8 +241,97 @@ def test_the_instructions_name_every_file_the_limits_and_that_nobody_tried_it(ma
     told = made["README.txt"]
     assert [name for name in made if name != "README.txt" and name not in told] == []
     assert "-3 / +3" in told
+    assert "speed 2 deg/s" in told
+    assert f"waits\n      {SILENCE_S:g} s for a word and {ANSWER_S:g} s for the answer" in told
     assert "NOT TRIED ON A REAL CONTROLLER" in told
     assert "outputs 1, 2, 3, 4, 5, 6" in told.replace("\n", " ")
+
+
+def test_every_file_that_the_controller_loads_says_at_its_head_that_nobody_tried_it(made: dict[str, str]) -> None:
+    for name in made.keys() - {"rsi_ethernet.xml"}:
+        assert re.search("not tried on a real", "\n".join(made[name].splitlines()[:9]), re.IGNORECASE), name
+
+
+def links(root: ElementTree.Element, kind: str, place: str, output: str) -> dict[int, int]:
+    """Input → output of the ETHERNET object, of the one object of that kind in a context."""
+    (item,) = (item for item in root.iter() if item.get("ObjType", "").upper() == kind)
+    inputs = [part for part in item.iter() if part.tag.endswith("Input")]
+    return {int(part.get(place, "")): int(part.get(output, "")) for part in inputs}
+
+
+def parameters(root: ElementTree.Element, kind: str) -> dict[str, str]:
+    (item,) = (item for item in root.iter() if item.get("ObjType", "").upper() == kind)
+    return {part.get("Name", ""): part.get("ParamValue", "") for part in item.iter() if part.tag.endswith("Parameter")}
+
+
+@pytest.mark.parametrize(("name", "first"), [("cellctl.rsix", 0), ("cellctl.rsi.xml", 1)])
+def test_the_context_wires_the_channels_of_the_persons_own_ethernet_file(tmp_path: Path, name: str, first: int) -> None:
+    xml = (CELL.parent / "rsi_ethernet.xml").read_text()
+    for axis in range(6, 0, -1):  # as KUKA's own example has it: the stop first
+        xml = xml.replace(
+            f'TAG="AK.A{axis}" TYPE="DOUBLE" INDX="{axis}"', f'TAG="AK.A{axis}" TYPE="DOUBLE" INDX="{axis + 1}"'
+        )
+    (tmp_path / "rsi_ethernet.xml").write_text(xml.replace('TYPE="BOOL" INDX="7"', 'TYPE="BOOL" INDX="1"'))
+    root = ElementTree.fromstring(generate_controller_files("c", ADDRESS, tmp_path, {})[name])
+    spelling = ("InIdx", "OutIdx")
+    assert links(root, "AXISCORR", *spelling) == {first + n: first + n + 1 for n in range(6)}
+    assert links(root, "STOP", *spelling) == {first: first}
+
+
+@pytest.mark.parametrize("name", ["cellctl.rsix", "cellctl.rsi.xml"])
+def test_the_context_has_the_limits_of_the_cell_file_and_the_tolerance_of_the_address(name: str) -> None:
+    address = Address.parse(f"{ADDRESS}&tolerance=20")
+    root = ElementTree.fromstring(generate_controller_files("c", address, CELL.parent, {"correction_deg": 3})[name])
+    axes = range(1, 7)
+    assert parameters(root, "AXISCORR") == {f"LowerLimA{n}": "-3" for n in axes} | {f"UpperLimA{n}": "3" for n in axes}
+    assert parameters(root, "AXISCORRMON").items() >= {f"MaxA{n}": "4" for n in axes}.items()
+    assert parameters(root, "STOP") == {"Mode": "4", "Channel": "0"}
+    ethernet = {"ConfigFile": "rsi_ethernet.xml", "Timeout": "20", "Flag": "-1", "Precision": "4"}
+    assert parameters(root, "ETHERNET") == ethernet
+
+
+PUBLISHED = {
+    "cellctl.rsix": {
+        "Ethernet": ("64", {"ConfigFile": "0", "Timeout": "0", "Flag": "3", "Precision": "7"}),
+        "AxisCorr": ("33", {"LowerLimA1": "0", "LowerLimA6": "5", "UpperLimA1": "6", "UpperLimA6": "11"}),
+        "AxisCorrMon": ("82", {"MaxA1": "0", "MaxA6": "5", "MaxE1": "6", "MaxE6": "11"}),
+        "Stop": ("18", {"Mode": "0", "Channel": "1"}),
+    },
+    "cellctl.rsi.xml": {
+        "ETHERNET": ("64", {"ConfigFile": "1", "Timeout": "1", "Flag": "4", "Precision": "8"}),
+        "AXISCORR": ("33", {"LowerLimA1": "1", "LowerLimA6": "6", "UpperLimA1": "13", "UpperLimA6": "18"}),
+        "AXISCORRMON": ("82", {"MaxA1": "1", "MaxA6": "6", "MaxE1": "7", "MaxE6": "12"}),
+        "STOP": ("18", {"Mode": "1", "Channel": "2"}),
+    },
+}
+"""Numbers of objects and parameters in the contexts of kuka_experimental and kuka-external-control-sdk."""
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_objects_and_parameters_have_the_names_and_numbers_of_published_contexts(
+    made: dict[str, str], name: str
+) -> None:
+    root = ElementTree.fromstring(made[name])
+    objects = {item.get("ObjType", ""): item for item in root.iter() if item.get("ObjType")}
+    assert objects.keys() == PUBLISHED[name].keys()
+    for kind, (number, wanted) in PUBLISHED[name].items():
+        item = objects[kind]
+        assert number in (item.get("ObjTypeId"), item.get("ObjTypeID"))
+        places = {part.get("Name", ""): part.get("ParamId") or part.get("ParamID") for part in item.iter()}
+        assert places.items() >= wanted.items()
+        fixed = {part.get("Name") for part in item.iter() if part.get("IsRuntime") == "false"}
+        assert fixed == ({"ConfigFile"} if kind.upper() == "ETHERNET" else set())
+
+
+def test_the_program_creates_the_context_under_the_name_of_its_file(made: dict[str, str]) -> None:
+    assert 'RSI_CREATE("cellctl",CC_CONTEXT,TRUE)' in made["cellctl.src"]
+
+
+def test_a_text_parameter_without_brackets_in_the_header_does_not_load() -> None:
+    body = "\nDECL CHAR TXT[]\nEND\n"
+    Krl([f"GLOBAL DEF CC_X(TXT[]:IN){body}"], {})
+    with pytest.raises(AssertionError, match="arrays in the header"):
+        Krl([f"GLOBAL DEF CC_X(TXT:IN){body}"], {})
 
 
 def test_relative_corrections_are_switched_on_as_the_address_says(tmp_path: Path) -> None:
@@ -284,7 +375,7 @@ def sums() -> Krl:
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=0, max_size=40))
 def test_the_sum_of_a_text_is_that_of_zlib(text: str) -> None:
     krl = sums()
-    total = krl.call("CC_CRC", -1, text)
+    total = krl.call("CC_CRC", -1, Text(map(ord, text)))
     krl.call("CC_HEX", ~total)
     assert str(krl.variables["CC_DIGITS"]) == f"{zlib.crc32(text.encode()):08X}"
 
@@ -395,6 +486,37 @@ def test_a_table_is_staged_read_back_activated_and_moved_to(controller: Controll
     controller.take(write_command(6, "PTPT", '<Vel P="10.0"/><Row N="12"/>'))
     target = controller.krl.variables["CC_TARGET"]
     assert [target[f"A{axis}"] for axis in range(1, 7)] == pytest.approx(ROWS[11][1])
+
+
+STATEMENTS_S = 1000
+"""Statements a second of a controller so slow that it takes six seconds for a block of the driver's."""
+
+
+@pytest.mark.parametrize("operation", ["TBLOCK", "TREAD"])
+def test_a_slow_controller_is_heard_of_all_the_time_and_answers_the_drivers_block_in_time(
+    controller: Controller, operation: str
+) -> None:
+    rows = BLOCK_ROWS
+    stage(controller, "aa", ROWS[:rows])
+    if operation == "TBLOCK":
+        table = f'<Table Id="bb" Serial="{SERIAL}" Rows="{rows}" Sum="{checksum(1, ROWS[:rows])}"/>'
+        assert controller.reply(write_command(1, "TSTAGE", table)).code == 0
+    variables, words_s, ticks = controller.krl.variables, [0.0], itertools.count()
+    began = variables["$ROB_TIMER"]
+
+    def pass_time() -> None:
+        variables["$ROB_TIMER"] = began + next(ticks) * 1000 // STATEMENTS_S
+
+    def send(*arguments: Place) -> None:
+        words_s.append((variables["$ROB_TIMER"] - began) / 1000)
+        Controller._eki_send(controller, *arguments)
+
+    controller.krl.on_statement = pass_time
+    controller.krl.builtins["EKI_SEND"] = send
+    read = write_command(5, "TREAD", f'<Block First="1" Count="{rows}"/>')
+    assert controller.reply(block(2, 1, ROWS[:rows]) if operation == "TBLOCK" else read).code == 0
+    assert max(b - a for a, b in itertools.pairwise(words_s)) < SILENCE_S / 4
+    assert SILENCE_S < words_s[-1] < ANSWER_S
 
 
 def test_the_table_before_comes_back_and_a_staged_one_does_not_survive_a_restart(controller: Controller) -> None:

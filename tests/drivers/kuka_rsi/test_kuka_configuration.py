@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
 
 from cellctl.clock import WallClock
-from cellctl.devices import Address, Surroundings
+from cellctl.devices import Address, DeviceRefused, Surroundings
 from drivers.kuka_rsi import check_address, open_robot
 
 GOOD = "kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:54600"
@@ -36,6 +37,11 @@ def test_the_shipped_cell_s_configuration_has_no_mistake():
     ("before", "after", "line", "what"),
     [
         ("DEF_AIPos", "DEF_ASPos", 8, "SEND lacks DEF_AIPos"),
+        ("DEF_Delay", "DEF_MACur", 8, 'add <ELEMENT TAG="DEF_Delay" TYPE="LONG" INDX="INTERNAL"/>'),
+        ('TAG="DEF_Delay" TYPE="LONG"', 'TAG="DEF_Delay" TYPE="STRING"', 11, "must be <ELEMENT TAG="),
+        ('TAG="DEF_AIPos" TYPE="DOUBLE"', 'TAG="DEF_AIPos" TYPE="LONG"', 10, "DEF_AIPos (the actual joints) must be"),
+        ('TAG="DEF_Delay" TYPE="LONG" INDX="INTERNAL"', 'TAG="DEF_Delay" TYPE="LONG" INDX="1"', 11, "INTERNAL"),
+        ('INDX="7" HOLDON="0"', 'INDX="7" HOLDON="1"', 20, 'Stop has no HOLDON="0"'),
         ("<ONLYSEND>FALSE", "<ONLYSEND>TRUE", 6, "ONLYSEND"),
         ("<SENTYPE>CELLCTL</SENTYPE>", "<SENTYPE/>", 5, "SENTYPE"),
         ("<SENTYPE>CELLCTL</SENTYPE>", "", 2, "SENTYPE"),
@@ -53,6 +59,13 @@ def test_the_shipped_cell_s_configuration_has_no_mistake():
 def test_each_mistake_in_the_file_is_named_with_its_line(mistakes, before, after, line, what):
     found = mistakes((before, after))
     assert [text for text in found if text.startswith(f"rsi.xml:{line}: ") and what in text], found
+
+
+def test_a_controller_whose_late_answers_nobody_could_count_is_not_connected_to(tmp_path, ethernet_xml):
+    (tmp_path / "rsi.xml").write_text(ethernet_xml.replace("DEF_Delay", "DEF_MACur"))
+    robot = open_robot("robot", Address.parse(GOOD), Surroundings(WallClock(), tmp_path))
+    with pytest.raises(DeviceRefused, match="SEND lacks DEF_Delay"):
+        asyncio.run(robot.connect())
 
 
 def test_all_mistakes_are_named_at_once(mistakes):

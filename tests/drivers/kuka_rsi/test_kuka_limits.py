@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -17,7 +18,8 @@ from drivers.kuka_rsi.telegram import Telegram
 
 CYCLE_S = 0.004
 LOW = SearchLimits()
-WIDE = SearchLimits(correction_deg=50, speed_deg_s=1e6, acceleration_deg_s2=1e9, jerk_deg_s3=1e12, travel_deg=50)
+_WIDE = {"correction_deg": 50, "speed_deg_s": 1e6, "acceleration_deg_s2": 1e9, "jerk_deg_s3": 1e12, "travel_deg": 50}
+WIDE = SimpleNamespace(**_WIDE)  # above every ceiling, so that one limit can be looked at by itself
 HOME = (0.0,) * 6
 
 
@@ -25,9 +27,8 @@ def axis2(value: float) -> tuple[float, ...]:
     return (0.0, value, 0.0, 0.0, 0.0, 0.0)
 
 
-def only(**limit: float) -> SearchLimits:
-    names = ("correction_deg", "speed_deg_s", "acceleration_deg_s2", "jerk_deg_s3", "travel_deg")
-    return SearchLimits(**{name: limit.get(name, getattr(WIDE, name)) for name in names})
+def only(**limit: float) -> SimpleNamespace:
+    return SimpleNamespace(**{**_WIDE, **limit})
 
 
 @pytest.mark.parametrize(
@@ -64,7 +65,7 @@ def test_what_was_refused_does_not_count_as_sent():
 def test_every_planned_path_passes_the_watch_also_when_it_is_stopped_anywhere(
     length, speed, acceleration, jerk, cycle_s, stop
 ):
-    limits = SearchLimits(5.0, speed, acceleration, jerk, 5.0)
+    limits = only(speed_deg_s=speed, acceleration_deg_s2=acceleration, jerk_deg_s3=jerk)
     watch, point = CycleWatch(limits, cycle_s), SetPoint(axis2(length), speed, limits, cycle_s)
     for _ in range(stop):
         point.advance()

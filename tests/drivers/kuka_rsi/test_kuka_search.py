@@ -84,13 +84,13 @@ def test_set_points_keep_speed_acceleration_and_jerk_limits_up_to_the_end(contro
 
 def test_the_set_point_stands_in_the_second_telegram_after_contact(controller, connected, run):
     async def search():
-        async with connected({"speed_deg_s": 5}) as robot:
+        async with connected() as robot:
             controller.on_cycle = lambda cycle: robot.stop_now() if cycle == 100 else None
-            return await robot.search(TWO_DEG, 4.0)
+            return await robot.search(TWO_DEG, 2.0)
 
     result = run(search())
     steps = steps_of(controller)
-    full = 4.0 * 0.004
+    full = 2.0 * 0.004
     assert steps[98] == pytest.approx(full, abs=1e-5)
     assert steps[99] == pytest.approx(full / 2, abs=1e-5)
     assert max(steps[100:]) == 0

@@ -79,10 +79,10 @@ def test_a_push_of_one_row_cut_at_any_byte_says_truly_which_table_is_in_force(di
 @pytest.mark.parametrize("direction", ["hears", "says"])
 def test_a_push_of_several_blocks_cut_anywhere_leaves_a_whole_table_in_force(direction, run):
     async def every_so_often() -> None:
-        what = table(23)
+        what = table(5)
         whole = await whole_push(what)
         end = whole.heard if direction == "hears" else whole.said
-        outcomes = [await cut(direction, at, whole, what) for at in range(5, end, 23)]
+        outcomes = [await cut(direction, at, whole, what) for at in range(5, end, 5)]
         assert set(outcomes) == {DeviceLost, DeviceUncertain}
 
     run(every_so_often())

@@ -1,0 +1,15 @@
+"""Warnings about a cell file: said on stderr, with place and cure; nothing is refused for them."""
+
+from __future__ import annotations
+
+import sys
+
+from cellctl.devices.cell import Cell
+
+
+def say_warnings(cell: Cell) -> None:
+    """Say what in the cell file is allowed and probably not meant; nothing where all is well."""
+    count = len(cell.warnings)
+    if count:
+        text = "\n".join(map(str, cell.warnings))
+        print(f"cellctl: {count} warning{'s' * (count > 1)}\n{text}", file=sys.stderr)

@@ -1,0 +1,41 @@
+"""Limits of the cell file against their ceilings and against what a search needs; an address that no telegram meets."""
+
+from __future__ import annotations
+
+import ipaddress
+
+from cellctl.devices import Address, Finding, Surroundings
+from drivers.kuka_rsi.limits import SEARCH_NEEDS, ceilings, limit_mistakes
+
+
+def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
+    """Mistakes in the limits, and warnings about limits and address. The address itself has no mistake."""
+    limits, reach_mm = surroundings.limits, surroundings.reach_mm
+    mistakes = limit_mistakes(limits, reach_mm)
+    found = [Finding(what, _cure(name, reach_mm), name) for name, what in mistakes.items()]
+    for name, need in SEARCH_NEEDS.items():
+        if name in limits and name not in mistakes and limits[name] > need:
+            what = f"robot limit {name}: {limits[name]:g} is more than a search needs ({need:g})"
+            found.append(Finding(what, f"give {need:g} or less, or leave it out", name, warning=True))
+    return found + _about_telegrams(address)
+
+
+def _cure(name: str, reach_mm: float | None) -> str:
+    highest = ceilings(reach_mm)
+    return f"give a number above 0 and up to {highest[name]:g}" if name in highest else "remove it"
+
+
+def _about_telegrams(address: Address) -> list[Finding]:
+    """A warning where telegrams are expected from the EKI address, which RSI, on a subnet of its own, does not have."""
+    host = address.query.get("eki", "").rpartition(":")[0].strip("[]")
+    if address.query.get("controller") or _is_loopback(host):
+        return []
+    what = f"telegrams are taken from {host} alone, the EKI address, and RSI needs a subnet of its own"
+    return [Finding(what, "add &controller=IP, the controller's address on the RSI network", warning=True)]
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
