@@ -280,6 +280,7 @@ def test_the_count_may_wrap_unheard_between_two_searches(bench):
         for _ in range(3):
             b.clock.time_ns += 1_800_000 * MS  # half an hour asleep: more than half a turn of the count
             await b.clock.sleep(0.2)
+            b.fake.loop_mv = 1650
             await b.arm()
             truth = b.clock.time_ns + 100 * MS
             b.fake.at(truth, b.fake.touch)
