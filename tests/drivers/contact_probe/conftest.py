@@ -91,7 +91,7 @@ class FakeProbe:
         self.spoil: Counter[str] = Counter()  # how many lines of a kind are spoilt on the way
         self.forget_ack: Counter[str] = Counter()  # how many acknowledgements of a kind get lost
         self.commands: list[str] = []
-        self.command_seq = ""
+        self.command_seq, self.command_ns = "", 0  # of the last one
         self.lines: list[bytes] = []  # all that have arrived, as they were
         self.acked: list[int] = []
         self.on_ack: Callable[[int], None] = lambda _seq: None
@@ -263,7 +263,7 @@ class FakeProbe:
             self.acked.append(int(seq))
             return
         self.commands.append(kind)
-        self.command_seq = seq
+        self.command_seq, self.command_ns = seq, self.clock.time_ns
         if self.deaf_to[kind] > 0:
             self.deaf_to[kind] -= 1
         elif self.answering:

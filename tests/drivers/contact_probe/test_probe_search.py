@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, ProbeNotOpen
+from drivers.contact_probe.lines import Line
+from drivers.contact_probe.messages import Boot, Confirmation, Edge, Fault, Heartbeat, Opened
+from drivers.contact_probe.search import Search
+from drivers.contact_probe.ticks import TickClock
 
 MS = 1_000_000
 
@@ -575,3 +582,57 @@ def test_a_probe_that_falls_silent_cannot_say_whether_it_touches(bench):
             await b.probe.touching()
 
     bench.run(script)
+
+
+class Timers:
+    """A clock that stands still; what was to be called later is called when the test says so."""
+
+    def __init__(self) -> None:
+        self.callbacks = []
+
+    def call_later(self, _seconds, callback):
+        self.callbacks.append(callback)
+        return SimpleNamespace(cancel=lambda: self.callbacks.remove(callback))
+
+    def fire(self) -> None:
+        for callback in tuple(self.callbacks):
+            callback()
+
+
+TICKS = st.integers(99_000, 101_500)
+MESSAGES = st.one_of(
+    st.builds(Edge, TICKS),
+    st.builds(Confirmation, TICKS, st.integers(0, 1), st.integers(0, 3)),
+    st.builds(Opened, TICKS),
+    st.builds(
+        Heartbeat,
+        st.sampled_from(["ARMED", "TRIPPED", "DISARMED", "FAULT"]),
+        st.sampled_from([80, 700, 1650, 4900]),
+        st.just(1),
+    ),
+    st.builds(Fault, st.just("WIRE")),
+    st.builds(Boot, st.just(1), st.just("POWER")),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(lines=st.lists(st.tuples(MESSAGES, st.booleans()), max_size=4))
+def test_whatever_halts_the_robot_ends_the_search_and_no_contact_is_later_than_its_line(lines):
+    """Else `contact` would wait for ever with the robot held."""
+    halts, timers, ticks = [], Timers(), TickClock(2_000_000)
+    ticks.add_line(100_000, 50 * MS, 0)
+    search = Search("probe", timers, ticks, lambda: halts.append(1), lambda _: None)
+    search.armed()
+    for k, (message, new) in enumerate(lines, 1):
+        line = Line(k, 100_000 + 100 * k, message)
+        if new:
+            ticks.add_line(line.tick, 50 * MS + k * 50_000, 0)
+        search.at_once(line)
+        search.pursue(line, new=new)
+    assert len(halts) <= 1
+    timers.fire()
+    assert search.ended == bool(halts)
+    if search.ended and search.trouble is None:
+        contact = asyncio.run(search.outcome())
+        assert 100_000 <= contact.tick <= 100_000 + 100 * len(lines)
+        assert contact.time_ns <= 50 * MS + len(lines) * 50_000
