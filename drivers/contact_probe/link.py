@@ -12,6 +12,7 @@ from typing import Protocol, final
 from cellctl.clock import Clock
 from cellctl.devices import DeviceLost
 from drivers.contact_probe.lines import Line, LineError, Splitter, encode, parse_line
+from drivers.contact_probe.liveness import Liveness
 from drivers.contact_probe.messages import Answer, Boot, Heartbeat, Message
 from drivers.contact_probe.port import SerialPort
 
@@ -21,6 +22,8 @@ _DOUBLE_WITHIN_NS = 1_000_000_000
 """A line seen again so soon is a double; the numbers come round after minutes at the earliest."""
 _BOOT_WITHIN_NS = 120_000_000
 """The same for BOOT, always number 0: two repeats, so that a second reset is not taken for a double."""
+_USELESS_NS = 170_000_000
+"""So long without a new line, and what comes in between is of no use: spoilt, or old lines again."""
 _END_BOUND_S = 10.0
 
 
@@ -32,17 +35,22 @@ class Counts:
     lines: int = 0
     crc_errors: int = 0
     doubles: int = 0
+    old_lines: int = 0
     resends: int = 0
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A line that came in for the first time: when its last character was read, and how long the wire took for it."""
+    """A line that came in for the first time: when its last character was read, and how long the wire took for it.
+
+    `new`: it is no line of the past, nor one whose count has jumped, so that its tick can be believed.
+    """
 
     line: Line
     time_ns: int
     wire_ns: int
+    new: bool = True
 
 
 @final
@@ -64,7 +72,7 @@ class Hearer(Protocol):
     """Who listens to a link."""
 
     def alive(self, time_ns: int) -> None:
-        """A valid line came in at `time_ns`, perhaps a double. In the port's thread; must not block."""
+        """The probe was alive at `time_ns`: it began a new line then. In the port's thread; must not block."""
 
     def at_once(self, line: Line) -> None:
         """A valid line, once, before it is acknowledged. In the port's thread; must not block."""
@@ -87,6 +95,8 @@ class Link:
         self.counts = Counts()
         self.last_alive_ns = clock.now_ns()
         self._device, self._port, self._baud, self._clock, self._hearer = device, port, baud, clock, hearer
+        self._liveness = Liveness()
+        self._read_ns = self._line_ns = self.last_alive_ns
         self._seen: dict[int, tuple[Message, int]] = {}
         self._next_seq = 0
         self._asking = asyncio.Lock()
@@ -116,8 +126,16 @@ class Link:
         return characters * 10_000_000_000 // self._baud
 
     def silent_ns(self) -> int:
-        """How long ago, in the cell's time, the last valid line came in; 0 where something waits to be read."""
-        return 0 if self._port.waiting() else self._clock.now_ns() - self.last_alive_ns
+        """How long ago, in the cell's time, the probe last began a new line; 0 where something waits to be read.
+
+        Not where what was read since has been of no use: then what waits is more of it.
+        """
+        useless = self._read_ns - self.last_alive_ns > _USELESS_NS
+        return 0 if self._port.waiting() and not useless else self._clock.now_ns() - self.last_alive_ns
+
+    def why_not_alive(self) -> str:
+        """Why the lines that come in are no proof of life; empty where none come, or good ones."""
+        return "" if self._clock.now_ns() - self._line_ns > _USELESS_NS else self._liveness.reason
 
     def check(self) -> None:
         """Raises DeviceLost where the port is gone."""
@@ -165,6 +183,8 @@ class Link:
             while not self._ending and not self._why_gone:
                 data = self._port.read()
                 time_ns = self._clock.now_ns()
+                if data:
+                    self._read_ns = time_ns
                 for raw in splitter.feed(data):
                     self._hear(raw, time_ns)
                 self._wire.read(len(data))
@@ -178,14 +198,18 @@ class Link:
             self.counts.crc_errors += 1
             return
         self.counts.lines += 1
-        self.last_alive_ns = time_ns
-        self._hearer.alive(time_ns)
-        new = not self._is_double(line, time_ns)
-        if new:
+        self._line_ns = time_ns
+        double = self._is_double(line, time_ns)
+        late_ns = self._liveness.lateness_ns(line, time_ns, double=double)
+        self.counts.old_lines += late_ns is None
+        if late_ns is not None and not double:
+            self.last_alive_ns = time_ns - late_ns
+            self._hearer.alive(self.last_alive_ns)
+        if not double:
             self._hearer.at_once(line)
         self._send(encode("ACK", line.seq))
-        if new:  # after the acknowledgement: what the loop sends upon this line goes onto the wire behind it
-            arrival = Arrival(line, time_ns, self.wire_ns(len(raw)))
+        if not double:  # after the acknowledgement: what the loop sends upon this line goes onto the wire behind it
+            arrival = Arrival(line, time_ns, self.wire_ns(len(raw)), new=late_ns is not None)
             self._on_loop(lambda: self._take(arrival))
 
     def _is_double(self, line: Line, time_ns: int) -> bool:
@@ -202,6 +226,8 @@ class Link:
     def _take(self, arrival: Arrival) -> None:
         self._hearer.arrived(arrival)
         message = arrival.line.message
+        if not arrival.new:
+            return  # an old answer may bear the awaited number: they begin at 0 with each connection
         if self._awaited and isinstance(message, Answer) and message.host_seq == self._awaited[0]:
             _, answer = self._awaited
             if not answer.done():

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
+_CLOSED_BELOW_MV = 500
+_OPEN_MV = range(1000, 2501)
+"""Of the loop, as docs/reference/probe-protocol.md has it."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,16 @@ class Heartbeat:
     state: str
     loop_mv: int
     host_ok: int
+
+    @property
+    def closed(self) -> bool:
+        """Whether the loop is closed."""
+        return self.loop_mv < _CLOSED_BELOW_MV
+
+    @property
+    def open(self) -> bool:
+        """Whether the loop is open and whole. Neither closed nor open: broken, or a voltage that means nothing."""
+        return self.loop_mv in _OPEN_MV
 
 
 @final

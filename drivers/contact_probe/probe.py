@@ -23,8 +23,6 @@ from drivers.contact_probe.messages import Introduction
 from drivers.contact_probe.search import Search, fault_of
 from drivers.contact_probe.session import Session
 
-_CLOSED_BELOW_MV = 500
-"""Of the loop, as docs/reference/probe-protocol.md has it."""
 _CLOSE_BOUND_S = 2.0
 """Wall time: a simulated cell whose time stands still must not keep the probe open."""
 
@@ -78,10 +76,10 @@ class SerialProbe:
         beat = await session.beat_from_now()
         if session.search and session.search.trouble:
             raise session.search.trouble
-        if beat.state == "FAULT":
+        if beat.state == "FAULT" or not (beat.closed or beat.open):
             what = f"is at fault (loop at {beat.loop_mv} mV)"
             raise DeviceFault(self.name, what, "look at the torch lead, the earth lead and the tip")
-        return beat.loop_mv < _CLOSED_BELOW_MV
+        return beat.closed
 
     async def disarm(self) -> None:
         """Disarm. A probe whose fault is still there stays in FAULT, which is as safe."""
@@ -160,6 +158,8 @@ def _figures(session: Session) -> dict[str, float]:
         "lines": counts.lines,
         "crc_errors": counts.crc_errors,
         "doubles": counts.doubles,
+        "old_lines": counts.old_lines,
+        "refused_edges": session.refused_edges,
         "resends": counts.resends,
         "resets": session.resets,
     }

@@ -8,10 +8,13 @@ from typing import final
 
 from cellctl.clock import Clock, Timer
 from cellctl.devices import Contact, DeviceError, DeviceFault, DeviceRefused
-from drivers.contact_probe.messages import Boot, Confirmation, Edge, Fault, Heartbeat, Message
+from drivers.contact_probe.lines import Line
+from drivers.contact_probe.messages import Boot, Confirmation, Edge, Fault, Heartbeat
 from drivers.contact_probe.ticks import TickClock
 
 _CONFIRM_WITHIN_S = 0.5
+_EDGE_WITHIN_S = 0.5
+"""Of a heartbeat that can only mean a contact: the probe repeats EDGE every 50 ms until it is acknowledged."""
 _FAULTS = {
     "WIRE": ("the loop is broken", "check the torch lead, the earth lead and the end-of-line resistor"),
     "STUCK": ("the loop has been closed for over 10 s", "free the tip and clean spatter off it"),
@@ -25,6 +28,20 @@ def fault_of(device: str, code: str) -> DeviceFault:
     """A fault code of the probe (`WIRE`) in words, with its cure."""
     what, cure = _FAULTS.get(code, ("the probe is at fault", "see the probe's manual"))
     return DeviceFault(device, f"{what} (fault {code})", cure)
+
+
+def _missed(device: str, beat: Heartbeat) -> DeviceFault:
+    """What a heartbeat of an armed probe says about a line that should have come, and did not."""
+    if beat.state == "TRIPPED":
+        what = f"tripped without saying when: no EDGE within {_EDGE_WITHIN_S:g} s"
+        return DeviceFault(device, what, "look at the serial line: its health counts spoilt and old lines")
+    if beat.closed:
+        what = f"is armed with its loop closed ({beat.loop_mv} mV): it missed the edge"
+        return DeviceFault(
+            device, what, "check the probe's edge capture: its A/D input sees the contact, that does not"
+        )
+    what = f"is armed with its loop at {beat.loop_mv} mV, neither open nor closed, and says no fault"
+    return DeviceFault(device, what, "check the torch lead, the earth lead and the end-of-line resistor")
 
 
 @final
@@ -47,7 +64,8 @@ class Search:
         self._begin_tick = ticks.last_tick
         self._armed = False
         self._halted = False
-        self._confirmation_due: Timer | None = None
+        self._edge_came = False
+        self._due: Timer | None = None  # the outcome if nothing better comes
         self._outcome: Contact | DeviceError | None = None
         self._ended = asyncio.Event()
 
@@ -65,14 +83,14 @@ class Search:
         """The probe said that it is armed: from here on a heartbeat that says otherwise ends the search."""
         self._armed = True
 
-    def at_once(self, message: Message) -> None:
-        """Halt where `message` ends the search: the edge, what only follows on an edge, a reset, a fault."""
-        match message:
+    def at_once(self, line: Line) -> None:
+        """Halt where `line` ends the search: an edge, a reset, a fault, or any of these missed by the probe."""
+        match line.message:
             case Edge(edge_tick=tick) | Confirmation(edge_tick=tick):
                 over = self._is_ours(tick)
-            case Heartbeat(state=state):
-                over = self._armed and state != "ARMED"
-            case _:
+            case Heartbeat() as beat:
+                over = self._armed and (beat.state != "ARMED" or not beat.open)
+            case message:
                 over = isinstance(message, Boot | Fault)
         if over:
             self.halt()
@@ -83,23 +101,24 @@ class Search:
             self._halted = True
             self._on_edge()
 
-    def pursue(self, message: Message) -> None:
-        """Draw the conclusions from `message`: a contact, a fault, or none yet."""
-        match message:
-            case Edge(edge_tick=tick) if self._is_ours(tick) and not self._confirmation_due:
-                self._confirmation_due = self._clock.call_later(
-                    _CONFIRM_WITHIN_S, lambda: self._contact(tick, confirmed=None, bounces=0)
-                )
-            case Confirmation(edge_tick=tick, confirmed=confirmed, bounces=bounces) if self._is_ours(tick):
-                self._contact(tick, confirmed=confirmed == 1, bounces=bounces)
+    def pursue(self, line: Line, *, new: bool) -> bool:
+        """Draw the conclusions from `line`: a contact, a fault, or none yet. Returns whether it held a refused edge.
+
+        `new`: the line is newer than all before it, as `Arrival.new`.
+        """
+        match line.message:
+            case Edge(edge_tick=tick) | Confirmation(edge_tick=tick) if self._is_ours(tick):
+                refused = self._is_in_future(tick, line, new=new)
+                self._refuse(line) if refused else self._pursue_edge(line.message)
+                return refused
             case Boot(cause=cause):
                 what = f"was reset while armed (cause {cause}); the search is void"
                 self.end(DeviceFault(self._device, what, _RESET_CURE))
             case Fault(code=code):
                 self.end(fault_of(self._device, code))
-            case Heartbeat(state="DISARMED" | "FAULT" as state, loop_mv=loop_mv) if self._armed:
-                what = f"went to {state} while armed (loop at {loop_mv} mV)"
-                self.end(DeviceFault(self._device, what, _RESET_CURE))
+            case Heartbeat() as beat if self._armed:
+                self._pursue_beat(beat)
+        return False
 
     def end(self, outcome: Contact | DeviceError) -> None:
         """Set the outcome; the first one counts."""
@@ -110,8 +129,8 @@ class Search:
 
     def close(self) -> None:
         """Disarmed: nothing more comes, and who still waits for a contact learns so."""
-        if self._confirmation_due:
-            self._confirmation_due.cancel()
+        if self._due:
+            self._due.cancel()
         self._halted = True
         self.end(DeviceRefused(self._device, "was disarmed before a contact", "arm it, then wait for the contact"))
 
@@ -123,8 +142,38 @@ class Search:
             raise self._outcome
         return self._outcome
 
+    def _pursue_edge(self, message: Edge | Confirmation) -> None:
+        tick = message.edge_tick
+        if isinstance(message, Confirmation):
+            self._contact(tick, confirmed=message.confirmed == 1, bounces=message.bounces)
+        elif not self._edge_came:
+            self._edge_came = True
+            self._conclude_in(_CONFIRM_WITHIN_S, lambda: self._contact(tick, confirmed=None, bounces=0))
+
+    def _pursue_beat(self, beat: Heartbeat) -> None:
+        if beat.state not in {"ARMED", "TRIPPED"}:
+            what = f"went to {beat.state} while armed (loop at {beat.loop_mv} mV)"
+            self.end(DeviceFault(self._device, what, _RESET_CURE))
+        elif (beat.state == "TRIPPED" or not beat.open) and self._due is None:
+            fault = _missed(self._device, beat)
+            self._conclude_in(_EDGE_WITHIN_S, lambda: self.end(fault))
+
+    def _refuse(self, line: Line) -> None:
+        what = f"reported an edge in the future: {line.message} in a line of tick {line.tick}"
+        self.end(DeviceFault(self._device, what, "check the probe's firmware and its timer, then search again"))
+
+    def _conclude_in(self, seconds: float, conclude: Callable[[], None]) -> None:
+        if self._due:
+            self._due.cancel()
+        self._due = self._clock.call_later(seconds, conclude)
+
     def _contact(self, tick: int, *, confirmed: bool | None, bounces: int) -> None:
         self.end(Contact(self._ticks.cell_ns(tick), self._ticks.sigma_ns(), tick, confirmed, bounces))
+
+    def _is_in_future(self, edge_tick: int, line: Line, *, new: bool) -> bool:
+        """Later than its own line began, or in a line whose count has jumped ahead of those before, or stands still."""
+        jumped = not new and not self._ticks.is_before(line.tick, self._ticks.last_tick)
+        return jumped or self._ticks.is_before(line.tick, edge_tick)
 
     def _is_ours(self, edge_tick: int) -> bool:
         """Not the edge of an earlier search, sent again because its acknowledgement was lost."""

@@ -24,6 +24,7 @@ _SETTLED_S = 1.0
 _SYNC_EVERY_S = 0.2
 _SILENCE_S = 0.17
 """Three heartbeats of 50 ms missed, and 20 ms for the way."""
+_OLD_CURE = "restart the probe, then connect anew; does a bridge or hub hold lines back, is tick_hz right to 300 ppm?"
 
 
 @final
@@ -39,7 +40,7 @@ class Session:
         self.last_beat: Heartbeat | None = None
         self._beat_tick = 0
         self._beaten = asyncio.Event()
-        self.resets = 0
+        self.resets = self.refused_edges = 0
         self._device, self._place, self._clock = device, f"{path} at {baud} baud", clock
         self.link: Final = Link(device, open_port(device, path, baud), baud, clock, self)
         self.link.start()
@@ -63,12 +64,19 @@ class Session:
         return who
 
     async def settled(self) -> TickClock:
-        """The probe's count, once its fit has a second of lines to stand on. Raises DeviceLost."""
+        """The probe's count, once its fit has a second of lines to stand on. Raises DeviceLost after 5 s without."""
         if self.ticks is None:
             raise DeviceLost(self._device, "never said how fast its clock runs", "connect it first")
-        while self.ticks.span_s < _SETTLED_S:
-            await self.round_trip_ns()
-            await self._clock.sleep(_SYNC_EVERY_S)
+        try:
+            async with self._clock.timeout(_PATIENCE_S):
+                while self.ticks.span_s < _SETTLED_S:
+                    await self.round_trip_ns()
+                    await self._clock.sleep(_SYNC_EVERY_S)
+        except TimeoutError:
+            what = f"counted less than {_SETTLED_S:g} s within {_PATIENCE_S:g} s ({self.resets} resets)"
+            raise DeviceLost(
+                self._device, what, "check the probe's supply, and that its clock runs at tick_hz"
+            ) from None
         return self.ticks
 
     async def round_trip_ns(self) -> int:
@@ -101,6 +109,9 @@ class Session:
         self.link.check()
         silent_s = self.link.silent_ns() * 1e-9
         if silent_s > _SILENCE_S:
+            if reason := self.link.why_not_alive():
+                what = f"has sent nothing new for {silent_s * 1e3:.0f} ms ({reason})"
+                raise DeviceLost(self._device, what, _OLD_CURE)
             what = f"has been silent for {silent_s * 1e3:.0f} ms"
             raise DeviceLost(self._device, what, "check the line and the probe's supply")
 
@@ -137,7 +148,7 @@ class Session:
     def at_once(self, line: Line) -> None:
         """Halt the search before the line that ends it is acknowledged."""
         if search := self.search:
-            search.at_once(line.message)
+            search.at_once(line)
 
     def gone_at_once(self) -> None:
         """Halt the search: nobody watches the tip any more."""
@@ -156,13 +167,13 @@ class Session:
             self.resets += 1
             if self.ticks:
                 self.ticks.restart()
-        if isinstance(line.message, Heartbeat):
+        if isinstance(line.message, Heartbeat) and arrival.new:
             self.last_beat, self._beat_tick = line.message, line.tick
             self._beaten.set()
-        if self.ticks:
+        if self.ticks and arrival.new:
             self.ticks.add_line(line.tick, arrival.time_ns, arrival.wire_ns)
         if self.search:
-            self.search.pursue(line.message)
+            self.refused_edges += self.search.pursue(line, new=arrival.new)
 
     async def _introduction(self) -> Introduction:
         while True:
@@ -172,15 +183,17 @@ class Session:
                     return message
 
     async def _ask(self, kind: str) -> Answered:
-        try:
+        with suppress(TimeoutError):
             return await self.link.ask(kind)
-        except TimeoutError:
-            what = f"did not answer {kind}, sent five times"
-            raise DeviceLost(self._device, what, "check the line and the probe's supply") from None
+        self.check()
+        what = f"did not answer {kind}, sent five times"
+        raise DeviceLost(self._device, what, "check the line and the probe's supply")
 
     def _unanswered(self) -> DeviceUnreachable:
         heard = self.link.counts
-        if heard.lines:
+        if self.link.silent_ns() * 1e-9 > _SILENCE_S and (reason := self.link.why_not_alive()):
+            what, cure = f"sends nothing new: {reason}", _OLD_CURE
+        elif heard.lines:
             what, cure = "is heard but does not answer", "check the line from this host to the probe"
         elif heard.crc_errors:
             what, cure = "sends nothing that can be read", "is the baud rate right, and is it a contact probe?"

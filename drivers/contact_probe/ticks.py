@@ -8,8 +8,9 @@ from typing import final
 
 from cellctl.clock import DelayFit, MinimumDelayFit
 
-_WRAP = 1 << 32
-_LONGEST_GAP_NS = 60_000_000_000
+WRAP = 1 << 32
+"""The count begins again from 0 here."""
+LONGEST_GAP_NS = 60_000_000_000
 """After a longer silence the count may have wrapped unseen (every 36 min at 2 MHz): begin anew."""
 
 
@@ -37,7 +38,7 @@ class TickClock:
 
     def add_line(self, tick: int, arrival_ns: int, wire_ns: int) -> None:
         """A line begun at `tick` came in whole at `arrival_ns` of the cell's clock, `wire_ns` of it on the wire."""
-        if arrival_ns - self._last_arrival_ns > _LONGEST_GAP_NS:
+        if arrival_ns - self._last_arrival_ns > LONGEST_GAP_NS:
             self.restart()
         ticks = self._unwrapped(tick)
         device_ns = self._nanoseconds(ticks)
@@ -53,7 +54,7 @@ class TickClock:
     @property
     def last_tick(self) -> int:
         """The 32-bit count of the last line; 0 before the first."""
-        return (self._last or 0) % _WRAP
+        return (self._last or 0) % WRAP
 
     @property
     def span_s(self) -> float:
@@ -77,7 +78,7 @@ class TickClock:
     @staticmethod
     def is_before(tick: int, other: int) -> bool:
         """Whether the 32-bit count `tick` is older than `other`, both within 17 minutes of each other."""
-        return (tick - other) % _WRAP >= _WRAP // 2
+        return (tick - other) % WRAP >= WRAP // 2
 
     def sigma_ns(self) -> int:
         """1 σ of `cell_ns`: the envelope's support, the shared delay (uniform up to its bound), the count's step."""
@@ -88,7 +89,7 @@ class TickClock:
     def _unwrapped(self, tick: int) -> int:
         if self._last is None:
             return tick
-        return self._last + (tick - self._last + _WRAP // 2) % _WRAP - _WRAP // 2
+        return self._last + (tick - self._last + WRAP // 2) % WRAP - WRAP // 2
 
     def _nanoseconds(self, ticks: int) -> int:
         return ticks * 1_000_000_000 // self._tick_hz

@@ -46,6 +46,22 @@ def framed(body: str) -> bytes:
     return body.encode() + b"*%04X\n" % crc_bit_by_bit(body.encode())
 
 
+class ReadWire:
+    """Counts what the driver has read and handed on to its loop."""
+
+    def __init__(self) -> None:
+        self.bytes_read, self.closed = 0, False
+
+    def wrote(self, count: int) -> None:
+        pass
+
+    def read(self, count: int) -> None:
+        self.bytes_read += count
+
+    def close(self) -> None:
+        self.closed = True
+
+
 class ScriptedClock(Clock):
     """Time that moves only when the script moves it."""
 
@@ -53,11 +69,16 @@ class ScriptedClock(Clock):
 
     def __init__(self) -> None:
         self.time_ns = 7_000 * MS
+        self.host_wire: ReadWire | None = None
         self._timers: list[tuple[int, int, SimpleNamespace]] = []
         self._order = itertools.count()
 
     def now_ns(self) -> int:
         return self.time_ns
+
+    def wire(self, device: str) -> ReadWire:
+        self.host_wire = ReadWire()
+        return self.host_wire
 
     def call_later(self, seconds: float, callback: Callable[[], object]):
         timer = SimpleNamespace(callback=callback, live=True)
@@ -84,12 +105,15 @@ class FakeProbe:
         self.state, self.loop_mv, self.proto, self.serial = "DISARMED", 1650, 1, "SIM-1"
         self.replies: dict[str, list[str]] = {"ARM": [], "DISARM": []}  # codes to give next, else what is true
         self.drift, self.first_tick = 0.0, 0
+        self.stands_at: int | None = None  # the count, where its timer hangs
         self.delay_ns: Callable[[], int] = lambda: 0  # what the adapter adds to a line on its way to the host
         self.answering, self.beating, self.silent = True, True, False
         self.deaf_to: Counter[str] = Counter()  # how many commands of a kind get lost
         self.spoil: Counter[str] = Counter()  # how many lines of a kind are spoilt on the way
         self.forget_ack: Counter[str] = Counter()  # how many acknowledgements of a kind get lost
         self.commands: list[str] = []
+        self.command_seq, self.command_ns = "", 0  # of the last one
+        self.lines: list[bytes] = []  # all that have arrived, as they were
         self.acked: list[int] = []
         self.on_ack: Callable[[int], None] = lambda _seq: None
         self.events: list[tuple[int, int, Callable[[], Awaitable[None]]]] = []
@@ -104,6 +128,8 @@ class FakeProbe:
         self._last_command: tuple[str, str] | None = None
 
     def tick(self, time_ns: int | None = None) -> int:
+        if self.stands_at is not None:
+            return self.stands_at
         time_ns = self.clock.time_ns if time_ns is None else time_ns
         return (self.first_tick + round(time_ns * (1 + self.drift) * TICK_HZ / 1e9)) % 2**32
 
@@ -125,6 +151,17 @@ class FakeProbe:
         seq, self._seq = self._seq, (self._seq + 1) % 65536
         self._transmit(kind, seq, fields)
         return seq
+
+    def again(self, line: bytes | str) -> None:
+        """A line as it is, with its number and its count, comes in now. Where it is text, it is given its CRC."""
+        line = framed(line) if isinstance(line, str) else line
+        seq = int(line.split(b",")[1])
+        self.at(self.clock.time_ns, lambda: self._arrive("HB", seq, (), line))
+
+    def run_at(self, rate: float) -> None:
+        """From now on the clock runs at `rate` times what it should."""
+        count, self.drift = self.tick(), rate - 1.0
+        self.first_tick += count - self.tick()
 
     def raw(self, data: bytes) -> None:
         os.write(self._master, data)
@@ -197,9 +234,14 @@ class FakeProbe:
             self.spoil[kind] -= 1
             line = line[:3] + bytes([line[3] ^ 0x05]) + line[4:]
         self.acked.clear()
+        self.lines.append(line)
         listener = next((t for t in threading.enumerate() if t.name == "probe port"), None)
+        wire = self.clock.host_wire
+        before = wire.bytes_read if wire else 0
         os.write(self._master, line)
         acked = not spoilt and listener is not None and await self._acknowledged(seq, listener)
+        while acked and wire and not wire.closed and wire.bytes_read < before + len(line):
+            await asyncio.sleep(0)  # acknowledged, and about to be handed to the driver's loop
         if acked and self.forget_ack[kind] > 0:
             self.forget_ack[kind] -= 1
             acked = False
@@ -246,6 +288,7 @@ class FakeProbe:
             self.acked.append(int(seq))
             return
         self.commands.append(kind)
+        self.command_seq, self.command_ns = seq, self.clock.time_ns
         if self.deaf_to[kind] > 0:
             self.deaf_to[kind] -= 1
         elif self.answering:
@@ -266,6 +309,8 @@ class FakeProbe:
             return self.replies[kind].pop(0)
         if kind == "ARM" and self.state != "DISARMED":
             return "STATE"
+        if kind == "ARM" and self.loop_mv < 500:
+            return "CLOSED"
         self.state = "ARMED" if kind == "ARM" else "DISARMED"
         return "OK"
 

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, ProbeNotOpen
+from drivers.contact_probe.lines import Line
+from drivers.contact_probe.messages import Boot, Confirmation, Edge, Fault, Heartbeat, Opened
+from drivers.contact_probe.search import Search
+from drivers.contact_probe.ticks import TickClock
 
 MS = 1_000_000
 
@@ -51,6 +58,7 @@ def test_the_contact_time_holds_with_drift_delays_and_a_wrapping_count(bench, dr
 
     async def script(b):
         for wait_ms in (400, 2500, 4000):
+            b.fake.loop_mv = 1650
             await b.arm()
             truth = []
 
@@ -286,6 +294,114 @@ def test_a_line_of_a_restarted_probe_is_no_double_of_an_earlier_one_with_its_num
     bench.run(script)
 
 
+@pytest.mark.parametrize(("mv", "words"), [(80, "missed the edge"), (4900, "4900 mV"), (700, "700 mV")])
+def test_an_armed_probe_whose_loop_is_not_open_stops_the_robot_at_once_and_is_a_fault(bench, mv, words):
+    """An edge, a wire break that the probe has missed: its heartbeat says ARMED, and a voltage that denies it."""
+
+    async def script(b):
+        await b.arm()
+        b.fake.after(100, lambda: setattr(b.fake, "loop_mv", mv))
+        closed_ns = b.clock.time_ns + 100 * MS
+        with pytest.raises(DeviceFault, match=words) as caught:
+            async with b.clock.timeout(2.0):
+                await b.probe.contact()
+        assert caught.value.cure
+        assert b.stop.times == 1
+        assert b.stop.at_ns - closed_ns < 55 * MS
+        assert b.clock.time_ns - closed_ns < 600 * MS
+
+    bench.run(script)
+
+
+def test_a_heartbeat_just_before_the_edge_stops_the_robot_and_the_edge_is_the_contact(bench):
+    async def script(b):
+        await b.arm()
+        edges = []
+        b.fake.after(120, lambda: b.fake.say("HB", "ARMED", 80, 1))
+        b.fake.after(122, lambda: edges.append(b.fake.touch()))
+        contact = await b.probe.contact()
+        assert (contact.tick, contact.confirmed) == (edges[0], True)
+        assert b.stop.times == 1
+
+    bench.run(script)
+
+
+def test_a_probe_that_tripped_and_never_says_when_is_a_fault_and_waited_for_only_so_long(bench):
+    async def script(b):
+        await b.arm()
+        tripped_ns = b.clock.time_ns + 120 * MS
+        b.fake.at(tripped_ns, lambda: setattr(b.fake, "state", "TRIPPED"))
+        with pytest.raises(DeviceFault, match="without saying when") as caught:
+            async with b.clock.timeout(2.0):
+                await b.probe.contact()
+        assert caught.value.cure
+        assert b.stop.times == 1
+        assert b.stop.at_ns - tripped_ns < 55 * MS
+        assert b.clock.time_ns - tripped_ns < 600 * MS
+
+    bench.run(script)
+
+
+def test_a_state_that_does_not_exist_ends_the_search(bench):
+    async def script(b):
+        await b.arm()
+        b.fake.after(120, lambda: setattr(b.fake, "state", "ASLEEP"))
+        with pytest.raises(DeviceFault, match="ASLEEP"):
+            async with b.clock.timeout(2.0):
+                await b.probe.contact()
+        assert b.stop.times == 1
+
+    bench.run(script)
+
+
+@pytest.mark.parametrize("kind", ["EDGE", "CONF"])
+def test_an_edge_later_than_its_own_line_stops_the_robot_and_is_no_contact(bench, kind):
+    async def script(b):
+        await b.arm()
+        fields = (1, 0) if kind == "CONF" else ()
+        b.fake.after(100, lambda: b.fake.say(kind, b.fake.tick() + 1, *fields))
+        with pytest.raises(DeviceFault, match="future") as caught:
+            await b.probe.contact()
+        assert caught.value.cure
+        assert b.stop.times == 1
+        assert (await b.probe.health()).figures["refused_edges"] == 1
+
+    bench.run(script)
+
+
+def test_an_edge_of_a_count_that_has_jumped_ahead_stops_the_robot_and_is_no_contact(bench):
+    """Its line is as far ahead as the edge, so that only the lines before it show that the time has not been."""
+
+    async def script(b):
+        await b.arm()
+
+        def jump():
+            ahead = b.fake.tick() + 3 * 2_000_000
+            b.fake.again(f"EDGE,{b.fake._seq},{ahead},{ahead - 100}")
+
+        b.fake.after(100, jump)
+        with pytest.raises(DeviceFault, match="future"):
+            async with b.clock.timeout(2.0):
+                await b.probe.contact()
+        assert b.stop.times == 1
+        assert (await b.probe.health()).figures["refused_edges"] == 1
+
+    bench.run(script)
+
+
+def test_an_edge_that_a_heartbeat_overtakes_is_a_contact(bench):
+    async def script(b):
+        await b.arm()
+        await b.clock.sleep(0.1)
+        edge, line_tick = b.fake.tick(), b.fake.tick() + 10
+        await b.clock.sleep(0.06)
+        b.fake.state, b.fake.loop_mv = "TRIPPED", 80
+        b.fake.again(f"EDGE,{b.fake._seq + 3},{line_tick},{edge}")
+        assert (await b.probe.contact()).tick == edge
+
+    bench.run(script)
+
+
 def test_three_missed_heartbeats_stop_the_robot_and_mean_loss(bench):
     async def script(b):
         await b.arm()
@@ -449,6 +565,16 @@ def test_a_probe_at_fault_is_no_probe_that_touches_nothing(bench):
     bench.run(script)
 
 
+@pytest.mark.parametrize("mv", [700, 4900])
+def test_a_loop_that_is_neither_open_nor_closed_is_no_loop_that_is_open(bench, mv):
+    async def script(b):
+        b.fake.loop_mv = mv
+        with pytest.raises(DeviceFault, match=f"{mv} mV"):
+            await b.probe.touching()
+
+    bench.run(script)
+
+
 def test_a_probe_that_falls_silent_cannot_say_whether_it_touches(bench):
     async def script(b):
         b.fake.silent = True
@@ -456,3 +582,57 @@ def test_a_probe_that_falls_silent_cannot_say_whether_it_touches(bench):
             await b.probe.touching()
 
     bench.run(script)
+
+
+class Timers:
+    """A clock that stands still; what was to be called later is called when the test says so."""
+
+    def __init__(self) -> None:
+        self.callbacks = []
+
+    def call_later(self, _seconds, callback):
+        self.callbacks.append(callback)
+        return SimpleNamespace(cancel=lambda: self.callbacks.remove(callback))
+
+    def fire(self) -> None:
+        for callback in tuple(self.callbacks):
+            callback()
+
+
+TICKS = st.integers(99_000, 101_500)
+MESSAGES = st.one_of(
+    st.builds(Edge, TICKS),
+    st.builds(Confirmation, TICKS, st.integers(0, 1), st.integers(0, 3)),
+    st.builds(Opened, TICKS),
+    st.builds(
+        Heartbeat,
+        st.sampled_from(["ARMED", "TRIPPED", "DISARMED", "FAULT"]),
+        st.sampled_from([80, 700, 1650, 4900]),
+        st.just(1),
+    ),
+    st.builds(Fault, st.just("WIRE")),
+    st.builds(Boot, st.just(1), st.just("POWER")),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(lines=st.lists(st.tuples(MESSAGES, st.booleans()), max_size=4))
+def test_whatever_halts_the_robot_ends_the_search_and_no_contact_is_later_than_its_line(lines):
+    """Else `contact` would wait for ever with the robot held."""
+    halts, timers, ticks = [], Timers(), TickClock(2_000_000)
+    ticks.add_line(100_000, 50 * MS, 0)
+    search = Search("probe", timers, ticks, lambda: halts.append(1), lambda _: None)
+    search.armed()
+    for k, (message, new) in enumerate(lines, 1):
+        line = Line(k, 100_000 + 100 * k, message)
+        if new:
+            ticks.add_line(line.tick, 50 * MS + k * 50_000, 0)
+        search.at_once(line)
+        search.pursue(line, new=new)
+    assert len(halts) <= 1
+    timers.fire()
+    assert search.ended == bool(halts)
+    if search.ended and search.trouble is None:
+        contact = asyncio.run(search.outcome())
+        assert 100_000 <= contact.tick <= 100_000 + 100 * len(lines)
+        assert contact.time_ns <= 50 * MS + len(lines) * 50_000
