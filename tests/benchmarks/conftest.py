@@ -15,37 +15,21 @@ HERE = Path(__file__).parent
 HEAD = ("what", "ours", "beside it", "ratio", "promised")
 
 
-def _named(config: pytest.Config) -> bool:
-    """Whether benchmarks were named on the command line: then all of them run, and peers may be fetched."""
-    paths = [Path(each.split("::")[0]).resolve() for each in config.args]
-    return any(path == HERE or HERE in path.parents for path in paths)
-
-
 @pytest.fixture(scope="session")
-def named(pytestconfig: pytest.Config) -> None:
-    """For what takes a minute: skips in a run of all tests."""
-    if not _named(pytestconfig):
-        pytest.skip("takes a minute; runs when named: `pytest tests/benchmarks`")
-
-
-@pytest.fixture(scope="session")
-def with_pybotics(pytestconfig: pytest.Config) -> list[str]:
-    """The command that runs a script with pybotics beside it; skips where there is none to be had.
-
-    A run of all tests takes it from uv's cache or not at all: only one that names the benchmarks goes to the network.
-    """
-    uv, fetch = shutil.which("uv"), _named(pytestconfig)
+def with_pybotics() -> list[str]:
+    """The command that runs a script with pybotics beside it, fetched where need be; skips where there is none."""
+    uv = shutil.which("uv")
     if uv is None:
         pytest.skip("pybotics runs in an environment that uv makes, and uv is not installed")
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     command = [uv, "run", "-q", "--isolated", "--no-project", "--no-build", "--python", python]
-    command += ["--with-requirements", str(HERE / "pybotics-requirements.txt"), *([] if fetch else ["--offline"])]
+    command += ["--with-requirements", str(HERE / "pybotics-requirements.txt")]
     tried = subprocess.run(
         [*command, "python", "-c", "import pybotics"], capture_output=True, text=True, timeout=240, check=False
     )
     if tried.returncode:
         why = " ".join(tried.stderr.split())[-300:]
-        pytest.skip(f"no pybotics: {why}" if fetch else "no pybotics here; `pytest tests/benchmarks` fetches it")
+        pytest.skip(f"no pybotics: {why}")
     return [*command, "python"]
 
 

@@ -13,6 +13,7 @@ FITS = [sys.executable, str(Path(__file__).parent / "cellctl_fits.py")]
 FEW, TIMES = 500, 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wild", [0.0, 0.02])
 def test_ten_times_as_many_rows_take_nowhere_near_a_hundred_times_as_long(tell, tmp_path, wild):
     few = save_rows(tmp_path / "few.npz", FEW, wild=wild)

@@ -42,20 +42,23 @@ def reach_the_same(found):
     return 1.0 / NEAR <= residual <= NEAR + 1e-6 and held_out >= 1.0 / NEAR
 
 
+@pytest.mark.long
 def test_fifty_positions_are_identified_ten_times_as_fast_as_by_pybotics(compare):
     found = compare(50, 1.0, 10)
     assert reach_the_same(found)
     assert found.ratio >= 10
 
 
-def test_fifty_positions_that_scatter_more_than_they_say_are_too(named, compare):
+@pytest.mark.long
+def test_fifty_positions_that_scatter_more_than_they_say_are_too(compare):
     found = compare(50, 3.0, 10)
     assert reach_the_same(found)
     assert found.ratio >= 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scatter", [1.0, 3.0])
-def test_five_hundred_positions_are_identified_twenty_times_as_fast_as_by_pybotics(named, compare, scatter):
+def test_five_hundred_positions_are_identified_twenty_times_as_fast_as_by_pybotics(compare, scatter):
     found = compare(500, scatter, 20)
     assert reach_the_same(found)
     assert found.ratio >= 20

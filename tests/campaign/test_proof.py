@@ -64,7 +64,6 @@ def true_errors(run: Run, which: str) -> np.ndarray:
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("proved")
 def test_what_a_stand_off_measures_is_how_far_off_the_true_robot_stands(proved: Run) -> None:
     after = np.array([row["error_mm"] for row in proved.rows("standoff") if row["run"] == "after"])
     off = after - true_errors(proved, "after")
@@ -76,7 +75,6 @@ def test_what_a_stand_off_measures_is_how_far_off_the_true_robot_stands(proved: 
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("proved")
 def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_the_robot_went(proved: Run) -> None:
     table = TableFile.load(proved.folder / "run" / "table.json")
     pushed = proved.rows("table")
@@ -92,7 +90,6 @@ def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("proved")
 def test_the_proof_sphere_is_in_no_fit(proved: Run) -> None:
     assert {row["sphere"] for row in proved.rows("touch")} == {"S1", "S2", "S3"}
     assert {row["sphere"] for row in proved.rows("locate")} == {"P1"}
@@ -102,7 +99,6 @@ def test_the_proof_sphere_is_in_no_fit(proved: Run) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("proved")
 def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
     verdict = proved.ended.outcome.verdict
     assert verdict is not None
@@ -117,7 +113,6 @@ def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("proved")
 def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(proved: Run) -> None:
     visits = proved.rows("reference")
     assert [row["after_touch"] for row in visits] == [19, 40]  # the first visit is touch 0, the second number 20
@@ -127,7 +122,6 @@ def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(pro
 
 
 @pytest.mark.long
-@pytest.mark.xdist_group("proved")
 def test_after_every_stand_off_the_robot_has_gone_back_clear_of_all_spheres(proved: Run) -> None:
     assert len(proved.ended.truth) == len([row for kind in KINDS for row in proved.rows(kind)])
 

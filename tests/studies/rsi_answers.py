@@ -1,0 +1,196 @@
+"""How soon RSI telegrams are answered on a busy machine: our cyclic process beside RSIPI's driver, in one run.
+
+    python tests/studies/rsi_answers.py [--seconds 60]        (four minutes; needs the dependency group `peers`)
+
+A stand-in for the controller sends a telegram each 4 ms to both, 2 ms apart, while two busy loops run: once with
+real-time rights for both drivers and once without (CAP_SYS_NICE and CAP_IPC_LOCK taken away; needs root and setpriv).
+The stand-in itself has real-time priority where it may. Ours answers a search that moves; RSIPI's sends zeros.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import re
+import select
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))
+
+from cell_runs import busy_machine  # noqa: E402 - found by the line above
+
+CYCLE_S = 0.004
+START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
+WITHOUT_RIGHTS = ["setpriv", "--bounding-set=-sys_nice,-ipc_lock", "--inh-caps=-sys_nice,-ipc_lock"]
+ETHERNET = """<ROOT>
+  <CONFIG><IP_NUMBER>127.0.0.1</IP_NUMBER><PORT>{port}</PORT><SENTYPE>CELLCTL</SENTYPE><ONLYSEND>FALSE</ONLYSEND></CONFIG>
+  <SEND><ELEMENTS>
+    <ELEMENT TAG="DEF_AIPos" TYPE="DOUBLE" INDX="INTERNAL"/><ELEMENT TAG="DEF_Delay" TYPE="LONG" INDX="INTERNAL"/>
+  </ELEMENTS></SEND>
+  <RECEIVE><ELEMENTS>{corrections}
+    <ELEMENT TAG="Stop" TYPE="BOOL" INDX="7" HOLDON="0"/>
+  </ELEMENTS></RECEIVE>
+</ROOT>"""
+AXIS = '<ELEMENT TAG="AKorr.A{i}" TYPE="DOUBLE" INDX="{i}" HOLDON="1"/>'
+
+
+class Peer:
+    """A driver to be asked: its process, and what the stand-in for the controller keeps for it."""
+
+    def __init__(self, name: str, rights: bool) -> None:
+        self.name = name
+        self._folder = tempfile.TemporaryDirectory()
+        ethernet = Path(self._folder.name) / "ethernet.xml"
+        port = _free_port()
+        ethernet.write_text(ETHERNET.format(port=port, corrections="".join(AXIS.format(i=i) for i in range(1, 7))))
+        command = [sys.executable, __file__, "--serve", name, str(ethernet)]
+        self._process = subprocess.Popen(
+            command if rights else [*WITHOUT_RIGHTS, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        assert self._process.stdout is not None
+        self.granted = json.loads(self._process.stdout.readline())
+        self.line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.line.connect(("127.0.0.1", port))
+        self.line.setblocking(False)
+        self.correction = (0.0,) * 6
+        self.sent: dict[int, float] = {}
+        self.delays_ms: list[float] = []
+
+    def ask(self, ipoc: int) -> None:
+        """Send a telegram: a robot that follows what it was last told."""
+        axes = zip(START, self.correction, strict=True)
+        joints = " ".join(f'A{i}="{a + b:.4f}"' for i, (a, b) in enumerate(axes, 1))
+        self.line.send(f'<Rob Type="KUKA"><AIPos {joints}/><Delay D="0"/><IPOC>{ipoc}</IPOC></Rob>'.encode())
+        self.sent[ipoc] = time.perf_counter()
+
+    def hear(self) -> None:
+        """Take in the answers that are there."""
+        now = time.perf_counter()
+        while True:
+            try:
+                answer = self.line.recv(65535).decode()
+            except BlockingIOError:
+                return
+            found = re.search(r"<IPOC>(\d+)</IPOC>", answer)
+            began = self.sent.pop(int(found[1]), None) if found else None
+            if began is not None:
+                self.delays_ms.append((now - began) * 1e3)
+            axes = re.findall(r'A\d="([^"]+)"', answer)
+            if len(axes) == 6:
+                self.correction = tuple(map(float, axes))
+
+    def row(self, asked: int) -> str:
+        """What came of it."""
+        delays = sorted(self.delays_ms)
+        late = sum(delay > CYCLE_S * 1e3 for delay in delays)
+        at = [delays[min(int(share * len(delays)), len(delays) - 1)] for share in (0.5, 0.99, 0.999)] if delays else []
+        figures = " ".join(f"{each:8.3f}" for each in [*at, *delays[-1:]])
+        return f"{self.name:8} {asked:6} {figures} {late:6} {asked - len(delays):6}   {self.granted}"
+
+    def end(self) -> None:
+        """End its process."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.wait(30)
+        self.line.close()
+        self._folder.cleanup()
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def compare(seconds: float, *, rights: bool) -> None:
+    """Ask both for so long beside two busy loops, and print a row for each."""
+    peers = [Peer("cellctl", rights), Peer("RSIPI", rights)]
+    asked = round(seconds / CYCLE_S)
+    with busy_machine():
+        start = time.perf_counter() + 0.1
+        for turn in range(2 * asked):
+            due = start + turn * CYCLE_S / 2
+            while (left := due - time.perf_counter()) > 0:
+                ready, _, _ = select.select([peer.line for peer in peers], [], [], left)
+                for peer in peers:
+                    if peer.line in ready:
+                        peer.hear()
+            peers[turn % 2].ask(1_000_000 + 4 * (turn // 2))
+        select.select([], [], [], 0.1)
+        for peer in peers:
+            peer.hear()
+    print(f"{'with' if rights else 'without'} real-time rights, {seconds:g} s beside two busy loops")
+    print("driver    asked   median      p99    p99.9  longest   late   none   granted   (ms; late: after 4 ms)")
+    for peer in peers:
+        print(peer.row(asked), flush=True)
+        peer.end()
+
+
+def serve(name: str, ethernet: Path) -> None:
+    """Be one of the drivers until standard input ends."""
+    if name == "RSIPI":
+        from RSIPI import RSIAPI
+
+        api = RSIAPI(str(ethernet), rsi_mode="absolute")
+        api.start()
+        print(json.dumps({}), flush=True)
+        sys.stdin.read()
+        api.stop()
+    else:
+        asyncio.run(_serve_ours(ethernet))
+
+
+async def _serve_ours(ethernet: Path) -> None:
+    from cellctl.devices import Address
+    from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+    from drivers.kuka_rsi.limits import SearchLimits
+    from drivers.kuka_rsi.process import CyclicProcess
+    from drivers.kuka_rsi.search_cycle import SearchOrder
+    from drivers.kuka_rsi.settings import RsiSettings
+    from drivers.kuka_rsi.shared_block import GUARDS
+    from drivers.kuka_rsi.telegram import ReplyFormat
+
+    port = re.search(r"<PORT>(\d+)</PORT>", ethernet.read_text())
+    assert port is not None
+    address = f"kuka+rsi://127.0.0.1:{port[1]}?ethernet={ethernet}&eki=127.0.0.1:54600&correction=AKorr"
+    settings = RsiSettings.of(Address.parse(address), ethernet.parent)
+    config = read_ethernet_config(settings)
+    reply = ReplyFormat.of(config.sentype, config.receive, settings.correction, settings.stop)
+    process = await CyclicProcess.start("robot", settings, "wall:0", reply.template, SearchLimits())
+    far = (4.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    process.block.place_order(SearchOrder(1, START, far, 0.02, (0,) * GUARDS))
+    process.block.announce_session(1)
+    print(json.dumps(process.granted), flush=True)
+    await asyncio.to_thread(sys.stdin.read)
+    await process.end()
+
+
+def main() -> None:
+    """Both comparisons."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--serve", nargs=2, metavar=("DRIVER", "ETHERNET"), help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.serve:
+        serve(asked.serve[0], Path(asked.serve[1]))
+        return
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(60))
+    except OSError:
+        print("the stand-in for the controller has no real-time priority: its own lateness is in the figures")
+    compare(asked.seconds, rights=True)
+    if shutil.which("setpriv"):
+        compare(asked.seconds, rights=False)
+
+
+if __name__ == "__main__":
+    main()
