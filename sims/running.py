@@ -105,7 +105,10 @@ def _start_devices(
                 raise CellError(cell.path, [f"{device}: {error}"]) from None
             closing.callback(robot.close)
             rsi_targets[device] = robot.set_rsi_target
-            addresses[device] = with_settings(address, "127.0.0.1:0", eki=f"127.0.0.1:{robot.eki_port}")
+            places = {"eki": f"127.0.0.1:{robot.eki_port}"}
+            if "controller" in dict(parse_qsl(urlsplit(address).query)):
+                places["controller"] = "127.0.0.1"
+            addresses[device] = with_settings(address, "127.0.0.1:0", **places)
         else:
             from sims import probe
 
