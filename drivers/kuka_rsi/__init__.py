@@ -17,7 +17,8 @@ __all__ = ["check_address", "check_setup", "generate_controller_files", "open_ro
 def open_robot(name: str, address: Address, surroundings: Surroundings) -> CompensatedRobot:
     """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&correction=AK&stop=Stop&mode=absolute]`.
 
-    Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON.
+    Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON; `controller` the
+    address that telegrams come from, where it is not the host of `eki`; `tolerance` the ETHERNET object's `Timeout`.
     `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
     `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`. Raises ValueError for a mistake in the
     address, an unknown limit or one above its ceiling.

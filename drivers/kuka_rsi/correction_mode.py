@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import final
 
@@ -35,12 +36,14 @@ class WrittenCorrections:
 
     Relative: what the offset lacks of the sum written so far, as rounded on the wire, so that roundings do not add up.
     An increment in an answer that came late is lost and not repeated: the controller's sum lags behind ours, and the
-    robot stops short of a limit, never beyond.
+    robot stops short of a limit, never beyond. `short_deg`: how far it may lag, as length of the path.
     """
 
     def __init__(self, mode: CorrectionMode) -> None:
         self._mode = mode
         self._sum: Correction = (0.0,) * AXES
+        self._last: Correction = (0.0,) * AXES
+        self.short_deg = 0.0
 
     def leading_to(self, offset: Correction) -> Correction:
         """The values of A1…A6 to write now, degrees."""
@@ -49,4 +52,9 @@ class WrittenCorrections:
         # + 0.0: no minus sign before a zero
         steps = tuple(round(to - at, DECIMALS) + 0.0 for to, at in zip(offset, self._sum, strict=True))
         self._sum = tuple(at + step for at, step in zip(self._sum, steps, strict=True))
+        self._last = steps
         return steps
+
+    def not_taken(self) -> None:
+        """The controller may not have taken what was written last."""
+        self.short_deg += math.hypot(*self._last)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from statistics import median
 from typing import final
 
 LEARNING_TELEGRAMS = 8
 """Telegrams of a session that are answered with zero while its cycle is learnt."""
 
-_LONGEST_CYCLE_COUNT = 20
-"""A larger step of the count is a pause, not a cycle of milliseconds (RSI has cycles of 4 and 12 ms)."""
+CYCLES_MS = (4, 12)
+"""RSI's cycles: IPO_FAST and IPO."""
+
+_MS = 1_000_000
 
 _WINDOW = 128
 """Telegrams in each of the two windows of the least delay; at 4 ms, 300 ppm of drift are 0.3 ms in both."""
@@ -19,8 +22,8 @@ _WINDOW = 128
 class CycleTiming:
     """Learns one session's cycle from its first telegrams.
 
-    KUKA counts milliseconds; some simulators count telegrams. A step of 2 or more is taken for milliseconds; a step of
-    1 leaves the length to the median of the arrivals, rounded to whole milliseconds.
+    KUKA counts milliseconds, 4 or 12 a cycle; some simulators count telegrams. A step of 1 leaves the length to the
+    median of the arrivals, rounded to whole milliseconds. With any other step, telegrams were lost: more are taken in.
     `ipoc_step`: count per cycle; `cycle_ns`: its length in the cell's time; both 0 until learnt.
     """
 
@@ -34,26 +37,27 @@ class CycleTiming:
         """Whether the cycle is known."""
         return self.cycle_ns > 0
 
-    def learn(self, ipoc: int, arrival_ns: int) -> None:
-        """Take in one of the first telegrams; a count that runs back or leaps starts the session anew."""
-        if self._seen and not 0 <= ipoc - self._seen[-1][0] <= LEARNING_TELEGRAMS * _LONGEST_CYCLE_COUNT:
+    def learn(self, ipoc: int, arrival_ns: int, *, nothing_lost: bool = True) -> None:
+        """Take in one of the first telegrams, in the order of their counts; where cycles were lost, begin anew."""
+        if not nothing_lost:
             self._seen.clear()
         self._seen.append((ipoc, arrival_ns))
+        del self._seen[:-LEARNING_TELEGRAMS]
         if len(self._seen) >= LEARNING_TELEGRAMS:
             self._conclude()
 
     def gap(self, before: int, now: int) -> int:
-        """Cycles from one count to the next, at least 0: 1 where nothing was lost between."""
-        return max(0, round((now - before) / self.ipoc_step))
+        """Cycles from one count to the next: 1 where nothing was lost between, 0 where the cycle learnt is wrong."""
+        return round((now - before) / self.ipoc_step)
 
     def _conclude(self) -> None:
-        pairs = list(zip(self._seen, self._seen[1:], strict=False))
-        steps = [b[0] - a[0] for a, b in pairs if b[0] > a[0]]
-        if not steps:
-            return
-        arrivals_ms = median(b[1] - a[1] for a, b in pairs) / 1e6
-        self.ipoc_step = min(steps)
-        self.cycle_ns = (self.ipoc_step if self.ipoc_step > 1 else max(1, round(arrivals_ms))) * 1_000_000
+        pairs = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(self._seen)]
+        step = min(count for count, _ in pairs)
+        if step in CYCLES_MS:
+            self.ipoc_step, self.cycle_ns = step, step * _MS
+        elif step == 1:
+            arrivals_ms = median(ns for count, ns in pairs if count == 1) / _MS
+            self.ipoc_step, self.cycle_ns = 1, max(1, round(arrivals_ms)) * _MS
 
 
 @final

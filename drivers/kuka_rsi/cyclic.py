@@ -1,6 +1,6 @@
 """The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic ORDERS`.
 
-It imports nothing of the engine, has its garbage collector off and real-time priority where permitted. It holds the
+It imports nothing of the engine, has its garbage collector off, and is in real time as far as permitted. It holds the
 robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout says where it
 listens, or why it cannot.
 """
@@ -8,20 +8,20 @@ listens, or why it cannot.
 from __future__ import annotations
 
 import ctypes
-import gc
 import json
 import os
 import select
 import signal
-import socket
 import sys
 import time
 from dataclasses import asdict, dataclass
 from typing import Self, final
 
 from cellctl.clock.reading import reader_of
+from drivers.kuka_rsi.controller_line import ControllerLine
 from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.real_time import become_real_time
 from drivers.kuka_rsi.responder import Responder
 from drivers.kuka_rsi.shared_block import SharedBlock
 from drivers.kuka_rsi.telegram import ReplyFormat
@@ -29,10 +29,12 @@ from drivers.kuka_rsi.telegram import ReplyFormat
 _LOOK_S = 0.05
 """Longest wait for a telegram before orders and the parent are looked at."""
 
+_SOON_S = 0.001
+"""The same while a telegram of this cycle waits for the word that its session has begun."""
+
 _LEAVE_S = 3.0
 """Longest a search that is being held may keep the process."""
 
-_PRIORITY = 40
 _PR_SET_PDEATHSIG = 1
 
 
@@ -41,13 +43,15 @@ _PR_SET_PDEATHSIG = 1
 class CyclicOrders:
     """What the process is told on its command line.
 
-    `host`, `port`: to bind; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time;
-    `reply`: template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `parent`: whose death
-    ends it.
+    `host`, `port`: to bind; `controller`: the host that is heard; `tolerance`: cycles without an answer after which a
+    session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
+    template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `parent`: whose death ends it.
     """
 
     host: str
     port: int
+    controller: str
+    tolerance: int
     memory: int
     clock: str
     reply: str
@@ -87,52 +91,30 @@ def run(orders: CyclicOrders) -> int:
     """Bind, say where, and answer until told to leave; the exit code."""
     leaving = _Leaving(orders.parent)
     try:
-        line = _bound(orders.host, orders.port)
+        line = ControllerLine.bind(orders.host, orders.port, orders.controller)
     except OSError as error:
         _say({"errno": error.errno, "error": error.strerror})
         return 1
     block = SharedBlock(orders.memory)
     os.close(orders.memory)
-    limits = SearchLimits(**orders.limits)
-    responder = Responder(line, block, ReplyFormat(orders.reply), limits, reader_of(orders.clock), orders.mode)
-    _say({"listening": line.getsockname()[:2], "fifo": _real_time()})
+    reply, limits, clock = ReplyFormat(orders.reply), SearchLimits(**orders.limits), reader_of(orders.clock)
+    responder = Responder(line, block, reply, limits, clock, orders.mode, orders.tolerance)
+    _say({"listening": line.place, **become_real_time()})
     _serve(line, responder, leaving)
     return 0
 
 
-def _serve(line: socket.socket, responder: Responder, leaving: _Leaving) -> None:
+def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> None:
     give_up: float | None = None
     while True:
-        ready, _, _ = select.select([line], [], [], _LOOK_S)
+        look_s = _SOON_S if responder.waits_for_announcement else _LOOK_S
+        ready, _, _ = select.select([line], [], [], look_s)
         go = bool(leaving)
-        if ready:
-            responder.answer(leave=go)
-        else:
-            responder.take_order()
+        responder.answer(leave=go)
         if go:
             give_up = give_up or time.monotonic() + _LEAVE_S
             if not ready or not responder.searching or time.monotonic() > give_up:
                 return
-
-
-def _bound(host: str, port: int) -> socket.socket:
-    """Bound exclusively: with SO_REUSEADDR another program would silently eat the telegrams."""
-    family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-    line = socket.socket(family, kind, protocol)
-    line.setblocking(False)
-    line.bind(place)
-    return line
-
-
-def _real_time() -> bool:
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-    except OSError:
-        return False
-    return True
 
 
 def _say(what: dict[str, object]) -> None:

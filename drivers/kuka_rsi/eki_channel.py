@@ -170,7 +170,9 @@ class EkiChannel:
                 self._fail(f"nothing heard from the controller for {silent_s:.1f} s")
 
     def _fail(self, what: str) -> None:
-        cure = "The controller's program stops the robot when it loses the connection. Make sure that the robot stands, "
+        cure = (
+            "The controller's program stops the robot when it loses the connection. Make sure that the robot stands, "
+        )
         cure += "then look at the controller's network and program."
         self._lost = self._lost or DeviceLost(self._device, what, cure)
         self._first_stat.set()

@@ -13,9 +13,9 @@ from dataclasses import asdict
 from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceUnreachable
-from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cyclic import CyclicOrders
 from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.settings import RsiSettings
 from drivers.kuka_rsi.shared_block import SharedBlock
 
 _START_S = 60.0
@@ -27,33 +27,47 @@ _END_S = 10.0
 class CyclicProcess:
     """A running cyclic process.
 
-    `listening`: host and port bound; `block`: the memory shared with it; `real_time`: whether it got its priority.
+    `listening`: host and port bound; `heard`: the only host that it hears; `tolerance`: cycles without an answer after
+    which a session is over; `block`: the memory shared with it; `granted`: what it got of real time, `fifo` (priority),
+    `mlock` (locked memory) and `affinity` (one processor).
     """
 
     def __init__(
-        self, child: subprocess.Popen[bytes], block: SharedBlock, errors: IO[bytes], said: dict[str, Any]
+        self,
+        child: subprocess.Popen[bytes],
+        settings: RsiSettings,
+        block: SharedBlock,
+        errors: IO[bytes],
+        said: dict[str, Any],
     ) -> None:
         host, port = said["listening"]
         self.listening: tuple[str, int] = (host, port)
-        self.real_time: bool = said["fifo"]
+        self.heard = settings.heard
+        self.tolerance = settings.tolerance
+        self.granted: dict[str, bool] = {name: said[name] for name in ("fifo", "mlock", "affinity")}
         self.block = block
         self.pid = child.pid
         self._child = child
         self._errors = errors
 
     @classmethod
-    async def start(
-        cls,
-        device: str,
-        bind: tuple[str, int],
-        clock: str,
-        reply: str,
-        limits: SearchLimits,
-        mode: CorrectionMode = CorrectionMode.ABSOLUTE,
-    ) -> Self:
-        """Start it and wait until it listens. Raises DeviceUnreachable where the port is taken or it dies."""
+    async def start(cls, device: str, settings: RsiSettings, clock: str, reply: str, limits: SearchLimits) -> Self:
+        """Start it and wait until it listens. Raises DeviceUnreachable where the port is taken or it dies.
+
+        `clock`: source of the cell's time; `reply`: template of the reply.
+        """
         block, memory = SharedBlock.create()
-        orders = CyclicOrders(*bind, memory, clock, reply, mode, asdict(limits), os.getpid())
+        orders = CyclicOrders(
+            *settings.bind,
+            settings.heard,
+            settings.tolerance,
+            memory,
+            clock,
+            reply,
+            settings.mode,
+            asdict(limits),
+            os.getpid(),
+        )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic", orders.to_json()]
         try:
@@ -67,9 +81,9 @@ class CyclicProcess:
         except TimeoutError:
             raise DeviceUnreachable(device, f"the RSI process did not start within {_START_S:g} s") from None
         if "listening" in said:
-            return cls(child, block, errors, said)
+            return cls(child, settings, block, errors, said)
         await _reap(child)
-        raise _cannot_listen(device, bind, said, errors)
+        raise _cannot_listen(device, settings.bind, said, errors)
 
     def alive(self) -> bool:
         """Whether it runs."""

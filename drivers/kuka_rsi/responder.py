@@ -1,33 +1,50 @@
-"""Answers the controller: receive, read stop and guards, plan, reply; in this order, once for the newest telegram."""
+"""Answers the controller: receive, read stop and guards, plan, reply; in this order, once for the newest telegram.
+
+Nothing is answered before a search is ordered and its session announced, nor after the release. Not answering is safe:
+a session's output begins at zero, and later it is held. Zero is not.
+"""
 
 from __future__ import annotations
 
-import socket
-from typing import Any, final
+from dataclasses import dataclass
+from typing import final
 
 from cellctl.clock.reading import TimeReader
+from drivers.kuka_rsi.controller_line import ControllerLine, Place
 from drivers.kuka_rsi.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cycle_timing import AnswerDelay
-from drivers.kuka_rsi.limits import AXES, SearchLimits
-from drivers.kuka_rsi.search_cycle import SearchCycle
+from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.search_cycle import Phase, SearchCycle
+from drivers.kuka_rsi.session import DEFAULT_TOLERANCE, Admission
 from drivers.kuka_rsi.shared_block import Sample, SharedBlock, Slot
 from drivers.kuka_rsi.telegram import ReplyFormat, Telegram, read_telegram
 
-_LARGEST_DATAGRAM = 65535
+_SHORTEST_CYCLE_NS = 4_000_000
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A telegram that is not answered yet."""
+
+    telegram: Telegram
+    sender: Place
+    arrival_ns: int
 
 
 @final
 class Responder:
-    """The cyclic process's work on one bound, non-blocking UDP socket."""
+    """The cyclic process's work on the controller's line."""
 
     def __init__(
         self,
-        line: socket.socket,
+        line: ControllerLine,
         block: SharedBlock,
         reply: ReplyFormat,
         limits: SearchLimits,
         clock: TimeReader,
         mode: CorrectionMode = CorrectionMode.ABSOLUTE,
+        tolerance_cycles: int = DEFAULT_TOLERANCE,
     ) -> None:
         self._line = line
         self._block = block
@@ -35,66 +52,111 @@ class Responder:
         self._limits = limits
         self._clock = clock
         self._mode = mode
+        self._tolerance = tolerance_cycles
         self._beats = block.beats()
-        self._search: SearchCycle | None = None
-        self._telegrams = 0
-        self._delay: AnswerDelay = AnswerDelay()
-        self._reported: int | None = None
+        self._foreign = 0
+        self._expect(None)
 
     @property
     def searching(self) -> bool:
         """Whether a search has been ordered and not been released."""
         return self._search is not None
 
+    @property
+    def waits_for_announcement(self) -> bool:
+        """Whether a telegram of this cycle waits for the word that its session has begun."""
+        return bool(self._early)
+
     def answer(self, *, leave: bool = False) -> None:
-        """Answer the newest telegram that waits; the older ones are kept as samples and counted as skipped."""
-        waiting = self._receive()
+        """Look at orders and line once, and answer the newest telegram that may be answered.
+
+        The older ones are kept as samples and counted as skipped.
+        """
+        received = self._line.receive()
         now_ns = self._clock()
         self.take_order()
-        if not waiting:
-            return
-        for telegram, _ in waiting:
-            self._take_in(telegram, now_ns)
-        newest, sender = waiting[-1]
-        self._count(Slot.SKIPPED, len(waiting) - 1)
-        self._send(self._plan(newest, now_ns, leave, skipped=len(waiting) - 1), sender)
-        self._count_late(newest, now_ns)
+        admitted = self._admitted(self._current(received, now_ns))
+        self._show_foreign()
+        if self._search and admitted:
+            self._answer_newest(self._search, admitted, now_ns, leave)
 
     def take_order(self) -> None:
         """Look whether a search was ordered or released since."""
         number = self._block.words[Slot.ORDER]
         if number == (self._search.order.number if self._search else 0):
             return
-        self._search = SearchCycle(self._block.order(), self._limits, self._mode) if number else None
-        self._telegrams = 0
-        self._delay = AnswerDelay()
+        self._expect(SearchCycle(self._block.order(), self._limits, self._mode, self._tolerance) if number else None)
         if self._search:
             self._block.publish(self._search, 0)
 
-    def _receive(self) -> list[tuple[Telegram, Any]]:
-        """Every readable telegram that waits, in the order of arrival, with its sender."""
-        waiting: list[tuple[Telegram, Any]] = []
-        while True:
+    def _expect(self, search: SearchCycle | None) -> None:
+        """From now on only telegrams of the session of `search` are answered; without one, none."""
+        self._search = search
+        self._sender: Place | None = None
+        self._early: list[_Waiting] = []
+        self._telegrams = 0
+        self._delay = AnswerDelay()
+        self._reported: int | None = None
+
+    def _current(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
+        """The telegrams that wait; before the session is announced none, and the newest is kept for its cycle."""
+        waiting = self._early + self._read(received, now_ns)
+        self._early = []
+        if self._sender is None:  # none was answered yet: whatever is older may be another session's
+            waiting = [one for one in waiting[-1:] if now_ns - one.arrival_ns < _SHORTEST_CYCLE_NS]
+        if self._search and self._block.words[Slot.SESSION] != self._search.order.number:
+            self._early, waiting = waiting, []
+        return waiting
+
+    def _read(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
+        """What can be read of the controller's; the session's first telegram says from which of its ports."""
+        waiting = []
+        for datagram, sender in received:
+            if self._sender not in (None, sender):
+                self._line.count_foreign(sender)
+                continue
             try:
-                datagram, sender = self._line.recvfrom(_LARGEST_DATAGRAM)
-            except BlockingIOError:
-                return waiting
-            try:
-                waiting.append((read_telegram(datagram), sender))
+                waiting.append(_Waiting(read_telegram(datagram), sender, now_ns))
             except ValueError:
                 self._count(Slot.MALFORMED)
+        self._count(Slot.TELEGRAMS, len(waiting))
+        return waiting
 
-    def _take_in(self, telegram: Telegram, now_ns: int) -> None:
-        self._count(Slot.TELEGRAMS)
-        self._count_reported(telegram)
-        if self._search:
-            self._telegrams += 1
-            self._block.add_sample(Sample(self._search.order.number, telegram.ipoc, now_ns, telegram.joints))
-
-    def _plan(self, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
+    def _admitted(self, waiting: list[_Waiting]) -> list[_Waiting]:
         search = self._search
-        if search is None:
-            return self._reply.write((0.0,) * AXES, False, telegram.ipoc_text)
+        return [one for one in waiting if self._admit(search, one)] if search else []
+
+    def _admit(self, search: SearchCycle, one: _Waiting) -> bool:
+        self._sender = one.sender
+        admission = search.admit(one.telegram)
+        if admission is Admission.STALE:
+            self._count(Slot.STALE)
+        elif admission is Admission.BEYOND:
+            self._count(Slot.BEYOND)
+            self._block.publish(search, self._telegrams)
+        return admission is Admission.ANSWERABLE
+
+    def _answer_newest(self, search: SearchCycle, admitted: list[_Waiting], now_ns: int, leave: bool) -> None:
+        """Nothing that others read changes after the reply has left: in lockstep the cell's time goes on with it."""
+        if search.phase is Phase.OVER:  # by a later telegram among these
+            return
+        for one in admitted:
+            self._take_in(search, one.telegram, now_ns)
+        newest = admitted[-1]
+        self._count(Slot.SKIPPED, len(admitted) - 1)
+        reply = self._plan(search, newest.telegram, now_ns, leave, skipped=len(admitted) - 1)
+        self._count_late(search, newest.telegram, now_ns)
+        try:
+            self._line.send(reply, newest.sender)
+        except OSError:  # the sender's socket is gone; it counts the answer as late
+            self._count(Slot.LATE)
+
+    def _take_in(self, search: SearchCycle, telegram: Telegram, now_ns: int) -> None:
+        self._telegrams += 1
+        self._count_reported(telegram)
+        self._block.add_sample(Sample(search.order.number, telegram.ipoc, now_ns, telegram.joints))
+
+    def _plan(self, search: SearchCycle, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
         stopped = self._block.words[Slot.STOP] == search.order.number
         missed_before = search.missed
         correction, stop = search.answer(telegram, now_ns, stopped, self._beats, leave=leave)
@@ -102,15 +164,9 @@ class Responder:
         self._block.publish(search, self._telegrams)
         return self._reply.write(correction, stop, telegram.ipoc_text)
 
-    def _send(self, reply: bytes, sender: Any) -> None:
-        try:
-            self._line.sendto(reply, sender)
-        except OSError:  # the sender's socket is gone; it counts the answer as late
-            self._count(Slot.LATE)
-
-    def _count_late(self, telegram: Telegram, now_ns: int) -> None:
-        timing = self._search.timing if self._search else None
-        if timing is None or not timing.learnt:
+    def _count_late(self, search: SearchCycle, telegram: Telegram, now_ns: int) -> None:
+        timing = search.timing
+        if not timing.learnt:
             return
         sent_ns = telegram.ipoc * timing.cycle_ns // timing.ipoc_step
         self._delay.arrived(sent_ns, now_ns)
@@ -122,6 +178,11 @@ class Responder:
         before, self._reported = self._reported, telegram.delay
         if before is not None and telegram.delay is not None:
             self._count(Slot.LATE_REPORTED, max(0, telegram.delay - before))
+
+    def _show_foreign(self) -> None:
+        if (count := self._line.foreign) != self._foreign:
+            self._foreign = count
+            self._block.put_foreign(count, self._line.last_foreign)
 
     def _count(self, slot: Slot, number: int = 1) -> None:
         self._block.words[slot] += number

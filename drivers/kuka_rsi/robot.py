@@ -32,13 +32,30 @@ from drivers.kuka_rsi.limits import AXES, SearchLimits
 from drivers.kuka_rsi.process import CyclicProcess
 from drivers.kuka_rsi.refusals import cure_of, refusal
 from drivers.kuka_rsi.search_cycle import SearchOrder
-from drivers.kuka_rsi.searching import Search
+from drivers.kuka_rsi.searching import Search, elsewhere
 from drivers.kuka_rsi.seen_through import see_through
 from drivers.kuka_rsi.settings import RsiSettings
 from drivers.kuka_rsi.shared_block import Slot
 from drivers.kuka_rsi.table_channel import TableChannel
 from drivers.kuka_rsi.table_rows import to_row
 from drivers.kuka_rsi.telegram import ReplyFormat
+
+_COUNTED = (
+    Slot.TELEGRAMS,
+    Slot.LATE,
+    Slot.LATE_REPORTED,
+    Slot.LOST,
+    Slot.SKIPPED,
+    Slot.STALE,
+    Slot.BEYOND,
+    Slot.MALFORMED,
+    Slot.FOREIGN,
+)
+
+_WITHOUT = {
+    "fifo": "no real-time priority for RSI (grant CAP_SYS_NICE or an rtprio limit)",
+    "mlock": "the memory of RSI is not locked (grant CAP_IPC_LOCK or a memlock limit)",
+}
 
 _BEAT_S = 0.05
 
@@ -112,12 +129,14 @@ class KukaRobot:
         if not process.alive():
             raise DeviceLost(self.name, f"the RSI process ended: {process.last_words()}")
         words = process.block.words
-        counted = (Slot.TELEGRAMS, Slot.LATE, Slot.LATE_REPORTED, Slot.LOST, Slot.SKIPPED, Slot.MALFORMED)
-        figures = {slot.name.lower(): float(words[slot]) for slot in counted}
-        figures |= {"cycle_ms": words[Slot.CYCLE] * 1e-6, "real_time": float(process.real_time)}
+        figures = {slot.name.lower(): float(words[slot]) for slot in _COUNTED}
+        figures |= {"cycle_ms": words[Slot.CYCLE] * 1e-6, "real_time": float(process.granted["fifo"])}
+        figures |= {"memory_locked": float(process.granted["mlock"]), "pinned": float(process.granted["affinity"])}
         figures["unreadable"] = float(self._connected_eki().unreadable)
         text = f"{stat.mode}, {stat.program}" + (f": {stat.message}" if stat.message else "")
-        text += "" if process.real_time else "; no real-time priority for RSI (grant CAP_SYS_NICE or an rtprio limit)"
+        text += "".join(f"; {what}" for name, what in _WITHOUT.items() if not process.granted[name])
+        if words[Slot.FOREIGN]:
+            text += f"; {elsewhere(process)}"
         return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures)
 
     async def reset(self) -> None:
@@ -226,10 +245,9 @@ class KukaRobot:
             cure = "Correct the file, and load the same one on the controller."
             raise DeviceRefused(self.name, "; ".join(config.mistakes), cure)
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
-        with self._clock.standing():
-            return await CyclicProcess.start(
-                self.name, self._settings.bind, self._clock.source, reply.template, self._limits, self._settings.mode
-            )
+        clock = self._clock
+        with clock.standing():
+            return await CyclicProcess.start(self.name, self._settings, clock.source, reply.template, self._limits)
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:
         reply = await eki.ask("HELLO")
@@ -296,7 +314,7 @@ class KukaRobot:
     async def _halt(self) -> bool:
         """Ask for standstill and wait for it; whether the controller has confirmed it.
 
-        The search is released only once RSI is known to be off: zero would send the robot back to the search's start.
+        The search is released only once RSI is known to be off: until then the robot is held where it is.
         """
         if self._eki and self._process:
             self._adrift = True

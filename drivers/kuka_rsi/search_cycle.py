@@ -11,7 +11,9 @@ from typing import final
 
 from drivers.kuka_rsi.correction_mode import CorrectionMode, WrittenCorrections
 from drivers.kuka_rsi.cycle_timing import CycleTiming
+from drivers.kuka_rsi.following import LONGEST_LAG_S, Following, Follows
 from drivers.kuka_rsi.limits import AXES, Correction, CycleWatch, Limit, SearchLimits
+from drivers.kuka_rsi.session import DEFAULT_TOLERANCE, Admission, Session
 from drivers.kuka_rsi.set_point import SetPoint
 from drivers.kuka_rsi.telegram import Telegram
 
@@ -23,17 +25,8 @@ _STANDING_CYCLES = 10
 _SHORTEST_HOLD_S = 0.06
 _LONGEST_HOLD_S = 1.0
 
-_LONGEST_PAUSE_NS = 1_000_000_000
-"""After a longer gap in the controller's count it has left RSI meanwhile, and was switched on anew."""
-
 _START_TOLERANCE_DEG = 0.1
 """The pose at RSI_ON may differ by this from the one that the search was planned from."""
-
-_FARTHEST_AHEAD_DEG = 0.25
-"""Joints further than this ahead of the set-point run away: no servo leads, and a telegram may show 0.1 deg steps."""
-
-_FARTHEST_BEHIND_DEG = 1.0
-"""Joints further than this behind the set-point do not follow; a servo's lag at the speeds allowed is a third of it."""
 
 
 class Phase(IntEnum):
@@ -45,6 +38,7 @@ class Phase(IntEnum):
     BRAKING = 3
     SETTLING = 4
     LEAVING = 5
+    OVER = 6
 
 
 class Cause(IntEnum):
@@ -56,7 +50,7 @@ class Cause(IntEnum):
     GUARD = 3
     LIMIT = 4
     START = 5
-    RESTARTED = 6
+    LOST = 6
     LEFT = 7
     BEHIND = 8
     AHEAD = 9
@@ -80,15 +74,25 @@ class SearchOrder:
 
 @final
 class SearchCycle:
-    """State of one search.
+    """State of one search, in one RSI session.
 
-    `cause`, `detail` (guard slot, or which limit) and `age_ns` (of the guard) say why it ended; `stop_cycles` counts
-    the telegrams answered from the first with the stop known to the first whose set-point stood still, both included;
-    `missed` the telegrams that were not answered, by the controller's count.
+    No answer differs from anything that the controller may still hold by more than the limits allow. It holds either
+    the last set-point known to be taken or the last one sent, and the next one is not sent before the last is known to
+    be taken. Until then the last one is repeated, and the path is planned again from standstill. Two allowances: the
+    repeated set-point, where it is taken at last, is one step (speed × cycle) from standstill, as a lost answer is one
+    to a stand; and braking on a stop, see `CycleWatch`. Without Delay, see `Following` for what may pile up.
+
+    `cause`, `detail` (guard slot, which limit, or the rise of the count) and `age_ns` (of the guard) say why it ended;
+    `stop_cycles` counts the telegrams answered from the first with the stop known to the first whose set-point stood
+    still, both included; `missed` the telegrams that were not answered, by the controller's count.
     """
 
     def __init__(
-        self, order: SearchOrder, limits: SearchLimits, mode: CorrectionMode = CorrectionMode.ABSOLUTE
+        self,
+        order: SearchOrder,
+        limits: SearchLimits,
+        mode: CorrectionMode = CorrectionMode.ABSOLUTE,
+        tolerance_cycles: int = DEFAULT_TOLERANCE,
     ) -> None:
         self.order = order
         self.phase = Phase.LEARNING
@@ -97,12 +101,9 @@ class SearchCycle:
         self.age_ns = 0
         self.stop_cycles = 0
         self.missed = 0
-        self.timing = CycleTiming()
         self._limits = limits
+        self._session = Session(tolerance_cycles)
         self._began_ns: int | None = None
-        self._ipoc = 0
-        self._reported_late = 0
-        self._late_in_a_row = 0
         self._start = order.start
         self._sent: Correction = (0.0,) * AXES
         self._mode = mode
@@ -111,63 +112,66 @@ class SearchCycle:
         self._stood_by_stop = False
         self._recent: deque[tuple[float, ...]] = deque(maxlen=_STANDING_CYCLES)
 
+    @property
+    def timing(self) -> CycleTiming:
+        """The cycle of the session."""
+        return self._session.timing
+
+    def admit(self, telegram: Telegram) -> Admission:
+        """Whether `telegram` may be answered. One that may not is to be counted, and nothing else."""
+        admission = self._session.admit(telegram)
+        if self._session.over and self.phase is not Phase.OVER:
+            self.cause, self.detail, self.phase = Cause.LOST, self._session.over_by, Phase.OVER
+        return admission
+
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
     ) -> tuple[Correction, bool]:
-        """The corrections (offsets or increments, by the mode) and the stop to answer `telegram` with.
+        """The corrections (offsets or increments, by the mode) and the stop to answer an admitted `telegram` with.
 
         `stopped`: the stop slot names this search; `beats`: last beat per guard slot, ns of the cell's time; `leave`:
         the process must end.
         """
-        gap = self._take_in(telegram, now_ns)
+        taken = self._take_in(telegram, now_ns)
         self._look_for_trouble(now_ns, stopped, beats, leave)
-        self._look_whether_it_follows(telegram.joints)
+        self._look_whether_it_follows(telegram)
         before = self._sent
-        self._count_late_in_a_row(telegram)
-        self._move(gap)
+        self._move(taken)
         self._count_stop(stopped, before)
         self._settle(telegram.joints)
+        self._keep(telegram)
         return self._written.leading_to(self._sent), self.phase is Phase.LEAVING
 
-    def _take_in(self, telegram: Telegram, now_ns: int) -> int:
-        """The cycles since the last telegram answered; learns the cycle first."""
+    def _take_in(self, telegram: Telegram, now_ns: int) -> bool:
+        """Whether the last answer was taken; learns the cycle first."""
         if self._began_ns is None:
-            self._began_ns, self._ipoc = now_ns, telegram.ipoc
-            self._reported_late = telegram.delay or 0
+            self._began_ns = now_ns
             self._check_start(telegram.joints)
-        before, self._ipoc = self._ipoc, telegram.ipoc
-        if not self.timing.learnt:
-            self.timing.learn(telegram.ipoc, now_ns)
-            if self.timing.learnt:
-                self._get_ready()
-            return 1
-        gap = self.timing.gap(before, telegram.ipoc)
-        if telegram.ipoc < before or gap * self.timing.cycle_ns > _LONGEST_PAUSE_NS:
-            self._restarted()
-            return 1
+        learnt = self.timing.learnt
+        gap, taken = self._session.answering(telegram, now_ns)
+        if self.timing.learnt and not learnt:
+            self._get_ready()
         if self.phase is not Phase.LEAVING:
-            self.missed += max(0, gap - 1)
-        return gap
+            self.missed += gap - 1
+        if not taken:
+            self._written.not_taken()
+        return taken
 
     def _check_start(self, joints: tuple[float, ...]) -> None:
-        away = max(abs(a - b) for a, b in zip(joints, self.order.start, strict=True))
+        """Elsewhere the session ends before it moved; zero is right there, as nothing was corrected yet."""
         self._start = joints
-        if away > _START_TOLERANCE_DEG:
-            self._end(Cause.START)
+        if max(abs(a - b) for a, b in zip(joints, self.order.start, strict=True)) > _START_TOLERANCE_DEG:
+            self.cause, self.phase = Cause.START, Phase.LEAVING
 
     def _get_ready(self) -> None:
         cycle_s = self.timing.cycle_ns * 1e-9
+        speed = self.order.speed_deg_s
         self._watch = CycleWatch(self._limits, cycle_s)
-        self._set_point = SetPoint(self.order.correction, self.order.speed_deg_s, self._limits, cycle_s)
+        self._set_point = SetPoint(self.order.correction, speed, self._limits, cycle_s)
+        lag = math.ceil(LONGEST_LAG_S / cycle_s) * self.timing.ipoc_step
+        self._following = Following(self._start, self.order.correction, speed * cycle_s, lag)
         if self.phase is Phase.LEARNING:
             self.phase = Phase.MOVING
-
-    def _restarted(self) -> None:
-        """The controller counts anew: corrections now refer to another pose, and only zero is safe, in either mode."""
-        if self.cause is Cause.NONE:
-            self._end(Cause.RESTARTED)
-        self.phase, self._sent = Phase.LEAVING, (0.0,) * AXES
-        self._written = WrittenCorrections(self._mode)
 
     def _look_for_trouble(self, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool) -> None:
         if stopped and self.cause in (Cause.NONE, Cause.TRAVEL):
@@ -177,26 +181,15 @@ class SearchCycle:
         if self.cause is Cause.NONE:
             self._look_at_guards(now_ns, beats)
 
-    def _look_whether_it_follows(self, joints: tuple[float, ...]) -> None:
-        """Corrections that the controller does not take must not pile up: taken at last, they would be one leap."""
-        lead = tuple(joint - a - b for joint, a, b in zip(joints, self._start, self._sent, strict=True))
-        if self.phase is not Phase.LEAVING and self._along_the_line(lead) > _FARTHEST_AHEAD_DEG:
-            self._run_away()
-        elif self.cause is Cause.NONE and max(map(abs, lead)) > _FARTHEST_BEHIND_DEG:
+    def _look_whether_it_follows(self, telegram: Telegram) -> None:
+        """Ahead: the controller sums up offsets, and holding would be going on; RSI is left without standing first."""
+        if not self.timing.learnt or self.phase is Phase.LEAVING:
+            return
+        follows = self._following.look(telegram, self._written.short_deg)
+        if follows is Follows.AHEAD:
+            self.cause, self.phase = Cause.AHEAD, Phase.LEAVING
+        elif follows is Follows.BEHIND and self.cause is Cause.NONE:
             self._end(Cause.BEHIND)
-
-    def _along_the_line(self, offset: Correction) -> float:
-        line = self.order.correction
-        return sum(a * b for a, b in zip(offset, line, strict=True)) / (math.hypot(*line) or 1.0)
-
-    def _run_away(self) -> None:
-        """The controller sums up offsets: holding would be going on, so it leaves RSI now, without standing first."""
-        self.cause, self.phase = Cause.AHEAD, Phase.LEAVING
-
-    def _count_late_in_a_row(self, telegram: Telegram) -> None:
-        """Where the controller counts one more late answer than before, it did not take the last correction."""
-        before, self._reported_late = self._reported_late, telegram.delay or 0
-        self._late_in_a_row = self._late_in_a_row + 1 if self._reported_late > before else 0
 
     def _look_at_guards(self, now_ns: int, beats: Sequence[int]) -> None:
         """A guard's beat counts from the search's start at the earliest, whether it ever beat before or not."""
@@ -214,19 +207,17 @@ class SearchCycle:
         elif self.phase is Phase.LEARNING:
             self.phase = Phase.SETTLING
 
-    def _move(self, gap: int) -> None:
-        """One step; none while answers are late, so that the first one in time again is no leap."""
-        if self.phase in (Phase.MOVING, Phase.BRAKING) and (gap > 1 or self._late_in_a_row > 1):
-            self._stood()
+    def _move(self, taken: bool) -> None:
+        """One step; none while the last answer is not known to be taken: the controller stands, at either of two."""
+        if self.phase not in (Phase.MOVING, Phase.BRAKING):
+            return
+        if not taken:
+            self._watch.stood()
+            self._set_point.stand_and_go()
         if self.phase is Phase.BRAKING:
             self._brake()
-        elif self.phase is Phase.MOVING and gap and not self._late_in_a_row:
+        elif taken:
             self._advance()
-
-    def _stood(self) -> None:
-        """Telegrams or answers were lost: meanwhile the controller held a correction, and the set-point stood."""
-        self._watch.stood()
-        self._set_point.stand_and_go()
 
     def _advance(self) -> None:
         if self._set_point.arrived:
@@ -255,6 +246,10 @@ class SearchCycle:
             return
         self.stop_cycles += 1
         self._stood_by_stop = self._sent == before
+
+    def _keep(self, telegram: Telegram) -> None:
+        if self.timing.learnt:
+            self._following.sent(telegram.ipoc, self._set_point.place_deg)
 
     def _settle(self, joints: tuple[float, ...]) -> None:
         """Hold until the joints stand still, at most a while; then ask the controller to leave RSI."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import final
 
@@ -15,15 +17,26 @@ from drivers.kuka_rsi.process import CyclicProcess
 from drivers.kuka_rsi.refusals import refusal
 from drivers.kuka_rsi.search_cycle import Cause, SearchOrder
 from drivers.kuka_rsi.search_record import SearchRecord
-from drivers.kuka_rsi.shared_block import SearchStatus
+from drivers.kuka_rsi.shared_block import SearchStatus, Slot
 
 _FIRST_TELEGRAM_S = 2.0
 _SILENCE_S = 2.0
 _POLL_S = 0.02
+
+_LOOK_S = 0.05
+"""Wall time between two looks at the cyclic process."""
+
 _BESIDES_THE_LINE_S = 15.0
 
 _FOLLOWED_DEG = 0.1
 """Where an axis rests further than this from the end of the line, the corrections had no full effect."""
+
+
+def elsewhere(process: CyclicProcess) -> str:
+    """How many datagrams came from another address than the controller's, in words."""
+    sender = process.block.foreign_sender()
+    last = f" (the last one seen from {sender})" if sender else ""
+    return f"{process.block.words[Slot.FOREIGN]} datagrams came from elsewhere than {process.heard}{last}"
 
 
 @final
@@ -45,6 +58,7 @@ class Search:
         self.process.block.place_order(self.order)
         pending = await self.eki.send("RSI")
         await self._on(pending)
+        self.process.block.announce_session(self.order.number)
         final_reply = await self._first_telegram(pending) or await self._until_off(pending, record)
         self.process.block.release()
         record.collect()
@@ -71,10 +85,11 @@ class Search:
         host, port = self.process.listening
         raise DeviceLost(
             self.device,
-            f"RSI is on, and no telegram came within {_FIRST_TELEGRAM_S:g} s",
-            f"The controller must send to this computer's address on the RSI network, port {port} (<IP_NUMBER> and "
-            f"<PORT> in {self.configuration}); bound here: {host}:{port}. Let UDP through the firewall, and keep RSI "
-            "on a subnet of its own, apart from the KLI's.",
+            f"RSI is on, and no telegram came within {_FIRST_TELEGRAM_S:g} s; {elsewhere(self.process)}",
+            f"Where the controller sends from another address than {self.process.heard}, write controller=IP into the "
+            f"robot's address. It must send to this computer's address on the RSI network, port {port} (<IP_NUMBER> "
+            f"and <PORT> in {self.configuration}); bound here: {host}:{port}. Let UDP through the firewall, and keep "
+            "RSI on a subnet of its own, apart from the KLI's.",
         )
 
     async def _until_off(self, pending: Pending, record: SearchRecord) -> Reply:
@@ -92,16 +107,30 @@ class Search:
                 heard, heard_at = len(record.samples), now
             if now > deadline or now - heard_at > _SILENCE_S:
                 counts = ", ".join(f"{name} {count}" for name, count in record.counts().items())
+                counts += f", stale {self.process.block.words[Slot.STALE]}"
                 what = f"the search did not end (no telegram for {now - heard_at:.1f} s; {counts})"
                 raise DeviceLost(self.device, what)
 
     async def _last_reply(self, pending: Pending) -> Reply | None:
+        """The command's last reply, if it comes within `_POLL_S` of the cell's time.
+
+        A loss is looked for by the wall: while a telegram is not answered, a simulated cell's time may stand still.
+        """
+        with suppress(TimeoutError):
+            async with self.clock.timeout(_POLL_S):
+                while True:
+                    self._look_for_loss()
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(_LOOK_S):
+                            return await pending.reply(_POLL_S)
+        return None
+
+    def _look_for_loss(self) -> None:
         if not self.process.alive():
             raise DeviceLost(self.device, f"the RSI process ended: {self.process.last_words()}")
-        try:
-            return await pending.reply(_POLL_S)
-        except TimeoutError:
-            return None
+        status = self._status()
+        if status.cause is Cause.LOST:
+            raise self._lost(status)
 
     def _status(self) -> SearchStatus:
         status = self.process.block.status()
@@ -126,7 +155,7 @@ class Search:
                     raise self._not_followed(short)
                 return record.result(SearchEnd.TRAVEL, status, resting)
             case Cause.BEHIND:
-                raise self._not_followed("more than 1 deg behind the set-point")
+                raise self._not_followed("too far behind the set-point")
             case Cause.AHEAD:
                 raise self._ran_ahead()
         raise self._trouble(status)
@@ -155,6 +184,15 @@ class Search:
             "something else moves the robot.",
         )
 
+    def _lost(self, status: SearchStatus) -> DeviceLost:
+        return DeviceLost(
+            self.device,
+            f"the controller's count has risen by {status.detail} since the last answer: the search is over, and the "
+            f"robot held (a gap of {self.process.tolerance} cycles is tolerated)",
+            "Look at the network and at what else runs on this computer. Where the ETHERNET object's Timeout is not "
+            f"{self.process.tolerance}, write tolerance=CYCLES into the robot's address.",
+        )
+
     def _trouble(self, status: SearchStatus) -> Exception:
         match status.cause:
             case Cause.GUARD:
@@ -169,6 +207,6 @@ class Search:
                 )
             case Cause.START:
                 return DeviceFault(self.device, "the pose at RSI_ON is not the one that the search was planned from")
-            case Cause.RESTARTED:
-                return DeviceFault(self.device, "the controller's count ran back in the search; the robot is held")
+            case Cause.LOST:
+                return self._lost(status)
         return DeviceFault(self.device, "the controller left RSI by itself before the search had ended")

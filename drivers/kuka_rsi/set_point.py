@@ -34,6 +34,11 @@ class SetPoint:
         return tuple(share * axis for axis in self._end)
 
     @property
+    def place_deg(self) -> float:
+        """Length of the line gone so far, degrees."""
+        return self._here
+
+    @property
     def arrived(self) -> bool:
         """Whether the end of the line is reached."""
         return bool(self._elapsed >= self._profile.duration)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Self, final
 
 from cellctl.devices import Address
 from drivers.kuka_rsi.correction_mode import CorrectionMode
+from drivers.kuka_rsi.session import DEFAULT_TOLERANCE
 
 _SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "controller", "tolerance"}
+_LARGEST_TOLERANCE = 1000
 
 
 @final
@@ -20,7 +23,8 @@ class RsiSettings:
     `bind`: host and port for the controller's telegrams (port 0: any free one); `ethernet`: the RSI Ethernet
     configuration file that the controller loads; `eki`: the controller's EthernetKRL host and port; `correction`:
     prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`: what the
-    controller's program passes to RSI_ON.
+    controller's program passes to RSI_ON; `controller`: the only address whose telegrams are heard (empty: the host of
+    `eki`); `tolerance`: cycles without an answer after which the controller gives up, `Timeout` of its ETHERNET object.
     """
 
     bind: tuple[str, int]
@@ -29,6 +33,13 @@ class RsiSettings:
     correction: str = "AK"
     stop: str = "Stop"
     mode: CorrectionMode = CorrectionMode.ABSOLUTE
+    controller: str = ""
+    tolerance: int = DEFAULT_TOLERANCE
+
+    @property
+    def heard(self) -> str:
+        """The host whose telegrams are heard."""
+        return self.controller or self.eki[0]
 
     @classmethod
     def of(cls, address: Address, folder: Path) -> Self:
@@ -39,16 +50,37 @@ class RsiSettings:
         mistakes += [f"setting '{key}' is empty" for key in ("correction", "stop") if query.get(key) == ""]
         mode = query.get("mode", CorrectionMode.ABSOLUTE)
         mistakes += [] if mode in set(CorrectionMode) else [f"mode={mode} is none of {', '.join(CorrectionMode)}"]
+        mistakes += _about_the_controller(query.get("controller")) + _about_tolerance(query.get("tolerance"))
         mistakes += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
         eki = _host_and_port(query.get("eki", ""))
         if query.get("eki") and eki is None:
             mistakes.append(f"eki={query['eki']} is not HOST:PORT")
         if mistakes or eki is None:
             raise ValueError(f"{address}: {'; '.join(mistakes)}")
-        names = {key: query[key] for key in ("correction", "stop") if key in query}
+        names = {key: query[key] for key in ("correction", "stop", "controller") if key in query}
         return cls(
-            (address.host, address.port or 0), folder / query["ethernet"], eki, **names, mode=CorrectionMode(mode)
+            (address.host, address.port or 0),
+            folder / query["ethernet"],
+            eki,
+            **names,
+            mode=CorrectionMode(mode),
+            tolerance=int(query.get("tolerance", DEFAULT_TOLERANCE)),
         )
+
+
+def _about_the_controller(text: str | None) -> list[str]:
+    try:
+        ip_address("127.0.0.1" if text is None else text)
+    except ValueError:
+        return [f"controller={text} is no IP address (the one that the telegrams come from)"]
+    return []
+
+
+def _about_tolerance(text: str | None) -> list[str]:
+    number = text is None or (text.isascii() and text.isdigit() and len(text) < 5)
+    if number and 0 < int(text or DEFAULT_TOLERANCE) <= _LARGEST_TOLERANCE:
+        return []
+    return [f"tolerance={text} is no number of cycles within 1 … {_LARGEST_TOLERANCE}"]
 
 
 def _host_and_port(text: str) -> tuple[str, int] | None:

@@ -1,15 +1,17 @@
 """Memory shared by the engine and the cyclic process: slots of eight bytes, each written by one side only.
 
 An aligned slot is read and written whole. What must be seen together is written first, and the slot that announces it
-(`ORDER`, `SEARCH`, `HEAD`) last. The memory has no name: it is gone when both processes are.
+(`ORDER`, `SESSION`, `SEARCH`, `HEAD`) last. The memory has no name: it is gone when both processes are.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
+from ipaddress import IPv4Address
 from typing import Self, final
 
 from drivers.kuka_rsi.limits import AXES
@@ -27,12 +29,14 @@ _ROW_SLOTS = 3 + AXES
 class Slot(IntEnum):
     """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
 
-    `STOP`: number of the search to be stopped, 0 where no stop stands.
+    `STOP`: number of the search to be stopped, 0 where no stop stands. `SESSION`: number of the search for which the
+    controller has said that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
     """
 
     STOP = 0
     ORDER = 1
-    BEATS = 2
+    SESSION = 2
+    BEATS = 3
     OLDEST = BEATS + GUARDS
     START = OLDEST + GUARDS
     CORRECTION = START + AXES
@@ -52,7 +56,11 @@ class Slot(IntEnum):
     LOST = LATE_REPORTED + 1
     SKIPPED = LOST + 1
     MALFORMED = SKIPPED + 1
-    HEAD = MALFORMED + 1
+    STALE = MALFORMED + 1
+    BEYOND = STALE + 1
+    FOREIGN = BEYOND + 1
+    FOREIGN_FROM = FOREIGN + 1
+    HEAD = FOREIGN_FROM + 1
     RING = 64
 
 
@@ -111,7 +119,7 @@ class SharedBlock:
     # the engine's side
 
     def place_order(self, order: SearchOrder) -> None:
-        """Ask for a search; it begins with the next session's first telegram."""
+        """Ask for a search; it begins with the first telegram once its session is announced."""
         self._put_reals(Slot.START, order.start)
         self._put_reals(Slot.CORRECTION, order.correction)
         self.reals[Slot.SPEED] = order.speed_deg_s
@@ -124,9 +132,18 @@ class SharedBlock:
         if self.words[Slot.STOP]:
             self.words[Slot.STOP] = number
 
+    def announce_session(self, number: int) -> None:
+        """The controller has said that RSI is on, for search `number`: its telegrams may be answered."""
+        self.words[Slot.SESSION] = number
+
     def release(self) -> None:
-        """The session is over: from now on answer zero."""
+        """The session is over: from now on nothing is answered."""
         self.words[Slot.ORDER] = 0
+
+    def foreign_sender(self) -> str:
+        """Who sent the last datagram that did not come from the controller, `HOST:PORT`; empty where not known."""
+        packed = self.words[Slot.FOREIGN_FROM]
+        return f"{IPv4Address(packed >> 16)}:{packed & 0xFFFF}" if packed else ""
 
     def status(self) -> SearchStatus:
         """What the cyclic process last published."""
@@ -148,6 +165,13 @@ class SharedBlock:
         oldest = tuple(words[Slot.OLDEST : Slot.OLDEST + GUARDS])
         start, correction = self._reals(Slot.START), self._reals(Slot.CORRECTION)
         return SearchOrder(words[Slot.ORDER], start, correction, self.reals[Slot.SPEED], oldest)
+
+    def put_foreign(self, count: int, sender: tuple[str, int] | None) -> None:
+        """How many datagrams came from elsewhere, and where the last one that was seen came from."""
+        self.words[Slot.FOREIGN] = count
+        with suppress(ValueError):  # of IPv6 there is no room for the address
+            if sender:
+                self.words[Slot.FOREIGN_FROM] = int(IPv4Address(sender[0])) << 16 | sender[1]
 
     def beats(self) -> memoryview:
         """Last beat of each guard, ns of the cell's time, as it stands at each look."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 from dataclasses import dataclass
 from typing import final
 from xml.etree import ElementTree
@@ -15,27 +15,41 @@ DECIMALS = 6
 
 AXIS_NAMES = tuple(f"A{i}" for i in range(1, AXES + 1))
 
+LARGEST_IPOC = 10**15
+LARGEST_DELAY = 10**9
+FARTHEST_JOINT_DEG = 3600.0
+"""Ranges of what a telegram says; whatever is outside is no telegram of a controller."""
+
+COARSEST_DEG = 0.1
+"""Step of the joints at `Precision` 1, the coarsest that RSI has by default."""
+
+_NUMBER = re.compile(r"[-+]?[0-9]{1,20}(?:\.([0-9]{0,30}))?(?:[eE][-+]?[0-9]{1,3})?")
+
 
 @final
 @dataclass(frozen=True, slots=True)
 class Telegram:
     """What the controller sent in one cycle.
 
-    `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count; `joints`: A1…A6 actual (AIPos),
-    degrees; `delay`: its own count of late answers, where it sends one.
+    `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count, 0 … 10^15; `joints`: A1…A6 actual
+    (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, where it sends one; `resolution_deg`:
+    last decimal of the joints.
     """
 
     ipoc_text: str
     ipoc: int
     joints: tuple[float, ...]
     delay: int | None
+    resolution_deg: float = COARSEST_DEG
 
 
 def read_telegram(datagram: bytes) -> Telegram:
     """Read a `<Rob>` telegram by the names in it; order, attributes of the root and unknown tags do not matter.
 
-    Raises ValueError where it is no telegram, or lacks IPOC or AIPos.
+    Raises ValueError where it is no telegram, lacks IPOC or AIPos, or has a number out of range.
     """
+    if b"<!" in datagram:
+        raise ValueError("a telegram has no DOCTYPE, comment or CDATA")
     try:
         root = ElementTree.fromstring(datagram)
     except (ElementTree.ParseError, LookupError) as error:
@@ -45,15 +59,24 @@ def read_telegram(datagram: bytes) -> Telegram:
     joints, ipoc, delay = root.find("AIPos"), root.findtext("IPOC"), root.find("Delay")
     if joints is None or ipoc is None:
         raise ValueError("without AIPos or IPOC")
-    values = tuple(_number(joints.get(name, "")) for name in AXIS_NAMES)
-    return Telegram(ipoc, int(ipoc), values, None if delay is None else round(_number(delay.get("D", ""))))
+    axes = [_number(joints.get(name, ""), -FARTHEST_JOINT_DEG, FARTHEST_JOINT_DEG) for name in AXIS_NAMES]
+    late = None if delay is None else round(_number(delay.get("D", ""), 0, LARGEST_DELAY)[0])
+    resolution = min(COARSEST_DEG, 10.0 ** -max(decimals for _, decimals in axes))
+    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution)
 
 
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"'{text}' is no reading")
-    return value
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= LARGEST_IPOC):
+        raise ValueError(f"IPOC '{text[:40]}' is no count within 0 … {LARGEST_IPOC}")
+    return int(text)
+
+
+def _number(text: str, lowest: float, highest: float) -> tuple[float, int]:
+    """The number in ASCII digits, and how many decimals it is written with."""
+    written = _NUMBER.fullmatch(text)
+    if written is None or not lowest <= float(text) <= highest:
+        raise ValueError(f"'{text[:40]}' is no number within {lowest:g} … {highest:g}")
+    return float(text), len(written[1] or "")
 
 
 @final

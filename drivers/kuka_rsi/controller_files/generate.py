@@ -26,7 +26,6 @@ KRL_FILES = (
     "cellctl_tab.src",
     "cellctl_sum.src",
 )
-_TIMEOUT_CYCLES = "100"
 
 _EKI_FILE = "cellctl_eki.xml"
 _FLAGS = {"ALIVE": 401, "GO": 402, "HALT": 403, "RSI": 404, "DONE": 405}
@@ -59,7 +58,7 @@ def controller_files(
     }
     made = {name: _filled(_template(name), places) for name in (*KRL_FILES, _EKI_FILE)}
     made[settings.ethernet.name] = _ethernet(settings)
-    context = _context(places["CELL"], settings, search, address)
+    context = _context(places["CELL"], settings, search)
     made |= {
         f"{CONTEXT_NAME}.rsix": _ascii_xml(rsix(context)),
         f"{CONTEXT_NAME}.rsi.xml": _ascii_xml(rsi_xml(context)),
@@ -68,7 +67,7 @@ def controller_files(
     return made
 
 
-def _context(cell: str, settings: RsiSettings, limits: SearchLimits, address: Address) -> Context:
+def _context(cell: str, settings: RsiSettings, limits: SearchLimits) -> Context:
     """The RSI context; its links are the channels (INDX) in the person's own Ethernet configuration."""
     elements = ElementTree.parse(settings.ethernet).iterfind("RECEIVE/ELEMENTS/ELEMENT")
     channels = {element.get("TAG", ""): element.get("INDX", "") for element in elements}
@@ -78,7 +77,7 @@ def _context(cell: str, settings: RsiSettings, limits: SearchLimits, address: Ad
         axes=tuple(int(channels[f"{settings.correction}.{axis}"]) for axis in AXIS_NAMES),
         stop=int(channels[settings.stop]),
         correction_deg=limits.correction_deg,
-        timeout=int(address.query.get("tolerance", _TIMEOUT_CYCLES)),
+        timeout=settings.tolerance,
     )
 
 

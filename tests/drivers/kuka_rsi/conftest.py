@@ -67,7 +67,8 @@ class Answer:
 class FakeController:
     """Owns the cell's time: a telegram waits for its reply, and time for the attached clock every 20 ms.
 
-    Set the fields before a search to make a bad day; `on_cycle` is called before each telegram with its number.
+    Set the fields before a search for bad input; `on_cycle` is called before each telegram with its number. `waits_s`:
+    wall time after which a telegram counts as not answered.
     """
 
     folder: Path
@@ -92,6 +93,7 @@ class FakeController:
     garbage: bytes = b""
     move_takes_s: float = 0.2
     halts_ended: int = 0
+    waits_s: float = PATIENCE_S
 
     def __post_init__(self) -> None:
         self.now_ns = 0
@@ -207,7 +209,7 @@ class FakeController:
 
     def _telegram(self, ipoc: int) -> bytes:
         q = " ".join(f'A{i}="{value:.4f}"' for i, value in enumerate(self.joints, 1))
-        late = f'<Delay D="{len(self.answers) // 10}"/>' if self.delay_counts else ""
+        late = f'<Delay D="{len(self.answers) // 100}"/>' if self.delay_counts else ""
         return (
             f'{self.root}<RIst X="1.0" Y="2.0" Z="3.0" A="0.0" B="0.0" C="0.0"/>'
             f"<AIPos {q}/>{late}<IPOC>{ipoc}</IPOC></Rob>"
@@ -270,7 +272,7 @@ class FakeController:
     def _rsi_on(self, number: int) -> None:
         self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._line.connect(self._rsi_target)
-        self._line.settimeout(PATIENCE_S)
+        self._line.settimeout(self.waits_s)
         self.cycles = 0
         self._rsi, self.program = (number, list(self.joints), [0.0] * 6), "RSI"
 
@@ -395,11 +397,13 @@ def connected(controller, tmp_path):
     """Opens the robot against the fake controller, on the fake's time."""
 
     @asynccontextmanager
-    async def connect(limits: dict[str, float] | None = None, mode: str = "absolute") -> AsyncIterator[object]:
+    async def connect(
+        limits: dict[str, float] | None = None, mode: str = "absolute", more: str = ""
+    ) -> AsyncIterator[object]:
         (tmp_path / "rsi.xml").write_text(RELATIVE_XML if mode == "relative" else ETHERNET_XML)
         clock = await LockstepClock.attach(str(controller.time_file), "127.0.0.1", controller.control_port)
         address = Address.parse(
-            f"kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:{controller.eki_port}&mode={mode}"
+            f"kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:{controller.eki_port}&mode={mode}{more}"
         )
         robot = open_robot("robot", address, Surroundings(clock, tmp_path, limits or {}))
         try:

@@ -280,6 +280,8 @@ def test_health_is_well_and_says_how_rsi_runs(connected, run):
     assert "EXT, READY" in health.text
     assert health.figures["real_time"] in (0.0, 1.0)
     assert ("priority" in health.text) == (health.figures["real_time"] == 0.0)
+    assert ("not locked" in health.text) == (health.figures["memory_locked"] == 0.0)
+    assert health.figures["pinned"] <= health.figures["real_time"]
 
 
 def test_a_killed_rsi_process_is_noticed_and_the_robot_halted(controller, connected, run):
@@ -309,9 +311,11 @@ from pathlib import Path
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.process import CyclicProcess
+from drivers.kuka_rsi.settings import RsiSettings
 
 async def main():
-    process = await CyclicProcess.start("robot", ("127.0.0.1", 0), WallClock().source, "<Sen/>", SearchLimits())
+    settings = RsiSettings(("127.0.0.1", 0), Path("rsi.xml"), ("127.0.0.1", 1))
+    process = await CyclicProcess.start("robot", settings, WallClock().source, "<Sen/>", SearchLimits())
     print(process.pid, flush=True)
     await asyncio.sleep(60)
 

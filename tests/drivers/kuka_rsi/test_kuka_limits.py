@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from drivers.kuka_rsi.cycle_timing import AnswerDelay, CycleTiming
 from drivers.kuka_rsi.limits import CycleWatch, Limit, SearchLimits
 from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchCycle, SearchOrder
+from drivers.kuka_rsi.session import Admission
 from drivers.kuka_rsi.set_point import SetPoint
 from drivers.kuka_rsi.telegram import Telegram
 
@@ -101,6 +102,7 @@ class Rig:
         self.now_ns += 4_000_000 * gap
         self.ipoc += 4 * gap
         telegram = Telegram(str(self.ipoc), self.ipoc, joints or self.correction, delay)
+        assert self.search.admit(telegram) is Admission.ANSWERABLE
         self.correction, stop = self.search.answer(telegram, self.now_ns, stopped, self.beats, leave=leave)
         return stop
 
@@ -147,15 +149,27 @@ def test_while_answers_are_late_the_set_point_waits_and_then_goes_on_from_stands
     assert rig.correction[1] > before[1] + 0.5
 
 
-def test_one_late_answer_delays_the_path_by_one_cycle_and_makes_no_leap():
-    in_time, late = Rig(), Rig()
-    in_time.run(150, delay=0)
-    late.run(100, delay=0)
-    before = late.correction
-    late.cycle(delay=1)
-    assert late.correction == before
-    late.run(50, delay=1)
-    assert late.correction == in_time.correction
+@pytest.mark.parametrize("resets", [False, True])
+def test_after_one_answer_that_was_not_taken_it_is_repeated_and_the_path_begins_from_standstill(resets):
+    """Of counts that a good answer sets back and of counts that it does not."""
+    rig = Rig()
+    rig.run(100, delay=0)
+    before = rig.correction
+    rig.cycle(delay=1)
+    assert rig.correction == before
+    rig.cycle(delay=0 if resets else 1)
+    assert 0 < rig.correction[1] - before[1] < 1e-4
+    rig.run(50, delay=0 if resets else 1)
+    assert rig.correction[1] > before[1] + 0.2
+
+
+def test_a_stop_while_the_last_answer_is_not_taken_goes_no_further():
+    rig = Rig()
+    rig.run(100, delay=0)
+    before = rig.correction
+    rig.cycle(delay=1, stopped=True)
+    assert rig.correction == before
+    assert rig.search.phase is Phase.SETTLING
 
 
 def test_a_stop_while_settling_at_the_end_of_travel_is_a_contact():
@@ -168,24 +182,49 @@ def test_a_stop_while_settling_at_the_end_of_travel_is_a_contact():
     assert rig.search.stop_cycles == 1
 
 
-def test_a_count_that_runs_back_gets_zero_and_the_stop():
+@pytest.mark.parametrize(("gap", "admission"), [(0, "STALE"), (-25_000, "STALE"), (100, "ANSWERABLE"), (101, "BEYOND")])
+def test_what_is_answered_is_newer_and_within_the_tolerance(gap, admission):
     rig = Rig()
     rig.run(100)
-    assert rig.correction[1] > 0
-    rig.ipoc = 0
-    assert rig.cycle()
-    assert rig.correction == HOME
-    assert rig.search.cause is Cause.RESTARTED
+    ipoc = rig.ipoc + 4 * gap
+    assert rig.search.admit(Telegram(str(ipoc), ipoc, rig.correction, None)).name == admission
 
 
-def test_a_new_session_after_a_finished_search_gets_zero_not_the_old_correction():
-    rig = Rig(correction=axis2(0.1))
-    while not rig.cycle():
-        pass
-    assert rig.correction == pytest.approx(axis2(0.1))
-    rig.cycle(gap=500)
-    assert rig.correction == HOME
-    assert rig.search.cause is Cause.TRAVEL
+def test_a_gap_beyond_the_tolerance_is_the_end_also_for_telegrams_that_would_fit_again():
+    rig = Rig()
+    rig.run(100)
+    for ipoc in (rig.ipoc + 100_000, rig.ipoc + 4, rig.ipoc + 100_004):
+        assert rig.search.admit(Telegram(str(ipoc), ipoc, rig.correction, None)).name == "BEYOND"
+    assert (rig.search.cause, rig.search.phase, rig.search.detail) == (Cause.LOST, Phase.OVER, 100_000)
+
+
+@pytest.mark.parametrize("missing", [2, 20, 99])
+def test_after_a_gap_within_the_tolerance_the_path_goes_on_from_the_last_set_point(missing):
+    rig = Rig()
+    rig.run(100)
+    before = rig.correction
+    rig.cycle(gap=1 + missing)
+    assert rig.correction == before
+    rig.cycle()
+    assert 0 < rig.correction[1] - before[1] < 1e-4
+
+
+def test_a_robot_elsewhere_than_planned_is_left_before_it_has_moved():
+    rig = Rig()
+    assert rig.cycle(joints=axis2(0.2))
+    assert (rig.search.cause, rig.correction) == (Cause.START, HOME)
+
+
+@pytest.mark.parametrize("lost", [1, 2, 6])
+def test_a_cycle_of_4_ms_is_not_taken_for_a_longer_one_where_telegrams_are_lost_from_the_start(lost):
+    """A step for 12 ms in a cycle of 4 would be three times the speed."""
+    rig = Rig()
+    for number in range(30):
+        rig.cycle(gap=1 + lost, delay=lost * number)
+    assert not rig.search.timing.learnt
+    for _ in range(10):
+        rig.cycle(delay=lost * number)
+    assert rig.search.timing.cycle_ns == 4_000_000
 
 
 def test_a_robot_that_never_stands_still_is_left_after_a_second():

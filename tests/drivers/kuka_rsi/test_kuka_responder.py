@@ -9,9 +9,10 @@ import socket
 import pytest
 
 from cellctl.devices import SearchEnd
+from drivers.kuka_rsi.controller_line import ControllerLine
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.search_cycle import SearchOrder
+from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.search_record import SearchRecord
 from drivers.kuka_rsi.shared_block import ROWS, Sample, SharedBlock, Slot
 from drivers.kuka_rsi.telegram import ReplyFormat
@@ -27,9 +28,7 @@ class Bench:
     """A responder on a loopback socket, a controller's socket beside it, and a clock set by hand."""
 
     def __init__(self) -> None:
-        self.line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.line.bind(("127.0.0.1", 0))
-        self.line.setblocking(False)
+        self.line = ControllerLine.bind("127.0.0.1", 0, "127.0.0.1")
         self.controller = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.controller.settimeout(60)
         self.block, fd = SharedBlock.create()
@@ -37,6 +36,7 @@ class Bench:
         self.now_ns = 0
         self.reading_takes_ns = 0
         self.ipoc = 1000
+        self.offset = 0.0
         self.responder = Responder(self.line, self.block, ReplyFormat(TEMPLATE), SearchLimits(), self.clock)
 
     def clock(self) -> int:
@@ -45,19 +45,40 @@ class Bench:
 
     def order(self, number: int = 1) -> None:
         self.block.place_order(SearchOrder(number, HOME, (1.0, 0, 0, 0, 0, 0), 2.0, (0,) * 8))
+        self.block.announce_session(number)
 
     def send(self) -> None:
         self.ipoc += 4
         self.now_ns += 4_000_000
-        axes = " ".join(f'A{i}="0"' for i in range(1, 7))
-        telegram = f'<Rob Type="KUKA"><AIPos {axes}/><IPOC>{self.ipoc}</IPOC></Rob>'
-        self.controller.sendto(telegram.encode(), self.line.getsockname())
+        self.controller.sendto(self.telegram(), self.line.place)
+
+    def telegram(self) -> bytes:
+        axes = " ".join(f'A{i}="{self.offset if i == 1 else 0:.4f}"' for i in range(1, 7))
+        return f'<Rob Type="KUKA"><AIPos {axes}/><IPOC>{self.ipoc}</IPOC></Rob>'.encode()
 
     def receive(self) -> tuple[int, float, bool]:
         """Count, correction of A1 and stop of the next reply."""
         reply = self.controller.recv(65535)
         values = re.search(rb'A1="([^"]*)".*<Stop>(\d)</Stop><IPOC>(\d+)<', reply)
-        return int(values[3]), float(values[1]), values[2] == b"1"
+        self.offset = float(values[1])
+        return int(values[3]), self.offset, values[2] == b"1"
+
+    def nothing_came(self) -> bool:
+        """Whether the controller got no answer."""
+        self.controller.setblocking(False)
+        try:
+            self.controller.recv(65535)
+        except BlockingIOError:
+            return True
+        finally:
+            self.controller.settimeout(60)
+        return False
+
+    def unanswered(self) -> bool:
+        """Sends one more telegram; whether it was not answered."""
+        self.send()
+        self.responder.answer()
+        return self.nothing_came()
 
     def cycle(self) -> tuple[int, float, bool]:
         self.send()
@@ -81,26 +102,49 @@ def test_of_several_waiting_telegrams_only_the_newest_is_answered(bench):
         bench.send()
     bench.responder.answer()
     assert bench.receive()[0] == bench.ipoc
-    bench.controller.setblocking(False)
-    with pytest.raises(BlockingIOError):
-        bench.controller.recv(65535)
+    assert bench.nothing_came()
     assert bench.block.words[Slot.SKIPPED] == 3
     assert bench.block.words[Slot.LOST] == 0
     assert len(bench.block.samples(0)[0]) == 24
 
 
-def test_the_reply_goes_to_whoever_sent_the_telegram(bench):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.settimeout(60)
-        bench.cycle()
-        bench.controller, controller = other, bench.controller
-        bench.cycle()
-        bench.controller = controller
-
-
-def test_without_an_order_every_telegram_is_answered_with_zero(bench):
-    assert bench.cycle() == (1004, 0.0, False)
+def test_without_an_order_no_telegram_is_answered(bench):
+    assert bench.unanswered()
     assert bench.block.words[Slot.HEAD] == 0
+    assert bench.block.words[Slot.TELEGRAMS] == 1
+
+
+def test_an_ordered_search_is_not_answered_before_its_session_is_announced(bench):
+    bench.block.place_order(SearchOrder(1, HOME, (1.0, 0, 0, 0, 0, 0), 2.0, (0,) * 8))
+    assert bench.unanswered()
+    assert bench.responder.waits_for_announcement
+    bench.block.announce_session(1)
+    bench.now_ns += 3_000_000
+    bench.responder.answer()
+    assert bench.receive() == (bench.ipoc, 0.0, False)
+    assert not bench.responder.waits_for_announcement
+
+
+def test_a_telegram_of_an_earlier_cycle_is_not_answered_once_its_session_is_announced(bench):
+    bench.block.place_order(SearchOrder(1, HOME, (1.0, 0, 0, 0, 0, 0), 2.0, (0,) * 8))
+    assert bench.unanswered()
+    bench.now_ns += 4_000_000
+    bench.block.announce_session(1)
+    bench.responder.answer()
+    assert bench.nothing_came()
+    assert bench.cycle() == (bench.ipoc, 0.0, False)
+
+
+def test_telegrams_left_over_from_another_session_do_not_end_the_one_announced(bench):
+    bench.send()
+    bench.ipoc += 500_000
+    bench.send()
+    bench.order()
+    bench.responder.answer()
+    assert bench.receive() == (bench.ipoc, 0.0, False)
+    for _ in range(20):
+        bench.cycle()
+    assert bench.offset > 0
 
 
 def test_a_stop_set_after_the_telegram_left_but_before_it_is_read_counts_for_its_reply(bench):
@@ -126,13 +170,95 @@ def test_a_stop_meant_for_an_earlier_search_does_not_stop_this_one(bench):
     assert bench.cycle()[1] > 0
 
 
-def test_after_the_release_the_next_session_gets_zero(bench):
+def test_after_the_release_nothing_is_answered(bench):
     bench.order()
     for _ in range(300):
         bench.cycle()
-    assert bench.cycle()[1] > 0
+    assert bench.offset > 0
     bench.block.release()
+    assert bench.unanswered()
+
+
+def test_a_telegram_is_answered_once_and_an_overtaken_one_not_at_all(bench):
+    bench.order()
+    for _ in range(50):
+        bench.cycle()
+    samples = bench.block.words[Slot.HEAD]
+    bench.ipoc -= 8
+    assert bench.unanswered()
+    assert bench.unanswered()
+    assert bench.block.words[Slot.STALE] == 2
+    assert bench.block.words[Slot.HEAD] == samples
+
+
+def test_after_a_gap_beyond_the_tolerance_nothing_is_answered_any_more(bench):
+    bench.order()
+    for _ in range(100):
+        bench.cycle()
+    bench.ipoc += 100_000
+    assert bench.unanswered()
+    assert bench.unanswered()
+    assert (bench.block.status().cause, bench.block.status().phase) == (Cause.LOST, Phase.OVER)
+    assert bench.block.status().detail == 100_004
+    assert bench.block.words[Slot.BEYOND] == 2
+
+
+def test_a_stall_beyond_the_tolerance_ends_the_session_whatever_waits_in_between(bench):
+    bench.order()
+    for _ in range(100):
+        bench.cycle()
+    for _ in range(101):
+        bench.send()
+    bench.responder.answer()
+    assert bench.nothing_came()
+    assert bench.block.status().cause is Cause.LOST
+
+
+def test_a_second_sender_at_the_controller_s_address_is_not_answered_and_named(bench):
+    bench.order()
+    for _ in range(50):
+        bench.cycle()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        bench.ipoc += 4
+        other.sendto(bench.telegram(), bench.line.place)
+        bench.responder.answer()
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            other.recv(65535)
+        assert bench.block.foreign_sender() == f"127.0.0.1:{other.getsockname()[1]}"
+    assert bench.block.words[Slot.FOREIGN] == 1
+    bench.ipoc -= 4
+    assert bench.cycle()[0] == bench.ipoc
+
+
+def test_telegrams_from_another_address_are_counted_and_named_also_where_the_kernel_drops_them(bench):
+    bench.order()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.2", 0))
+        for _ in range(40):
+            other.sendto(bench.telegram(), bench.line.place)
+            bench.responder.answer()
+        assert bench.block.foreign_sender() == f"127.0.0.2:{other.getsockname()[1]}"
+    assert bench.block.words[Slot.FOREIGN] == 40
+    assert bench.block.words[Slot.TELEGRAMS] == 0
     assert bench.cycle() == (bench.ipoc, 0.0, False)
+
+
+def test_everything_shown_is_shown_before_the_answer_leaves(bench, monkeypatch):
+    """In lockstep the cell's time goes on with the answer: what changes after it would differ from run to run."""
+    bench.order()
+    shown = []
+    send = ControllerLine.send
+
+    def noting(self, reply, place):
+        shown.append(bytes(bench.block.words[: Slot.RING]))
+        send(self, reply, place)
+
+    monkeypatch.setattr(ControllerLine, "send", noting)
+    for _ in range(30):
+        bench.cycle()
+        assert bytes(bench.block.words[: Slot.RING]) == shown[-1]
 
 
 def test_an_answer_that_took_longer_than_the_cycle_is_late(bench):

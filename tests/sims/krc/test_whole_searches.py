@@ -53,7 +53,7 @@ def cell(request, tmp_path):
 async def connected(ready, folder):
     host, _, port = ready["control"].rpartition(":")
     clock = await LockstepClock.attach(ready["time"]["source"].removeprefix("file:"), host, int(port))
-    robot = open_robot("robot", Address.parse(ready["robot"]), Surroundings(clock, folder, LIMITS))
+    robot = open_robot("robot", Address.parse(ready["robot"]), Surroundings(clock, folder, LIMITS, reach_mm=1400.0))
     try:
         await robot.connect()
         with socket.create_connection((host, int(port))) as control:
@@ -90,7 +90,7 @@ def test_a_search_at_5_deg_s_to_its_end_and_one_that_is_stopped_pass_every_monit
 
 
 @pytest.mark.parametrize(
-    ("mode", "program", "what"), [("absolute", "relative", "ran ahead"), ("relative", "absolute", "1 deg behind")]
+    ("mode", "program", "what"), [("absolute", "relative", "ran ahead"), ("relative", "absolute", "too far behind")]
 )
 def test_a_controller_whose_program_says_another_mode_than_the_address_can_be_simulated(
     cell, tmp_path, mode, program, what
