@@ -14,7 +14,7 @@ from sims.wires import Wire
 
 STATE_EVERY_NS = 100_000_000
 TAKEN_AFTER_NS = 4_000_000
-"""A command waits for the submit interpreter's next round of its loop."""
+"""A command waits for the submit interpreter's next round of its loop. HALT interrupts it, unless another waits."""
 UNREAD = 65_536
 """Bytes that TCP keeps for a PC that does not read: few, so that what it reads next is not minutes old."""
 MOST_UNSENT = 262_144
@@ -34,6 +34,7 @@ class EkiServer:
         self._peer: socket.socket | None = None
         self._stream = DocumentStream()
         self._unsent = bytearray()
+        self._waiting = 0
         self._timer: Event | None = None
         self._restarted: Event | None = None
         self._listen()
@@ -91,14 +92,22 @@ class EkiServer:
             self._hang_up()
             return False
         for document in self._stream.feed(data):
-            self._kernel.after(TAKEN_AFTER_NS, partial(self._execute, document, self._peer))
+            self._take(document, self._peer)
         if self._stream.overlong:
             self._kernel.unwatch(self._peer)
             self._kernel.after(TAKEN_AFTER_NS, self._hang_up_next)
         self._wire.read(len(data))
         return not self._stream.overlong
 
+    def _take(self, document: bytes, sender: socket.socket) -> None:
+        self._waiting += 1
+        if self._waiting == 1 and b'Op="HALT"' in document:
+            self._execute(document, sender)
+        else:
+            self._kernel.after(TAKEN_AFTER_NS, partial(self._execute, document, sender))
+
     def _execute(self, document: bytes, sender: socket.socket) -> None:
+        self._waiting -= 1
         if self._peer is sender:
             self._program.execute(document)
 

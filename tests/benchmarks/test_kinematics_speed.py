@@ -51,6 +51,7 @@ def rate(seconds):
     return f"{1e-3 / seconds:.0f} k poses/s"
 
 
+@pytest.mark.long
 def test_forward_kinematics_with_jacobian_is_faster_than_the_textbook(chain, postures, tell):
     parts = blocks(postures)
     pose, jacobian = chain.forward_and_jacobian(parts[0])
@@ -67,6 +68,7 @@ def test_forward_kinematics_with_jacobian_is_faster_than_the_textbook(chain, pos
     assert theirs / ours >= 1.2
 
 
+@pytest.mark.long
 def test_inverse_from_a_warm_start_costs_a_few_dozen_textbook_evaluations_and_closes(chain, postures, tell):
     goals = forward(UR10, postures)
     start = postures + np.random.default_rng(4).uniform(-WARM_RAD, WARM_RAD, postures.shape)

@@ -110,6 +110,7 @@ def test_an_effect_that_is_there_is_kept_and_the_truth_comes_nearer(seed, kind):
     assert auto.verdict == "better"
 
 
+@pytest.mark.long
 def test_all_effects_at_once_are_told_apart():
     of = measured(10, 340, tuple(KEPT))
     auto, plain = of.fitted(220, auto=True), of.fitted(220)
@@ -124,6 +125,7 @@ def test_a_payload_that_changes_is_told_from_the_links_own_weight():
     assert of.true_error(known) < 0.02 < 2.0 * of.true_error(known) < of.true_error(unknown)
 
 
+@pytest.mark.long
 def test_an_effect_that_is_not_there_is_hardly_ever_added_and_never_does_harm():
     robots = [measured(seed, 120) for seed in range(100, 110)]
     pairs = [(of.fitted(60, auto=True), of.fitted(60)) for of in robots]

@@ -41,6 +41,7 @@ def test_of_two_distances_between_the_same_points_the_rows_know_the_right_one(to
     assert denied.given == right + 5.0
 
 
+@pytest.mark.long
 def test_distances_that_are_right_are_never_denied(draw, touch_task):
     for seed in range(4):
         drawn = draw(seed, 24 + 12 * (seed % 4))

@@ -70,6 +70,7 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.long
 def test_all_kinds_together_are_surer_than_the_best_of_them_for_every_robot(errors):
     alone = np.min([errors[kind][:, 1] for kind in SIGMA], axis=0)
     assert np.all(errors["all"][:, 1] < alone)

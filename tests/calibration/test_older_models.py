@@ -205,6 +205,7 @@ def test_a_new_tool_is_found_in_ten_positions_as_surely_as_said(olders):
     assert as_foretold(nees, 3)
 
 
+@pytest.mark.long
 def test_a_tool_that_has_been_bent_is_found_in_ten_touches_as_surely_as_said(olders):
     nees = []
     for older in olders:

@@ -276,6 +276,7 @@ def test_the_order_of_real_euler_angles_is_found(tracker):
     assert mistakes[0].changes[0].what.startswith("A, B, C are XYZ angles")
 
 
+@pytest.mark.long
 def test_orientations_in_radians_as_rotation_vectors_or_inverse_are_named(kuka):
     said = {
         "A, B, C are radians": Rotation.from_euler("ZYX", kuka.turns.as_euler("ZYX"), degrees=True),
@@ -286,6 +287,7 @@ def test_orientations_in_radians_as_rotation_vectors_or_inverse_are_named(kuka):
         assert named(poses(KR5, kuka.readings, kuka.xyz, read), KR5, kuka.readings)[0] == [words]
 
 
+@pytest.mark.long
 def test_of_poses_the_mirrored_axis_is_named(kuka):
     swapped = poses(KR5, kuka.readings, kuka.xyz[:, [1, 0, 2]], kuka.turns)
     mirrored = poses(KR5, kuka.readings, kuka.xyz * [1, 1, -1], kuka.turns)
@@ -311,6 +313,7 @@ def test_link_lengths_in_metres_are_named(measured):
     assert named(task, measured.robot, measured.readings) == [["link lengths are metres"]]
 
 
+@pytest.mark.long
 def test_two_mistakes_of_different_kinds_are_named_together(kuka):
     wrong = changed(kuka.readings, A2=np.negative)
     assert named(positions(KR5, wrong, kuka.xyz / 1000), KR5, wrong)[0] == ["X, Y, Z are metres", "A2 reversed"]
@@ -323,6 +326,7 @@ def test_wild_rows_hide_no_mistake(wild):
     assert named(positions(KR5, wrong, data.xyz), KR5, wrong)[0] == ["A3 reversed"]
 
 
+@pytest.mark.long
 def test_twenty_rows_are_enough_for_a_sign():
     data = Measured(22, 20)
     wrong = changed(data.readings, A2=np.negative)
@@ -380,6 +384,7 @@ def test_real_robots_are_not_accused(tracker):
     assert named(poses(UR10, tracker.readings, tracker.xyz, turns), UR10, tracker.readings) == []
 
 
+@pytest.mark.long
 def test_touches_are_not_accused(touches, touch_task, draw):
     assert named(touch_task(touches), KR5, touches.readings) == []
     for seed in range(3):
@@ -417,6 +422,7 @@ def sockets(readings, which):
     return Task(nominal_model(KR5, deflection=False), rows, ("left", "right"))
 
 
+@pytest.mark.long
 def test_sockets_are_not_accused_and_name_a_reversed_or_offset_joint(socketed):
     readings, which = socketed
     assert named(sockets(readings, which), KR5, readings) == []
@@ -465,6 +471,7 @@ def test_positions_of_some_rows_in_another_unit_are_named_by_row(robot, mm, unit
     assert mistake.before > 100.0 > 3.0 > mistake.after
 
 
+@pytest.mark.long
 def test_one_coordinate_in_metres_is_named_in_some_rows_or_in_all():
     some, every = Measured(32, 40), Measured(32, 40)
     some.xyz[HALF, 1] /= METRES

@@ -54,6 +54,7 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.long
 def test_a_length_tells_the_size_that_sockets_alone_leave_to_the_tolerances(sizes):
     assert rms(sizes["none"][:, 1]) > 2e-4  # 0.5 mm of tolerance in two links of 600 mm or so
     for length in ("spacing", "bar"):

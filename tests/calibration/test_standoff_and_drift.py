@@ -50,6 +50,7 @@ def covariance() -> np.ndarray:
     return prior[:, None] * shape * prior
 
 
+@pytest.mark.long
 def test_the_predicted_sigma_of_a_stand_off_is_the_scatter_over_robots_drawn_from_the_posterior(touched) -> None:
     spread = covariance()
     errors = []

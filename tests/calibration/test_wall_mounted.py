@@ -76,6 +76,7 @@ def as_it_hangs(data):
     return fitted(data, "wall")
 
 
+@pytest.mark.long
 def test_a_robot_on_a_wall_is_found_to_its_noise_as_it_hangs_and_not_as_if_it_stood(data, as_it_hangs):
     upright = fitted(data, "floor")
     least = NOISE_MM * np.sqrt(3.0)

@@ -70,6 +70,7 @@ def test_a_refused_procedure_ends_with_exit_code_2_and_leaves_no_run(tmp_path: P
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.long
 def test_a_taken_rsi_port_is_named_before_anything_moves(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", 0))
@@ -87,6 +88,7 @@ def test_a_taken_rsi_port_is_named_before_anything_moves(tmp_path: Path) -> None
     assert "probe:" in done.stderr, "the missing probe is named in the same error"
 
 
+@pytest.mark.long
 def test_no_telegram_says_what_to_look_at(tmp_path: Path) -> None:
     ended = run_here(touches_procedure(tmp_path), cell_with(tmp_path, faults("fault: rsi.silent, search: 3")), tmp_path)
     assert isinstance(ended.outcome.error, DeviceLost)
@@ -131,6 +133,7 @@ def test_a_probe_silent_for_200_ms_in_a_search_stops_the_robot(tmp_path: Path) -
     assert len(ended.truth) == 2, "the tip must not have reached the sphere"
 
 
+@pytest.mark.long
 def test_no_contact_within_travel_is_tried_again_and_then_ends_the_run(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: probe.no_contact, search: 3"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
@@ -174,6 +177,7 @@ def test_a_loop_that_closes_anywhere_and_stays_closed_does_not_count(tmp_path: P
     _cleanly_failed(ended, touches=2)
 
 
+@pytest.mark.long
 def test_a_robot_stopped_on_the_retreat_leaves_the_contact_in_the_journal_though_it_does_not_count(
     tmp_path: Path,
 ) -> None:
@@ -185,6 +189,7 @@ def test_a_robot_stopped_on_the_retreat_leaves_the_contact_in_the_journal_though
     assert len(ended.touches) == 2, "a resumed run does the third one again, and counts it once"
 
 
+@pytest.mark.long
 def test_an_rsi_stall_past_the_late_count_is_the_controllers_stop_and_is_named(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, faults("fault: rsi.stall, search: 3, after_ms: 300, for_ms: 1000"))
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)

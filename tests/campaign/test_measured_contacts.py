@@ -32,6 +32,7 @@ def test_without_scatter_the_measured_contact_is_the_true_one_to_a_hundredth(tmp
     assert off_truth(ended, cell, tmp_path).max() <= ALLOWANCE_MM
 
 
+@pytest.mark.long
 def test_the_measured_contact_is_the_true_one_within_repeatability(tmp_path: Path) -> None:
     ended = run_here(touches_procedure(tmp_path), cell_with(tmp_path), tmp_path)
     rms = float(np.sqrt(np.mean(off_truth(ended, CELL, tmp_path) ** 2)))

@@ -129,6 +129,7 @@ def test_after_every_stand_off_the_robot_has_gone_back_clear_of_all_spheres(prov
 KINDS = ("touch", "reference", "locate", "standoff")
 
 
+@pytest.mark.long
 def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: Path) -> None:
     true_robot = "  errors: {geometry: 0, joint_zero: 0, tool: 0, deflection: 0}\n"
     ended = run_here(short_campaign(tmp_path), cell_with(tmp_path, true_robot), tmp_path)
@@ -153,6 +154,7 @@ def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(
     assert ended.robot_is_held()
 
 
+@pytest.mark.long
 def test_a_proof_sphere_out_of_reach_is_named(tmp_path: Path) -> None:
     away = {"centre: [850, 0, 550]": "centre: [2850, 0, 550]"}
     enough = short_campaign(tmp_path, touches_fit=50, reference_every=20)

@@ -108,6 +108,7 @@ def test_of_five_robots_each_is_identified_and_stand_off_errors_are_as_large_as_
     assert found == pytest.approx(predicted, rel=0.25)
 
 
+@pytest.mark.long
 def test_the_data_set_and_model_of_a_run_are_what_fit_and_predict_take(tmp_path: Path) -> None:
     settings = ["--set", "touches_fit=20", "--set", "touches_test=10", "--json", str(tmp_path / "result.json")]
     done = cellctl("run", SELFCAL, "--runs", tmp_path, *settings)

@@ -97,6 +97,7 @@ def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(
     assert len(_touches(tmp_path / "first")) == 6
 
 
+@pytest.mark.long
 def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_is_lost(tmp_path: Path) -> None:
     cell, runs = cell_with(tmp_path), tmp_path / "runs"
     procedure = touches_procedure(tmp_path, fit=60)  # so many that it is not over before it is seen to be under way

@@ -283,6 +283,7 @@ def test_a_narrow_terminal_folds_lines_and_cuts_no_figure(cellctl, monkeypatch, 
     assert re.search(r"held out, identified +0\.0\d\d +0\.0\d\d +0\.0\d\d", said)
 
 
+@pytest.mark.long
 def test_names_of_files_that_are_no_text_end_nothing(cellctl, files):
     strange = os.fsdecode(b"r\xff.csv")
     (files / strange).write_bytes((files / "positions.csv").read_bytes())

@@ -30,6 +30,7 @@ def test_a_better_robot_ends_with_0_and_the_promised_keys(cellctl, files, capsys
     assert "Better: " in capsys.readouterr().out.splitlines()[-1]
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_holds_out_others(cellctl, files):
     results = []
     for seed in (1, 1, 2):
@@ -45,6 +46,7 @@ def test_json_to_stdout_is_json_and_nothing_else(cellctl, files, capsys):
     assert json.loads(capsys.readouterr().out)["verdict"] == "better"
 
 
+@pytest.mark.long
 def test_without_a_set_column_every_row_is_judged_by_folds(cellctl, files):
     text = (files / "positions.csv").read_text()
     (files / "bare.csv").write_text("\n".join(line.rsplit(",", 1)[0] for line in text.splitlines()))
@@ -52,6 +54,7 @@ def test_without_a_set_column_every_row_is_judged_by_folds(cellctl, files):
     assert result["n_fit"] == result["n_test"] == 60
 
 
+@pytest.mark.long
 def test_touches_use_the_artefact_with_or_without_its_distances(cellctl, files):
     with_distances = fitted(cellctl, files, "--artefact", "artefact.yaml", data="touches.csv")
     without = fitted(cellctl, files, "--artefact", "artefact.yaml", "--no-distances", data="touches.csv")
@@ -215,6 +218,7 @@ def test_scatter_beyond_what_the_robot_file_says_is_said(cellctl, files):
     assert "times more than the robot file says" in fitted(cellctl, files)["sentence"]
 
 
+@pytest.mark.long
 def test_predicted_points_among_themselves_are_surer_than_in_a_frame_that_nobody_saw(cellctl, files):
     fitted(cellctl, files, "--artefact", "artefact.yaml", "--out", "model.json", data="touches.csv")
     assert cellctl("predict", "model.json", "touches.csv", "-o", "tcp.csv") == 0

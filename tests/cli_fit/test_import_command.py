@@ -31,6 +31,7 @@ def _german(millimetres):
     return f"{float(millimetres) / 1000:.9f}".replace(".", ",")
 
 
+@pytest.mark.long
 def test_a_pendants_list_and_a_typed_table_give_the_data_set_that_fit_reads(cellctl, files, typed, capsys):
     assert cellctl("import", "messung.dat", "positionen.csv", "--robot", "robot.yaml", "-o", "data.csv") == 0
     said = capsys.readouterr()

@@ -109,6 +109,7 @@ def session(rng, name, arm, count=40, socket=None):
     return {**joints(readings), "socket": ["P"] * count, "session": [name] * count}
 
 
+@pytest.mark.long
 def test_each_session_has_its_own_base_unless_told_otherwise(fitted, tmp_path):
     rng = np.random.default_rng(3)
     moved = replace(ARM, at=(-400.0, 900.0, 50.0), turn_deg=-70.0)
@@ -230,6 +231,7 @@ def test_a_direction_that_is_none_is_named(fitted):
     assert "D2 is 2" in fitted(csv_text(columns), "--model", "geometry")["rejected"][0]["reason"]
 
 
+@pytest.mark.long
 def test_auto_keeps_what_pays_and_says_what_it_tried(fitted, capsys):
     result = fitted(csv_text(grown(np.random.default_rng(7), 120)))
     steps = {step["model"]: step for step in result["ladder"]}

@@ -52,6 +52,7 @@ def test_a_full_disk_behind_stdout_is_named_and_ends_with_2(run, model):
     assert ended.stderr == b"cellctl: stdout: No space left on device\n"
 
 
+@pytest.mark.long
 def test_closed_streams_end_nothing_and_no_words_get_into_the_files(run, files, model):
     closed = {"preexec_fn": lambda: os.closerange(0, 3), "stdout": None, "stderr": None}
     assert run("predict", str(model), "positions.csv", "-o", "tcp.csv", **closed).returncode == 0

@@ -101,6 +101,7 @@ def any_robot(rng, n):
     return RobotDescription("any", SerialChain.from_axes(axes, home, base, tool), joints, 0.05)
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(st.integers(0, 100_000), st.integers(1, 9))
 def test_any_robot_is_the_same_in_every_form_and_read_from_it(tmp_path_factory, seed, n):

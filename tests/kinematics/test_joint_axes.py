@@ -83,6 +83,7 @@ def test_a_joints_motions_move_its_axis_in_its_own_frame_and_carry_what_is_behin
     np.testing.assert_allclose(chain.with_parameters(named).forward(q), expected @ home @ tool, atol=1e-8)
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @robots
 def test_every_column_equals_central_differences_away_from_the_nominal_axes(seed, n):

@@ -66,6 +66,7 @@ def test_nominal_scatters_at_each_place_by_what_an_independent_program_found(geo
     assert found == pytest.approx({"front": 0.51, "left_back": 0.535, "raised_left": 0.424}, abs=0.01)
 
 
+@pytest.mark.long
 def test_auto_is_no_worse_at_any_place(folder, geometry):
     auto = left_out_in_turn(folder, "--spacing", "0,1=50±0.05")
     for place in ASKED_FOR:
@@ -79,6 +80,7 @@ def test_without_the_spacing_the_robot_does_not_shrink_into_its_sockets(folder):
     assert any("d3 with" in words for words in result["unobservable"])
 
 
+@pytest.mark.long
 def test_a_tool_that_nobody_taught_is_said_to_be_far_from_the_robot_file(folder, capsys):
     words = ["fit", ROBOT, folder / "iiwa.csv", "--model", "geometry", "--by", "session", "--json", folder / "r.json"]
     assert cellctl(*words) == 0

@@ -49,6 +49,7 @@ def test_identified_geometry_halves_the_error_at_points_never_seen(result):
     assert result["verdict"] == "better"
 
 
+@pytest.mark.long
 def test_auto_is_no_worse_and_says_what_it_kept(folder, result):
     robot = ROOT / "procedures" / "robots" / "ur10.yaml"
     assert cellctl("fit", robot, folder / "ur10.csv", "--measure", "position", "--json", folder / "a.json") == 0

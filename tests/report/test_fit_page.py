@@ -73,6 +73,7 @@ def test_robots_of_one_to_eight_joints_have_their_page(joints):
     assert f"A{joints + 1}," not in page.text
 
 
+@pytest.mark.long
 def test_three_thousand_rows_stay_light_and_say_that_not_all_are_drawn():
     text = fit_page(told(measured(positions(3000))))
     assert len(text) < 3_000_000
@@ -96,6 +97,7 @@ def test_rows_that_were_not_used_are_there_by_line_and_their_text_is_text():
     assert "77 not usable" in checked(text).text
 
 
+@pytest.mark.long
 def test_an_outlier_is_named_and_does_not_set_the_scale_of_the_pictures():
     rows = positions(60)
     rows.xyz[7] += 25.0
@@ -105,6 +107,7 @@ def test_an_outlier_is_named_and_does_not_set_the_scale_of_the_pictures():
     assert max(abs(float(tick.replace("−", "-"))) for tick in ticks if "." in tick) < 1.0
 
 
+@pytest.mark.long
 def test_effects_have_symbols_and_units_of_their_own():
     at = positions(150).postures
     rng = np.random.default_rng(1)
@@ -122,6 +125,7 @@ def test_effects_have_symbols_and_units_of_their_own():
     assert "Coming: the sense in which each joint last turns" in page.text
 
 
+@pytest.mark.long
 def test_two_sessions_are_told_apart_and_placed():
     page = checked(fit_page(told(sessions(40))))
     assert "sessions cell, tracker" in page.text
@@ -130,6 +134,7 @@ def test_two_sessions_are_told_apart_and_placed():
     assert "could be measured in tracker" in page.text
 
 
+@pytest.mark.long
 def test_a_socket_or_a_session_that_the_fit_never_saw_has_its_errors_on_the_page():
     rows = sockets(45)
     page = checked(fit_page(told(pointed(rows), split=Split.by_column(rows.point == 2))))
@@ -137,6 +142,7 @@ def test_a_socket_or_a_session_that_the_fit_never_saw_has_its_errors_on_the_page
     checked(fit_page(told(sessions(40), split=Split.by_column(np.arange(80) >= 40))))
 
 
+@pytest.mark.long
 def test_partial_work_is_told_against_the_older_model():
     older, task = truth(), measured(positions(20))
     prior = np.diag(np.full(len(older.parameters), 1e-6))
@@ -147,10 +153,12 @@ def test_partial_work_is_told_against_the_older_model():
     assert "Links (" not in page.text
 
 
+@pytest.mark.long
 def test_hardly_any_rows_have_a_page():
     checked(fit_page(told(measured(positions(5)), held_out=0)))
 
 
+@pytest.mark.long
 def test_it_is_written_where_it_is_asked_for(tmp_path):
     story: FitStory = told(measured(positions(30)))
     write_fit_page(tmp_path / "fit.html", story)

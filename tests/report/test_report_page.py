@@ -74,6 +74,7 @@ def test_every_reference_inside_a_picture_finds_its_target(full_html):
     assert wanted <= set(Page(full_html).ids)
 
 
+@pytest.mark.long
 def test_the_same_run_gives_the_same_bytes_in_another_process_too(full_run, full_html, tmp_path):
     assert write_report(full_run) == full_run / "report.html"
     here = (full_run / "report.html").read_bytes()
@@ -167,6 +168,7 @@ def test_a_table_file_that_is_not_the_table_that_was_pushed_is_named(make_run, c
     assert "another id than the table that was pushed" in report_text(run)
 
 
+@pytest.mark.long
 def test_outliers_are_named_by_line_and_touch(make_run, spoilt_campaign):
     assert [row["line"] for row in spoilt_campaign.verdict["model"]["outliers"]] == [22]
     text = Page(report_text(make_run(spoilt_campaign))).text
@@ -242,6 +244,7 @@ def test_provenance_names_hashes_versions_operator_devices_seed_and_clock(full_r
         assert word in text
 
 
+@pytest.mark.long
 def test_no_journal_no_report(tmp_path):
     with pytest.raises(JournalError):
         write_report(tmp_path)

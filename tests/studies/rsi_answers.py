@@ -111,6 +111,14 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def _hear_until(due: float, peers: list[Peer]) -> None:
+    while (left := due - time.perf_counter()) > 0:
+        ready, _, _ = select.select([peer.line for peer in peers], [], [], left)
+        for peer in peers:
+            if peer.line in ready:
+                peer.hear()
+
+
 def compare(seconds: float, *, rights: bool) -> None:
     """Ask both for so long beside two busy loops, and print a row for each."""
     peers = [Peer("cellctl", rights), Peer("RSIPI", rights)]
@@ -118,16 +126,9 @@ def compare(seconds: float, *, rights: bool) -> None:
     with busy_machine():
         start = time.perf_counter() + 0.1
         for turn in range(2 * asked):
-            due = start + turn * CYCLE_S / 2
-            while (left := due - time.perf_counter()) > 0:
-                ready, _, _ = select.select([peer.line for peer in peers], [], [], left)
-                for peer in peers:
-                    if peer.line in ready:
-                        peer.hear()
+            _hear_until(start + turn * CYCLE_S / 2, peers)
             peers[turn % 2].ask(1_000_000 + 4 * (turn // 2))
-        select.select([], [], [], 0.1)
-        for peer in peers:
-            peer.hear()
+        _hear_until(time.perf_counter() + 0.2, peers)
     print(f"{'with' if rights else 'without'} real-time rights, {seconds:g} s beside two busy loops")
     print("driver    asked   median      p99    p99.9  longest   late   none   granted   (ms; late: after 4 ms)")
     for peer in peers:

@@ -153,6 +153,7 @@ def test_the_one_that_comes_next_waits_for_the_one_that_is_ending(start, tmp_pat
         assert joints(following.result(PATIENCE_S).ask("HELLO")) == ["30.0000", *HOME[1:]]
 
 
+@pytest.mark.long
 def test_two_processes_do_not_share_a_memory(start, request, tmp_path):
     start()
     assert "in use" in refusal(request, str(tmp_path / "state.json"))

@@ -153,6 +153,7 @@ def test_after_stop_the_robot_runs_on_by_its_lag_and_no_further(bench):
     assert 0.0 < overtravel <= speed * (0.024 + 2 * 0.004)
 
 
+@pytest.mark.long
 def test_halt_ends_rsi_and_brakes(bench):
     pc = bench(errors={"servo": 1})
     pc.rsi_on()
@@ -224,6 +225,7 @@ def test_an_ipoc_that_was_not_echoed_unchanged_counts_as_missing(bench):
     assert pc.reply()[1:3] == (31, HOME)
 
 
+@pytest.mark.long
 def test_a_pc_that_is_always_one_telegram_behind_is_counted_late_to_the_end(bench):
     pc = bench(rsi={"timeout_cycles": 20})
     pc.rsi_on()
