@@ -107,7 +107,7 @@ def test_the_shipped_cell_gets_places_where_its_simulators_listen(start, request
     assert (robot.scheme, robot.netloc) == ("kuka+rsi", "127.0.0.1:0")
     query, expected = dict(parse_qsl(robot.query)), dict(parse_qsl(urlsplit(written["robot"]).query))
     host, port = query["eki"].split(":")
-    assert query | {"eki": ""} == expected | {"eki": ""}
+    assert query | {"eki": ""} == expected | {"eki": "", "controller": "127.0.0.1"}
     socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
     assert probe.query == urlsplit(written["probe"]).query
     assert Path(probe.path).is_char_device()
