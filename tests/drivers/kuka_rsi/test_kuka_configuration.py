@@ -101,6 +101,11 @@ def test_a_root_of_another_kind_is_named(tmp_path):
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&stop=", "'stop' is empty"),
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&stopp=S", "unknown setting 'stopp'"),
         ("kuka+rsi://?ethernet=f&eki=h:1", "host to bind"),
+        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&controller=krc", "controller=krc is no IP address"),
+        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&controller=", "controller= is no IP address"),
+        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=0", "tolerance=0 is no number of cycles within 1"),
+        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=1001", "tolerance=1001"),
+        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=1e2", "tolerance=1e2"),
     ],
 )
 def test_mistakes_in_the_address_are_named(tmp_path, address, what):

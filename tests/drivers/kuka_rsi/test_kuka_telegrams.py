@@ -31,6 +31,20 @@ def test_actual_joints_are_read_by_name_not_the_set_points_beside_them():
     assert (telegram.ipoc, telegram.delay) == (4208163634, 3)
 
 
+@pytest.mark.parametrize(("value", "resolution"), [("0.5", 0.1), ("0.12", 0.01), ("7", 0.1)])
+def test_the_resolution_is_read_from_the_decimals(value, resolution):
+    axes = " ".join(f'A{i}="{value}"' for i in range(1, 7))
+    assert read_telegram(f"<Rob><AIPos {axes}/><IPOC>0</IPOC></Rob>".encode()).resolution_deg == pytest.approx(
+        resolution
+    )
+
+
+@pytest.mark.parametrize(("ipoc", "delay"), [("0", "0"), ("1000000000000000", "1000000000"), ("12", "3.000")])
+def test_counts_are_read_up_to_their_bounds(ipoc, delay):
+    telegram = read_telegram(CAPTURED.replace(b"4208163634", ipoc.encode()).replace(b'D="3"', f'D="{delay}"'.encode()))
+    assert (telegram.ipoc, telegram.delay) == (int(ipoc), round(float(delay)))
+
+
 def test_a_telegram_without_a_late_count_has_none():
     telegram = read_telegram(b'<Rob><AIPos A6="6" A5="5" A4="4" A3="3" A2="2" A1="1"/><IPOC>0</IPOC></Rob>')
     assert telegram.delay is None
@@ -58,6 +72,20 @@ def test_the_count_is_echoed_as_it_was_written():
         CAPTURED.replace(b'"11.7000"', b'"inf"'),
         CAPTURED.replace(b'D="3"', b'D="many"'),
         CAPTURED.replace(b"<AIPos", b"<AIPOs"),
+        CAPTURED.replace(b">4208163634<", b">99999999999999999999<"),
+        CAPTURED.replace(b">4208163634<", b">-4<"),
+        CAPTURED.replace(b">4208163634<", b">42_08<"),
+        CAPTURED.replace(b">4208163634<", "><٤٢<".encode()),
+        CAPTURED.replace(b">4208163634<", b"> 42 <"),
+        CAPTURED.replace(b">4208163634<", b">" + b"9" * 10_000 + b"<"),
+        CAPTURED.replace(b'D="3"', b'D="1e300"'),
+        CAPTURED.replace(b'D="3"', b'D="-1"'),
+        CAPTURED.replace(b'D="3"', b'D="1_0"'),
+        CAPTURED.replace(b'"11.7000"', b'"3600.1"'),
+        CAPTURED.replace(b'"11.7000"', b'"1_1.7"'),
+        CAPTURED.replace(b'"11.7000"', '"١١"'.encode()),
+        CAPTURED.replace(b'"11.7000"', b'"0x10"'),
+        b'<!DOCTYPE Rob [<!ENTITY a "1">]>' + CAPTURED,
     ],
 )
 def test_what_is_no_telegram_is_refused(datagram):
