@@ -99,7 +99,10 @@ def candidates(kinds, payload):
 KEPT = {"compliance": "compliance", "gear": "harmonics", "backlash": "backlash", "expansion": "growth"}
 
 
-@pytest.mark.parametrize(("seed", "kind"), list(enumerate(KEPT)))
+@pytest.mark.parametrize(
+    ("seed", "kind"),
+    [pytest.param(seed, kind, marks=pytest.mark.long if seed else ()) for seed, kind in enumerate(KEPT)],
+)
 def test_an_effect_that_is_there_is_kept_and_the_truth_comes_nearer(seed, kind):
     """Noise of 0.02 mm in 450 numbers foretells the tool to 0.02 · √(60 unknowns / 150 rows): 0.013 mm."""
     of = measured(seed, FIT + HELD_OUT, (kind,))

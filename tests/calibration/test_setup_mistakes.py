@@ -119,7 +119,7 @@ def tracker():
     return real
 
 
-@pytest.fixture(params=["kuka", "tracker" if TRACKER.exists() else "universal"])
+@pytest.fixture(params=["kuka", pytest.param("tracker" if TRACKER.exists() else "universal", marks=pytest.mark.long)])
 def measured(request):
     """A simulated KR5; a real UR10, or a simulated one where its measurements are not at hand."""
     return request.getfixturevalue(request.param)
@@ -457,7 +457,7 @@ def in_lines(mistake):
     return change.words("{}".format).partition(" X, ")[0].partition(" Y l")[0].partition(" A1…")[0], change.what
 
 
-@pytest.mark.parametrize("robot", [KR5, UR10], ids=["kr5", "ur10"])
+@pytest.mark.parametrize("robot", [pytest.param(KR5, id="kr5"), pytest.param(UR10, id="ur10", marks=pytest.mark.long)])
 @pytest.mark.parametrize(("mm", "unit"), [(METRES, "metres (× 1000)"), (INCHES, "inches (× 25.4)")])
 @pytest.mark.parametrize(
     ("rows", "which"), [(HALF, "in 20 to 39"), (TEN, "in 3, 7, 11, … (10 rows)"), (FIVE, "in 0 to 4")]

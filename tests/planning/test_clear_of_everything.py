@@ -54,7 +54,7 @@ def least_free_mm(name: str, seed: int, touches: list[PlannedTouch]) -> float:
     return min(world.free(q) for start, end in lines for q in np.linspace(start, end, 25).tolist())
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3, 4, 5))])
 def test_the_plans_of_a_campaign_keep_clear_of_spheres_stems_and_plate_as_they_truly_stand(seed: int) -> None:
     touches = planned("sphere_cell.yaml", seed, TouchOptions())
     assert least_free_mm("sphere_cell.yaml", seed, touches) > 0.0
