@@ -5,7 +5,14 @@ from __future__ import annotations
 from cellctl.devices import DeviceError, DeviceFault, DeviceRefused, LimitExceeded
 from drivers.kuka_rsi.eki_documents import Reply
 
+_LEAP_CURE = (
+    "A set-point was too far from the one before. Does something else on this network answer the controller's "
+    "telegrams? Compare RSI_ON in its program (absolute or relative) with mode in the address. Then reset at the "
+    "pendant."
+)
 _CURES = {
+    "KSS01102": _LEAP_CURE,
+    "Command acceleration": _LEAP_CURE,
     "KSS29002": "Answers came late, not at all, or with another SENTYPE than the controller's Ethernet configuration "
     "names: compare SENTYPE, tags and port in the file named in the address with the one on the controller, look at "
     "the late and lost counts and at what else runs on this computer. Then reset at the pendant.",
@@ -32,7 +39,7 @@ def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
         case 20:
             return LimitExceeded(device, f"{doing}: outside an axis limit{text}")
         case 21:
-            return LimitExceeded(device, f"{doing}: speed outside 0 … 100 %{text}")
+            return LimitExceeded(device, f"{doing}: speed outside 0.01 … 100 %{text}")
         case 30:
             return DeviceFault(device, f"{doing}: stopped by HALT; the robot is held{text}")
         case 31:

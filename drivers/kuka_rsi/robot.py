@@ -62,6 +62,9 @@ _BEAT_S = 0.05
 _SLOW_AXIS_DEG_S = 30.0
 """No axis is slower at 100 %; from it a move's time-out is computed."""
 
+_SLOWEST_PERCENT = 0.01
+"""Below this a move would last for hours; the controller refuses it too."""
+
 _FARTHEST_DEG = 720.0
 """No axis turns further in a move whose target only the controller knows."""
 
@@ -346,8 +349,8 @@ class KukaRobot:
             raise LimitExceeded(self.name, f"{joints} are not {AXES} joint readings")
 
     def _check_speed(self, percent: float) -> None:
-        if not 0 < percent <= 100:
-            raise LimitExceeded(self.name, f"move: speed {percent:g} % is not within 0 … 100 %")
+        if not _SLOWEST_PERCENT <= percent <= 100:
+            raise LimitExceeded(self.name, f"move: speed {percent:g} % is not within {_SLOWEST_PERCENT:g} … 100 %")
 
     def _connected_process(self) -> CyclicProcess:
         if self._process is None:
