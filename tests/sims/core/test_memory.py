@@ -60,6 +60,6 @@ def test_without_a_file_nothing_is_remembered(tmp_path, monkeypatch):
 def test_who_has_the_memory_is_named_to_the_next(tmp_path, monkeypatch):
     monkeypatch.setattr("sims.memory.PATIENCE_S", 0.0)
     path = tmp_path / "state.json"
-    refused = pytest.raises(BadMemory, match=f"runs: process {os.getpid()}, .*pytest")
+    refused = pytest.raises(BadMemory, match=f"runs: process {os.getpid()}, .*python")
     with sole_user(path), refused, sole_user(path):
         pass

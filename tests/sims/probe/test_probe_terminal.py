@@ -221,6 +221,7 @@ def test_a_second_host_finds_the_probe_after_the_first_has_hung_up(running):
     second.close()
 
 
+@pytest.mark.long
 def test_a_probe_that_nobody_listens_to_goes_on(running):
     two_minutes_on = threading.Event()  # more heartbeats than the terminal holds
     running.call(lambda: running.kernel.after(120_000 * MS, two_minutes_on.set))
