@@ -29,7 +29,7 @@ class CyclicProcess:
 
     `listening`: host and port bound; `heard`: the only host that it hears; `tolerance`: cycles without an answer after
     which a session is over; `block`: the memory shared with it; `granted`: what it got of real time, `fifo` (priority),
-    `mlock` (locked memory) and `affinity` (one processor).
+    `mlock` (locked memory) and `affinity` (its own processor).
     """
 
     def __init__(

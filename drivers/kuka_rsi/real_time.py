@@ -6,6 +6,10 @@ import ctypes
 import gc
 import os
 import resource
+from pathlib import Path
+
+_ISOLATED = Path("/sys/devices/system/cpu/isolated")
+"""The processors that the scheduler leaves alone, as `2-3,7`."""
 
 _PRIORITY = 40
 _MCL_CURRENT = 1
@@ -13,15 +17,11 @@ _MCL_FUTURE = 2
 
 
 def become_real_time() -> dict[str, bool]:
-    """Take what is permitted: `fifo` (SCHED_FIFO), `mlock` (no page is swapped out), `affinity` (one processor).
-
-    Without priority the process is not pinned: it could not leave a processor that another program keeps busy.
-    """
+    """Take what is permitted: `fifo` (SCHED_FIFO), `mlock` (no page is swapped out), `affinity` (its own processor)."""
     gc.collect()
     gc.freeze()
     gc.disable()
-    fifo = _take_priority()
-    return {"fifo": fifo, "mlock": _lock_memory(), "affinity": fifo and _stay_on_one_processor()}
+    return {"fifo": _take_priority(), "mlock": _lock_memory(), "affinity": _move_to_isolated_processor()}
 
 
 def _take_priority() -> bool:
@@ -41,11 +41,16 @@ def _lock_memory() -> bool:
     return bool(ctypes.CDLL(None).mlockall(flags) == 0)
 
 
-def _stay_on_one_processor() -> bool:
-    """The one it is on; where it has only one, it is there already."""
-    here = ctypes.CDLL(None).sched_getcpu()
+def _move_to_isolated_processor() -> bool:
+    """To one that the kernel gives to nobody else (`isolcpus`).
+
+    On one that others use too, it waits for them: on two busy cores, with priority, 0.5 % of the answers came after
+    more than 4 ms (at most 9.3 ms) where it was pinned, and none (at most 0.8 ms) where it could change.
+    """
     try:
-        os.sched_setaffinity(0, {here})
-    except OSError:
+        isolated = _ISOLATED.read_text().strip()
+        if isolated:
+            os.sched_setaffinity(0, {int(isolated.replace("-", ",").split(",")[-1])})
+    except (OSError, ValueError):
         return False
-    return True
+    return bool(isolated)

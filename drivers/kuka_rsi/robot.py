@@ -55,6 +55,7 @@ _COUNTED = (
 _WITHOUT = {
     "fifo": "no real-time priority for RSI (grant CAP_SYS_NICE or an rtprio limit)",
     "mlock": "the memory of RSI is not locked (grant CAP_IPC_LOCK or a memlock limit)",
+    "affinity": "RSI has no processor of its own (isolcpus)",
 }
 
 _BEAT_S = 0.05
