@@ -9,7 +9,7 @@ import socket
 import time
 
 _draw = random.Random(os.urandom(8))
-_SHARE = float(os.environ.get("SLOW_WIRES_SHARE", "0.05"))
+_SHARE = float(os.environ.get("SLOW_WIRES_SHARE", "0.02"))
 _LONGEST_S = float(os.environ.get("SLOW_WIRES_LONGEST_S", "0.02"))
 
 
