@@ -35,9 +35,9 @@ class Follows(Enum):
 class Following:
     """Compares the joints of each telegram with the set-points sent, along the line and axis by axis.
 
-    A robot that follows is between the set-point of `LONGEST_LAG_S` ago and the last one. So the set-point is ahead of
-    the joints of a controller that ignores every answer by at most speed × (`LONGEST_LAG_S` + four cycles) +
-    `NOISE_DEG` + the telegram's resolution (2 deg/s, 4 ms, four decimals: 0.36 deg), and it leaps no further than that.
+    A robot that follows is between the set-point of `LONGEST_LAG_S` ago and the last one. So where a controller ignores
+    every answer and then takes one, an axis leaps by at most its speed × (`LONGEST_LAG_S` + four cycles) +
+    `NOISE_DEG` + twice the telegram's resolution (2 deg/s, 4 ms, four decimals: 0.36 deg).
     `start`: reported joints at the start; `line`: offset at the line's end; degrees.
     """
 

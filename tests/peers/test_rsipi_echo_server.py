@@ -59,8 +59,7 @@ def test_no_step_is_larger_than_the_speed_allows(foreign, run, mode, cycle_ms):
     taken = [answer.correction for answer in run(search())]
     moved = max(map(math.hypot, *zip(*taken, strict=True)))
     steps = [math.dist(a, b) for a, b in itertools.pairwise(taken)] if mode == "absolute" else [moved]
-    # a late answer is not taken: the next brings two steps at once in absolute mode
-    assert max(steps) <= (2 if mode == "absolute" else 1) * SPEED_DEG_S * cycle_ms / 1000 + 2e-6
+    assert max(steps) <= SPEED_DEG_S * cycle_ms / 1000 + 2e-6
 
 
 @MODES

@@ -190,10 +190,13 @@ class Line(RuleBasedStateMachine):
     def check(self, step_before: tuple[float, ...]) -> None:
         """Speed, correction and acceleration of what the controller holds from one cycle to the next."""
         dt = self.krc.cycle_ms / 1000
-        largest = SPEED * dt
         if self.krc.counts == "none" and not self.krc.relative:  # what may pile up, see `Following`
-            largest = SPEED * (0.15 + 4 * dt) + 0.02 + 10**-self.krc.precision
-        assert math.hypot(*self.step) <= largest + ROUNDING
+            blur = 0.02 + 2 * 10**-self.krc.precision
+            for step, along in zip(self.step, LINE, strict=True):
+                speed = SPEED * abs(along) / math.hypot(*LINE)
+                assert abs(step) <= (speed * (0.15 + 4 * dt) + blur if along else 0.0)
+        else:
+            assert math.hypot(*self.step) <= SPEED * dt + ROUNDING
         assert max(map(abs, self.krc.offset)) <= LIMITS.correction_deg
         if self.calm > 3 and self.krc.counts != "none":
             bend = math.dist(self.step, step_before)
