@@ -12,7 +12,7 @@ from typing import final
 
 from cellctl.cli.campaign import Campaign
 from cellctl.cli.connected import open_devices, tell_targets
-from cellctl.cli.parent import aborting_without
+from cellctl.cli.parent import aborting_without, under_nohup
 from cellctl.cli.provenance import code_hash, versions
 from cellctl.cli.results import SIMULATOR_MEMORY
 from cellctl.cli.simulated import SimulatedCell
@@ -48,8 +48,7 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     """
     mailbox = Mailbox()
     loop = asyncio.get_running_loop()
-    by_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    for number in (signal.SIGINT, signal.SIGTERM, *([] if by_nohup else [signal.SIGHUP])):
+    for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
         loop.add_signal_handler(number, mailbox.abort)
     with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why)):
         return await _with_simulators(campaign, options, folder, mailbox, watcher)

@@ -18,8 +18,12 @@ def parent_of_run(*, detached: bool) -> int | None:
 
     That is: with `--detached`, by nohup (SIGHUP is ignored), or in a session of its own (setsid, a service manager).
     """
-    by_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    return None if detached or by_nohup or os.getsid(0) == os.getpid() else os.getppid()
+    return None if detached or under_nohup() or os.getsid(0) == os.getpid() else os.getppid()
+
+
+def under_nohup() -> bool:
+    """Whether this process was started by nohup: SIGHUP is ignored."""
+    return signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 @contextmanager
