@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Self, final
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.unknowns import State, Unknowns
@@ -111,9 +112,16 @@ class _Problem:
         """Damped step (F,) and the fall in cost that an undamped one promises."""
         stacked = np.vstack([triangle, self.holding])
         residual = np.concatenate([right, self.holding @ x])
-        u, s, vt = np.linalg.svd(stacked, full_matrices=False)
-        along = u.T @ residual
-        return np.asarray(-vt.T @ (s / (s**2 + damping * s[0] ** 2) * along)), float(along @ along)
+        both = np.linalg.qr(np.column_stack([stacked, residual]), mode="r")[: x.size]
+        root, along = both[:, :-1], both[:, -1]
+        if damping:
+            damped = np.sqrt(damping) * np.linalg.norm(root, axis=0).max() * np.eye(x.size)
+            again = np.vstack([both, np.column_stack([damped, np.zeros(x.size)])])
+            folded = np.linalg.qr(again, mode="r")[: x.size]
+            root, right = folded[:, :-1], folded[:, -1]
+        else:
+            right = along
+        return np.asarray(-solve_triangular(root, right, check_finite=False)), float(along @ along)
 
 
 def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
@@ -220,8 +228,9 @@ def _posterior(triangle: Floats, whitening: Floats) -> Floats:
     """Posterior covariance (F, F) in tolerance units: (RᵀR + WᵀW)⁻¹."""
     if not triangle.size:
         return np.zeros_like(triangle)
-    _, s, vt = np.linalg.svd(np.vstack([triangle, whitening]), full_matrices=False)
-    return np.asarray((vt.T / s**2) @ vt)
+    root = np.linalg.qr(np.vstack([triangle, whitening]), mode="r")[: triangle.shape[1]]
+    inverse = solve_triangular(root, np.eye(len(root)), check_finite=False)
+    return np.asarray(inverse @ inverse.T)
 
 
 def _whitening(unknowns: Unknowns, free: Any) -> Floats:

@@ -12,9 +12,10 @@ from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows
-from cellctl.calibration.identify import Identification, certain, identify, readmitted, rows_together
+from cellctl.calibration.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model_error import FUNCTIONS
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.proof import doubts, misgivings
 from cellctl.calibration.shape import sigma_over_region
@@ -59,8 +60,9 @@ class FitResult:
 
     @property
     def n_parameters(self) -> int:
-        """Free parameters, centres, base and tool among them."""
-        return int(self.identification.identified.unknowns.free.sum())
+        """Free parameters, centres, base and tool among them; the coefficients of random functions are not."""
+        unknowns = self.identification.identified.unknowns
+        return int((unknowns.free & ~unknowns.among(FUNCTIONS)).sum())
 
     def summary(self) -> dict[str, Any]:
         """The figures as plain values for JSON; outliers are left to who knows the rows' lines."""
@@ -104,8 +106,8 @@ class _Climbed:
             return cls(task, identify(task, fit), ())
         rows = task.rows.pick(fit)
         kept, apart = rows_together(replace(task, candidates=None), rows)
-        chosen, ladder = climb(task, rows.pick(kept))
-        return cls(chosen, identify(chosen, fit, (readmitted(chosen, rows, kept), apart)), ladder)
+        chosen = climb(task, rows.pick(kept))
+        return cls(chosen.task, identify(chosen.task, fit, (kept, apart), chosen.weights), chosen.steps)
 
     def held_out(self, test: Any) -> HeldOut:
         return held_out_rows(self.task, self.identification, self.task.rows.pick(test))
@@ -147,13 +149,17 @@ def fit(task: Task, split: Split) -> FitResult:
 
 
 def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
-    unknowns = replace(found.identified.unknowns, sigma=found.nominal.unknowns.sigma)
+    given = found.identified.unknowns
+    parameters = ~given.among(FUNCTIONS)  # coefficients of a random function are no parameters to be seen one by one
+    unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
     rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
     seen = seen_at_start(unknowns, [*rows, *certain(task)])
     if unknowns.pinned is not None and len(unknowns.pinned):  # what no row can tell from noise is not seen
         pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
         seen = seen - (seen @ pins) @ pins.T
-    return observability(found.identified, seen, Rowed(unknowns, tuple(rows), task.spacings))
+    return observability(
+        replace(found.identified, unknowns=unknowns), seen, Rowed(unknowns, tuple(rows), task.spacings)
+    )
 
 
 def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:

@@ -9,15 +9,24 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_at_start
-from cellctl.calibration.evidence import Factor, factors, unexpected
+from cellctl.calibration.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.linear import Linear
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model_error import (
+    FUNCTIONS,
+    ROWS_AT_LEAST,
+    discrepancy_scales,
+    may_lack,
+    widened,
+    with_discrepancy,
+    without_functions,
+)
 from cellctl.calibration.outliers import OUTLYING, belonging
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.sample import sampled
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import Group, Unknowns
+from cellctl.calibration.unknowns import Group, State, Unknowns
 from cellctl.calibration.valleys import tools, undecided
 from cellctl.calibration.wild import WILD
 from cellctl.kinematics import Bools, Floats
@@ -42,6 +51,8 @@ SETTLED = 0.02
 
 INVISIBLE = 100.0
 """A metre of base or tool that moves all rows together by fewer standard deviations than this is not seen."""
+
+FEW_SCALES = 5
 
 SEARCHED = 3000
 """Rows among which those that belong together are searched for; more are judged by what a sample of these foresees."""
@@ -80,11 +91,26 @@ class Weights:
         """Neither is."""
         return cls(np.ones(len(rows.quantities)), {})
 
+    @classmethod
+    def of(cls, rows: Mixture, factors: Mapping[Factor, float]) -> Self:
+        """These factors of noise and of prior scales."""
+        return cls(_noise(rows, factors), {name: value for (name, _), value in factors.items() if name != "noise"})
+
+    def factors(self, rows: Mixture) -> dict[Factor, float]:
+        """What `of` makes these weights from."""
+        found: dict[Factor, float] = {(name, 0): value for name, value in self.loosened.items()}
+        for block, _, own in rows.parts():
+            for quantity in dict.fromkeys(block.quantities):
+                number = own.start + block.quantities.index(quantity)
+                found["noise", number] = float(self.noise[number])
+        return found
+
     def settled(self, before: Self) -> bool:
-        """Whether this is what was there `before`, or next to it."""
+        """Whether this is what was there `before`, or next to it: the sizes of effects need only be roughly known."""
         groups = {*before.loosened, *self.loosened}
         change = [abs(np.log(self.loosened.get(group, 1.0) / before.loosened.get(group, 1.0))) for group in groups]
-        return bool(max([*change, *np.abs(np.log(self.noise / before.noise))]) < SETTLED)
+        roughly = SETTLED if len(groups) <= FEW_SCALES else 10.0 * SETTLED
+        return bool(max([0.0, *change]) < roughly and np.abs(np.log(self.noise / before.noise)).max() < roughly)
 
 
 @final
@@ -101,16 +127,31 @@ class Weighed:
         return np.concatenate([foresee(self.found.state, self.found.covariance, each).chance for each in blocks])
 
 
-def identify(task: Task, fit: Any = None, together: tuple[Bools, int] | None = None) -> Identification:
+def identify(
+    task: Task, fit: Any = None, together: tuple[Bools, int] | None = None, weights: Weights | None = None
+) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
 
-    Rows that do not belong to the others are left out. If the rest is clearly noisier than its σ says, or the robot
-    further from nominal than the tolerances say, that grows which the evidence speaks for (`evidence`), kind by kind
-    and group by group; neither ever shrinks. together: which rows belong together (`rows_together`), where known.
+    Outliers are left out. Where the rest is clearly noisier than its stated σ, the robot further from nominal than the
+    tolerances, or something missing from the model, noise, prior scales and a discrepancy are what the evidence
+    supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked something
+    come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where known.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
-    kept, apart = rows_together(task, task.rows.pick(chosen)) if together is None else together
-    nominal, weighed = identify_kept(task, task.rows.pick(chosen[kept]))
+    rows = task.rows.pick(chosen)
+    kept, apart = rows_together(without_functions(task), rows) if together is None else together
+    inliers = rows.pick(kept)
+    nominal, weighed = identify_kept(task, inliers, weights)
+    wider = _with_discrepancy(task, inliers, weighed)
+    if wider is not None:
+        task, weights = wider
+        nominal, weighed = identify_kept(task, inliers, weights)
+    while not kept.all() and any(effect.group in FUNCTIONS for effect in task.model.effects):
+        back = ~kept & (weighed.chances(rows) >= WILD)
+        if not back.any():
+            break
+        kept = kept | back
+        nominal, weighed = identify_kept(task, rows.pick(kept), weighed.weights)
     return Identification(
         nominal=nominal,
         identified=weighed.found,
@@ -120,6 +161,18 @@ def identify(task: Task, fit: Any = None, together: tuple[Bools, int] | None = N
         outliers=tuple(chosen[~kept].tolist()),
         apart=apart,
     )
+
+
+def _with_discrepancy(task: Task, rows: Mixture, weighed: Weighed) -> tuple[Task, Weights] | None:
+    """`task` with a discrepancy, and the weights then; None where the rows do not support one."""
+    if not may_lack(task) or len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
+        return None
+    wider = with_discrepancy(task, rows)
+    sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
+    scales = discrepancy_scales(
+        weighed.found, nominal_start(wider, rows), sample, certain(task), weighed.weights.factors(rows)
+    )
+    return None if scales is None else (wider, Weights.of(rows, scales))
 
 
 def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
@@ -168,27 +221,26 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
     return kept
 
 
-def readmitted(task: Task, rows: Mixture, kept: Bools) -> Bools:
-    """`kept` (N,) of `rows`, and of the others those that lie where `task`, fitted to these, foresees them: what left
-    them out was a model that lacks what this one has.
-
-    No further row goes: a model that has grown with the rows fits each of them too well to say which are wild.
-    """
-    while not kept.all():
-        _, weighed = identify_kept(task, rows.pick(kept))
-        back = ~kept & (weighed.chances(rows) >= WILD)
-        if not back.any():
-            break
-        kept = kept | back
-    return kept
-
-
 def _registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
-    unknowns = task.unknowns(task.start(rows))
-    unknowns = unknowns.masked(task.registration(unknowns))
+    plain = task if task.prior is not None else without_functions(task)
+    unknowns = plain.unknowns(plain.start(rows))
+    unknowns = unknowns.masked(plain.registration(unknowns))
     blocks = [*rows.blocks, *certain(task)]
-    return estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
+    found = estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
+    return found if plain is task else widened(found, task.unknowns(_with_effects(found.unknowns.start, task)))
+
+
+def _with_effects(state: State, task: Task) -> State:
+    """`state` of a robot with the effects of `task`, none of which is at work."""
+    models = [model.with_effects(task.model.effects) for model in state.models]
+    own = [session.own for session in task.sessions[1:]]
+    return State.of_sessions(models, own, state.points, state.datums)
+
+
+def nominal_start(task: Task, rows: Mixture) -> Unknowns:
+    """What `task` identifies, expected where nominal is registered on `rows`."""
+    return _starts(task, _registered(task, rows), rows)[0]
 
 
 def _starts(task: Task, nominal: Estimate, rows: Mixture) -> list[Unknowns]:
@@ -261,12 +313,11 @@ def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
 def _weighed(unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
     """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
     result = _fit_with(Weights.as_said(rows), unknowns, rows, others, begin)
-    if not unexpected(result.found, rows):
+    if not estimated(unknowns) and not unexpected(result.found, rows):
         return result
+    sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
     for _ in range(WEIGHINGS):
-        before, grown = result, factors(result.found, unknowns, rows, others)
-        loosened = {group: value for (group, _), value in grown.items() if group != "noise"}
-        weights = Weights(_noise(rows, grown), loosened)
+        before, weights = result, Weights.of(rows, factors(result.found, unknowns, sample, others))
         result = _fit_with(weights, unknowns, rows, others, before.found.deviations)
         if weights.settled(before.weights):
             break

@@ -1,166 +1,158 @@
-"""How much model the rows pay for: from registration to geometry, and on by one effect after another.
+"""How much model the rows support: from registration to geometry, and on by one effect after another.
 
-A step is kept only if rows that it did not see gain by more than the standard error of that gain. Judged within the
-rows of the fit alone (cross-validation), so that the rows that judge the result have had no say in what it is.
+A term is kept only if held-out rows gain by more than the standard error of that gain. They are rows of the fit
+(cross-validation), so that the rows that judge the result have had no say in what it is: random folds where predictions
+are wanted among the measured joints, the ends of the joint ranges where they are wanted outside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias, final
+from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import EFFECTS, Effect, Harmonics, find_ripple
-from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.heldout import held_out_errors
-from cellctl.calibration.identify import Weights, identify_kept
+from cellctl.calibration.cross_validation import Folded
+from cellctl.calibration.effects import EFFECTS, Effect
+from cellctl.calibration.evidence import Factor
+from cellctl.calibration.folds import end_folds, random_folds
+from cellctl.calibration.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model_error import carried
 from cellctl.calibration.task import Task
-from cellctl.kinematics import Floats
+from cellctl.calibration.unknowns import GEOMETRY, Group
+from cellctl.kinematics import Bools, Floats
 
-FOLDS = 5
 JUDGING = 1000
-"""Rows that a step is judged by, at most: more would not change what they say, only take longer."""
-
-NUMBERS_EACH = 3
-"""Measured numbers for each unknown, without which a step is not even tried."""
+"""Rows that a term is judged by, at most: more would not change what they say, only take longer."""
 
 WORTH = 0.005
-"""A gain of a smaller share of the distance before is not worth a term, however sure it is."""
-
-WAVES_AT_MOST = 30
-RIPPLE = "ripple"
-
-Rung: TypeAlias = Callable[[Mixture], Task]
-"""A model: what is identified where it is made from these rows. Only ripple looks at them."""
+"""A gain of a smaller share of the distance before is not worth a term, however significant it is."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A model that was tried: by how much rows unseen by it are nearer than by the model before, mm, the standard error
-    of that, and whether it was kept. untried: why it was not tried, in words; empty where it was.
+    """A model that was tried: its mean error on held-out rows of the fit, mm; by how much that is less than that of the
+    best model before, and the standard error of this, mm; whether it was kept.
     """
 
     model: str
+    error_mm: float
     gain_mm: float = 0.0
     standard_error_mm: float = 0.0
     kept: bool = False
-    untried: str = ""
 
 
-def climb(task: Task, rows: Mixture) -> tuple[Task, tuple[Step, ...]]:
-    """`task` with as much model as `rows` pay for, all of which belong together, and what was tried."""
-    fixed = replace(task, candidates=None)
-    rows = rows.pick(_some(len(rows)))
-    current: Rung = _always(replace(fixed, groups=frozenset()))
-    errors, steps = _unseen_errors(current, rows, current(rows)), []
-    waiting = list(_wider(task))
-    while waiting:
-        missed: list[tuple[str, Callable[[Rung], Rung]]] = []
-        kept = False
-        for name, wider in waiting:
-            step, its_errors = _tried(wider(current), name, rows, errors)
-            steps.append(step)
-            if step.kept:
-                current, errors, kept = wider(current), its_errors, bool(missed)
-            elif name == "geometry":
-                return current(rows), tuple(steps)  # without geometry there is nothing for an effect to build on
-            elif not step.untried:
-                missed.append((name, wider))
-        waiting = missed if kept else []  # what was lost in the noise of something found after it is tried again
-    return current(rows), tuple(steps)
+@final
+@dataclass(frozen=True, eq=False)
+class Climbed:
+    """The task with the terms that were kept, its noise and prior scales, and what was tried."""
+
+    task: Task
+    weights: Weights | None
+    steps: tuple[Step, ...]
 
 
-def _wider(task: Task) -> Iterator[tuple[str, Callable[[Rung], Rung]]]:
-    """What is tried one after another: its name, and how it widens the model kept so far."""
-    yield "geometry", lambda current: _changed(current, lambda so_far: replace(so_far, groups=None))
-    for effect in task.candidates or ():
-        yield effect.group, _adding(effect)
-    if any(isinstance(effect, Harmonics) for effect in task.candidates or ()):
-        yield RIPPLE, _rippling
+@final
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """A model on the way: names of its groups, noise and prior scales, held-out errors (N,), mm."""
+
+    groups: tuple[Group, ...]
+    logs: Mapping[Factor, float]
+    errors: Floats
+
+    @property
+    def name(self) -> str:
+        return "+".join(self.groups) or "registration"
 
 
-def _always(task: Task) -> Rung:
-    return lambda rows: task
+def climb(task: Task, rows: Mixture, *, outside: bool = False) -> Climbed:
+    """`task` with as many terms as `rows`, none of which is an outlier, support, and what was tried.
 
-
-def _changed(current: Rung, change: Callable[[Task], Task]) -> Rung:
-    return lambda rows: change(current(rows))
-
-
-def _adding(effect: Effect) -> Callable[[Rung], Rung]:
-    return lambda current: _changed(current, lambda so_far: _with_effect(so_far, effect))
-
-
-def _rippling(current: Rung) -> Rung:
-    return lambda rows: _with_ripple(current(rows), rows)
-
-
-def _with_effect(task: Task, effect: Effect) -> Task:
-    """`task` with `effect` in place of any of its group."""
-    others = [each for each in task.model.effects if each.group != effect.group]
-    effects = sorted([*others, effect], key=lambda each: EFFECTS.index(each.group))
-    return task.with_effects(tuple(effects))
-
-
-def _with_ripple(task: Task, rows: Mixture) -> Task:
-    """`task` with the waves that a fit to `rows` leaves."""
-    so_far = next((effect for effect in task.model.effects if isinstance(effect, Harmonics)), None)
-    waves = _waves(identify_kept(task, rows, Weights.as_said(rows))[1].found, rows)
-    if not waves:
-        return task
-    orders = so_far.orders if so_far else ()
-    return _with_effect(task, Harmonics(task.model.n, orders=orders, ripple=waves))
-
-
-def _waves(found: Estimate, rows: Mixture) -> tuple[tuple[int, int], ...]:
-    """Joint and waves per turn of each ripple that stands out of what `found` leaves of `rows`."""
-    state, free = found.state, np.flatnonzero(found.unknowns.free)
-    names = found.unknowns.names
-    joints = np.array([names.index(f"theta{joint + 1}") for joint in range(state.model.n)])
-    width = int(rows.numbers.max())
-    columns, beside = np.zeros((len(rows), width, len(joints))), np.zeros((len(rows), width, free.size))
-    left = np.zeros((len(rows), width))
-    for block, mine, _ in rows.parts():
-        moved = block.jacobian(state) / block.sigma[..., None]
-        place = np.s_[mine, : block.sigma.shape[1]]
-        columns[place], beside[place] = moved[..., joints], moved[..., free]
-        left[place] = -block.residual(state) / block.sigma
-    at_most = min(WAVES_AT_MOST, (rows.size // NUMBERS_EACH - free.size) // 2)
-    return find_ripple(columns, left, rows.q, beside, at_most=max(at_most, 0))
-
-
-def _tried(rung: Rung, name: str, rows: Mixture, before: Floats) -> tuple[Step, Floats]:
-    task = rung(rows)
-    unknowns = task.unknowns(task.start(rows))
-    count = int(np.count_nonzero(task.identification(unknowns)))
-    if name != "geometry" and rows.size < NUMBERS_EACH * count:
-        return Step(name, untried=f"{rows.size} numbers are too few for {count} unknowns"), before
-    if name == RIPPLE and not any(isinstance(each, Harmonics) and each.ripple for each in task.model.effects):
-        return Step(name, untried="no wave stands out of the scatter"), before
-    errors = _unseen_errors(rung, rows, task)
-    gain = before - errors
-    standard_error = float(gain.std(ddof=1) / np.sqrt(gain.size))
-    pays = gain.mean() > max(standard_error, WORTH * float(before.mean()))
-    return Step(name, float(gain.mean()), standard_error, bool(pays)), errors
-
-
-def _unseen_errors(rung: Rung, rows: Mixture, whole: Task) -> Floats:
-    """Each row's distance (N,), mm, from a model that was made without it, but for the weights of noise and tolerances:
-    they are those of `whole`, which is made from all rows.
+    outside: whether most predictions are wanted outside the measured joints.
     """
-    order = np.random.default_rng(len(rows)).permutation(len(rows))
-    errors, weights = np.zeros(len(rows)), identify_kept(whole, rows)[1].weights
-    for part in np.array_split(order, min(FOLDS, len(rows))):
-        test = np.sort(part)
-        others = rows.pick(np.setdiff1d(np.arange(len(rows)), test))
-        task = rung(others)
-        _, weighed = identify_kept(task, others, weights)
-        errors[test] = held_out_errors(task, weighed.found, others, rows.pick(test))
-    return errors
+    rows = rows.pick(_some(len(rows)))
+    folds = (end_folds(rows.q) if outside else []) or random_folds(rows.q)
+    ladder = _Ladder.of(replace(task, candidates=None), task.candidates or (), rows, folds)
+    best = ladder.tried((), {})
+    steps = [Step(best.name, float(best.errors.mean()), kept=True)]
+    geometry = ladder.tried((GEOMETRY,), best.logs)
+    steps.append(_step(best, geometry))
+    if not steps[-1].kept:  # without geometry there is nothing for an effect to build on
+        return Climbed(replace(task, candidates=None, groups=frozenset()), None, tuple(steps))
+    best, waiting = geometry, [effect.group for effect in task.candidates or ()]
+    while waiting:
+        missed: list[Group] = []
+        again = False
+        for group in waiting:
+            wider = ladder.tried(_ordered((*best.groups, group)), best.logs)
+            steps.append(_step(best, wider))
+            if steps[-1].kept:
+                best, again = wider, bool(missed)
+            else:
+                missed.append(group)
+        waiting = missed if again else []  # with a term found after it, a term that was left out may show
+    return Climbed(ladder.task_of(best), ladder.weights(best), tuple(steps))
+
+
+def _step(before: _Model, tried: _Model) -> Step:
+    gain = before.errors - tried.errors
+    error = float(gain.std(ddof=1) / np.sqrt(gain.size)) if gain.size > 1 else np.inf
+    pays = bool(gain.mean() > max(error, WORTH * float(before.errors.mean())))
+    return Step(tried.name, float(tried.errors.mean()), float(gain.mean()), error, pays)
+
+
+def _ordered(groups: tuple[Group, ...]) -> tuple[Group, ...]:
+    return tuple(sorted(groups, key=lambda group: (GEOMETRY, *EFFECTS).index(group)))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Ladder:
+    """All terms that may be tried as one linearised problem; every model is a part of it."""
+
+    task: Task
+    candidates: tuple[Effect, ...]
+    rows: Mixture
+    folded: Folded
+    groups: Any
+    registering: Bools
+
+    @classmethod
+    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: Mixture, folds: list[Any]) -> Self:
+        """Linearised about the fit of geometry alone."""
+        found = identify_kept(task, rows)[1].found
+        whole = task.with_effects((*task.model.effects, *candidates))
+        unknowns = nominal_start(whole, rows)
+        registering = whole.registration(unknowns)
+        folded = Folded.of(unknowns, carried(found, unknowns), rows, certain(task), folds, registering)
+        groups = np.array(unknowns.groups)[unknowns.free]
+        return cls(task, candidates, rows, folded, groups, registering[unknowns.free])
+
+    def tried(self, groups: tuple[Group, ...], begin: Mapping[Factor, float]) -> _Model:
+        """The model of these terms on the held-out rows."""
+        kept = self._columns(groups)
+        logs, _ = self.folded.system.restricted(kept).tuned(begin)
+        return _Model(groups, logs, self.folded.predicted(kept, logs).errors)
+
+    def task_of(self, model: _Model) -> Task:
+        """The task of a model with geometry at least."""
+        kept = [effect for effect in self.candidates if effect.group in model.groups]
+        effects = sorted([*self.task.model.effects, *kept], key=lambda each: EFFECTS.index(each.group))
+        return replace(self.task.with_effects(tuple(effects)), groups=None)
+
+    def weights(self, model: _Model) -> Weights:
+        """Its noise and prior scales."""
+        return Weights.of(self.rows, {factor: float(np.exp(log)) for factor, log in model.logs.items()})
+
+    def _columns(self, groups: tuple[Group, ...]) -> Bools:
+        """The unknowns (F,) of a model with these terms; what `task` has anyway comes with geometry."""
+        added = {effect.group for effect in self.candidates}
+        mine = ~np.isin(self.groups, list(added - set(groups)))
+        return np.asarray(mine if GEOMETRY in groups else self.registering)
 
 
 def _some(count: int) -> Any:

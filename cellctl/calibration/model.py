@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self, final
+from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.calibration.effects import Effect
+from cellctl.calibration.effects import Effect, OwnTurns
 from cellctl.calibration.postures import At, Postures
 from cellctl.kinematics import Bools, Floats, SerialChain
+
+_Cause: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
+
+BLOCK = 2048
+"""Postures whose effects are worked out at a time: harmonics have hundreds of amounts."""
 
 
 @final
@@ -59,6 +64,15 @@ class RobotModel:
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
         return np.concatenate([chain, self._amounts])
 
+    @cached_property
+    def expected_amounts(self) -> dict[str, tuple[str, float]]:
+        """Group and prior 1 σ of each effect's amounts, by name."""
+        return {
+            name: (effect.group, float(sigma))
+            for effect in self.effects
+            for name, sigma in zip(effect.parameters, effect.sigma, strict=True)
+        }
+
     def amount(self, name: str) -> float | None:
         """The value of parameter `name` as it is now; None where this model has none of that name."""
         return float(self.deviations[self.parameters.index(name)]) if name in self.parameters else None
@@ -87,23 +101,27 @@ class RobotModel:
         postures = Postures.of(at)
         if not self.effects:
             return _shaped(self.chain.forward(postures.q), at)
-        turns, shifts = self._causes(postures)
-        result = self.chain.forward(self._turned(postures, turns)).copy()
-        result[..., :3, 3] += self._shift(shifts)
-        return _shaped(result, at)
+        parts = [self._bent_pose(postures.pick(np.s_[k : k + BLOCK])) for k in range(0, len(postures), BLOCK)]
+        return _shaped(np.concatenate(parts) if parts else self.chain.forward(postures.q), at)
 
     def jacobian(self, at: At) -> Floats:
         """How the tool moves with the parameters (..., 6, P): position (mm), then rotation (rad), per unit of each."""
         postures = Postures.of(at)
         if not self.effects:
             return _shaped(self.chain.parameter_jacobian(postures.q), at)
-        turns, shifts = self._causes(postures)
-        q = self._turned(postures, turns)
-        columns = self.chain.parameter_jacobian(q)
-        result = np.concatenate([columns, np.matmul(self.chain.tool_jacobian(q), turns)], axis=-1)
-        result[:, :3, columns.shape[-1] :] += np.matmul(self.chain.base_now[:3, :3], shifts)
+        causes = self._causes(postures)
+        q = self._turned(postures, causes)
+        columns, arms = self.chain.parameter_jacobian(q), self.chain.tool_jacobian(q)
+        result = np.zeros((len(postures), 6, len(self.parameters)))
+        result[..., : columns.shape[-1]] = columns
+        for place, turned, shifted in causes:
+            mine = slice(columns.shape[-1] + place.start, columns.shape[-1] + place.stop)
+            if turned is not None:
+                result[..., mine] = turned.columns(arms) if isinstance(turned, OwnTurns) else np.matmul(arms, turned)
+            if shifted is not None:
+                result[:, :3, mine] += np.matmul(self.chain.base_now[:3, :3], shifted)
         result[:, :3, self._of_base] += np.cross(
-            result[:, 3:, self._of_base], self._shift(shifts)[:, :, None], axisa=1, axisb=1, axisc=1
+            result[:, 3:, self._of_base], self._shift(postures, causes)[:, :, None], axisa=1, axisb=1, axisc=1
         )
         return _shaped(result, at)
 
@@ -123,25 +141,35 @@ class RobotModel:
         """Places of the parameters that turn or move the base: they carry the shifts along."""
         return np.flatnonzero([name.startswith("base_") for name in self.chain.parameters])
 
-    def _causes(self, at: Postures) -> tuple[Floats, Floats]:
-        """All effects' Φ (N, n, K) and Ψ (N, 3, K)."""
-        turns, shifts = np.zeros((len(at), self.n, self._amounts.size)), np.zeros((len(at), 3, self._amounts.size))
-        start = 0
+    def _bent_pose(self, at: Postures) -> Floats:
+        causes = self._causes(at)
+        result = self.chain.forward(self._turned(at, causes)).copy()
+        result[..., :3, 3] += self._shift(at, causes)
+        return result
+
+    def _causes(self, at: Postures) -> list[_Cause]:
+        """Each effect's amounts, its Φ and its Ψ (N, 3, K)."""
+        start, found = 0, []
         for effect in self.effects:
-            mine = np.s_[..., start : start + len(effect.parameters)]
-            start += len(effect.parameters)
-            if (turned := effect.turns(self._nominal, at)) is not None:
-                turns[mine] = turned
-            if (shifted := effect.shifts(self._nominal, at)) is not None:
-                shifts[mine] = shifted
-        return turns, shifts
+            place = slice(start, start := start + len(effect.parameters))
+            found.append((place, effect.turns(self._nominal, at), effect.shifts(self._nominal, at)))
+        return found
 
-    def _turned(self, at: Postures, turns: Floats) -> Floats:
-        return np.asarray(at.q + turns @ self._amounts)
+    def _turned(self, at: Postures, causes: list[_Cause]) -> Floats:
+        q = at.q
+        for place, turned, _ in causes:
+            amounts = self._amounts[place]
+            if turned is not None:
+                q = q + (turned.total(amounts, self.n) if isinstance(turned, OwnTurns) else turned @ amounts)
+        return q
 
-    def _shift(self, shifts: Floats) -> Floats:
+    def _shift(self, at: Postures, causes: list[_Cause]) -> Floats:
         """The tool's shift (N, 3), mm, in the measuring frame."""
-        return np.asarray((shifts @ self._amounts) @ self.chain.base_now[:3, :3].T)
+        total = np.zeros((len(at), 3))
+        for place, _, shifted in causes:
+            if shifted is not None:
+                total = total + shifted @ self._amounts[place]
+        return np.asarray(total @ self.chain.base_now[:3, :3].T)
 
 
 def _shaped(result: Floats, at: At) -> Floats:

@@ -37,7 +37,8 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
     for start in range(0, len(postures), BLOCK):
         part = np.s_[start : start + BLOCK]
         columns = model.jacobian(postures.pick(part))[:, :3]
-        variance[part] = np.einsum("nkp,nkp->n", np.matmul(columns, covariance), columns)
+        moved = (columns.reshape(-1, len(covariance)) @ covariance).reshape(columns.shape)
+        variance[part] = np.einsum("nkp,nkp->n", moved, columns)
     return Prediction(model.pose(postures), np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -75,7 +76,6 @@ def foresee(
     """
     variance, chance = np.empty(len(rows)), np.empty(len(rows))
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
-    root = _root(covariance)
     for start in range(0, len(rows), BLOCK):
         part = np.s_[start : start + BLOCK]
         block = rows.pick(part)
@@ -83,7 +83,7 @@ def foresee(
         lines = block.jacobian(found) / block.sigma[..., None]
         if hidden is not None and taken is not None:
             lines = lines - np.matmul(hidden[part], taken)
-        columns = np.matmul(lines, root)
+        moved = (lines.reshape(-1, len(covariance)) @ covariance).reshape(lines.shape)
         spread = np.eye(residual.shape[1]) + np.zeros((len(block), 1, 1))
         if hidden is not None:
             own = hidden[part]
@@ -91,18 +91,9 @@ def foresee(
         if doubted is not None:
             own_doubt = lengths * doubted[part, None] / block.sigma
             spread = spread + (own_doubt**2)[:, :, None] * np.eye(residual.shape[1])
-        spread = spread + np.matmul(columns, np.swapaxes(columns, -1, -2))
+        spread = spread + np.matmul(moved, np.swapaxes(lines, -1, -2))
         squared = np.einsum("nk,nk->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)
         chance[part] = chi2.sf(squared, residual.shape[1])
     return Foreseen(variance, chance)
-
-
-def _root(covariance: Floats) -> Floats:
-    """A (P, F) with A Aᵀ the covariance (P, P), of no more columns than that has rank."""
-    free = np.flatnonzero(np.diag(covariance) > 0.0)
-    values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])
-    result = np.zeros((len(covariance), free.size))
-    result[free] = vectors * np.sqrt(np.maximum(values, 0.0))
-    return result

@@ -9,6 +9,7 @@ from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 
+from cellctl.calibration.effects import Effect, Harmonics
 from cellctl.calibration.model import RobotModel
 from cellctl.kinematics import Bools, Floats, SerialChain
 
@@ -188,10 +189,25 @@ class Unknowns:
         """These unknowns with the tolerances of some groups wider by a factor; or, of an older model, with as much more
         that may have changed since (`change`).
         """
-        wider = np.array([factors.get(group, 1.0) for group in self.groups])
+        wider = np.array([factors.get(group, 1.0) for group in self.scaled_with])
         if self.prior is None:
             return replace(self, sigma=self.sigma * wider)
         return replace(self, prior=self.prior + np.diag((wider**2 - 1.0) * self.change * self.sigma**2))
+
+    @property
+    def scaled_with(self) -> tuple[str, ...]:
+        """What the prior of each parameter (P,) is scaled together with: its group; of harmonics its joint's band.
+
+        Where a prior model's covariance is given, groups are scaled as a whole.
+        """
+        if self.prior is not None:
+            return self.groups
+        result = list(self.groups)
+        for model, columns in zip(self.start.models, self.start.columns, strict=True):
+            bands = {name: band for effect in model.effects for name, band in banded(effect)}
+            for column, name in zip(columns, model.parameters, strict=True):
+                result[column] = bands.get(name, result[column])
+        return tuple(result)
 
     @property
     def change(self) -> Floats:
@@ -252,11 +268,15 @@ class Unknowns:
         return replace(start, models=models, points=points, datums=start.datums + deviations[start.datums_at :])
 
 
+def banded(effect: Effect) -> list[tuple[str, str]]:
+    """The amounts of `effect` that do not all share one prior scale, each with the name of its own."""
+    return list(zip(effect.parameters, effect.bands, strict=True)) if isinstance(effect, Harmonics) else []
+
+
 def group_of(model: RobotModel, name: str) -> Group:
     """The group that parameter `name` of a model belongs to."""
-    for effect in model.effects:
-        if name in effect.parameters:
-            return effect.group
+    if (known := model.expected_amounts.get(name)) is not None:
+        return known[0]
     if name.startswith(("base_", "tool_")):
         return name.partition("_")[0]
     return "zeros" if re.fullmatch(r"theta\d+", name) else "links"
@@ -268,9 +288,8 @@ def _told_apart(point: str) -> str:
 
 
 def _sigma(model: RobotModel, name: str, flat: frozenset[Group], tolerances: Tolerances) -> float:
-    for effect in model.effects:
-        if name in effect.parameters:
-            return float(effect.sigma[effect.parameters.index(name)])
+    if (known := model.expected_amounts.get(name)) is not None:
+        return known[1]
     turns = bool(model.parameter_turns[model.parameters.index(name)])
     if (group := group_of(model, name)) in flat:
         return tolerances.flat_rad if turns else tolerances.flat_mm

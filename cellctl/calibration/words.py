@@ -15,6 +15,7 @@ _EFFECTS = (
     (re.compile(r"harmonic(\d+)_[sc]1"), "once-per-turn error", "joint"),
     (re.compile(r"harmonic(\d+)_[sc]2"), "twice-per-turn error", "joint"),
     (re.compile(r"harmonic(\d+)_[sc](?:[3-9]|\d\d+)"), "ripple", "joint"),
+    (re.compile(r"(discrepancy)\d+_[xyz]"), "discrepancy", ""),
     (re.compile(r"backlash(\d+)"), "backlash", "joint"),
     (re.compile(r"growth(\d+)"), "growth", "link"),
 )

@@ -3,13 +3,13 @@
 from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
-from cellctl.calibration.effects.effect import Effect
+from cellctl.calibration.effects.discrepancy import Discrepancy
+from cellctl.calibration.effects.effect import Effect, OwnTurns
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.effects.growth import Growth
 from cellctl.calibration.effects.harmonics import Harmonics, Wave
-from cellctl.calibration.effects.ripple import find_ripple
 
-EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth")
+EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth", "discrepancy")
 """Groups of all effects, in the order in which a model's name lists them."""
 
 __all__ = [
@@ -19,11 +19,12 @@ __all__ = [
     "STANDARD_GRAVITY",
     "Backlash",
     "Direction",
+    "Discrepancy",
     "Effect",
     "Growth",
     "Harmonics",
     "JointCompliance",
+    "OwnTurns",
     "ToolDeflection",
     "Wave",
-    "find_ripple",
 ]

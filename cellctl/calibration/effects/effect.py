@@ -2,10 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol, final
+
+import numpy as np
 
 from cellctl.calibration.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OwnTurns:
+    """Turns of which each amount has one joint to itself: joints (K,), from 0; values (N, K), rad per unit. Hundreds of
+    amounts are six times smaller so than as Φ (N, n, K).
+    """
+
+    joints: Any
+    values: Floats
+
+    def total(self, amounts: Floats, joints: int) -> Floats:
+        """What all amounts (K,) together turn each joint by (N, n), rad."""
+        result = np.zeros((len(self.values), joints))
+        for joint in range(joints):
+            mine = self.joints == joint
+            result[:, joint] = self.values[:, mine] @ amounts[mine]
+        return result
+
+    def columns(self, arms: Floats) -> Floats:
+        """How the tool moves (N, 6, K) with the amounts; arms (N, 6, n): with the joints."""
+        return np.asarray(arms[:, :, self.joints] * self.values[:, None, :])
+
+    def dense(self, joints: int) -> Floats:
+        """Φ (N, n, K)."""
+        result = np.zeros((len(self.values), joints, len(self.joints)))
+        result[:, self.joints, np.arange(len(self.joints))] = self.values
+        return result
 
 
 class Effect(Protocol):
@@ -41,7 +73,7 @@ class Effect(Protocol):
         """What no amount (K,) is below, in its unit: 0 where a negative one has no meaning, −inf elsewhere."""
         ...
 
-    def turns(self, nominal: SerialChain, at: Postures) -> Floats | None:
+    def turns(self, nominal: SerialChain, at: Postures) -> Floats | OwnTurns | None:
         """Φ (N, n, K): rad of each joint per unit of each amount; None where the effect turns no joint."""
         ...
 

@@ -1,44 +1,53 @@
-"""Errors that come round with the joint: an encoder disc off its centre, an oval gear, a ripple of either."""
+"""Errors that repeat with the joint: an encoder disc off its centre, an oval gear, the ripple of gears and encoders."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias, final
 
 import numpy as np
 
+from cellctl.calibration.effects.effect import OwnTurns
 from cellctl.calibration.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 3e-4
-"""One minute of arc, an estimate. Joints 1 to 3 of the UR10 in the ipa-robot-accuracy data set: amplitudes of 0.6e-4 …
-5e-4, once and twice per turn, all its 11 911 rows fitted together with their compliance."""
+"""One minute of arc, RMS, of each band of each joint, before the data scale it: what makers of strain wave gears and
+cycloidal gears state as transmission error. Joints 1 to 3 of the UR10 in the ipa-robot-accuracy data set: 0.6e-4 …
+3e-4 in each band."""
+
+BANDS = ((1, 2), (3, 5), (6, 11), (12, 23), (24, 48))
+"""Waves per turn, octave by octave: the amplitude of a band is one number, found from the data."""
 
 Wave: TypeAlias = tuple[int, int]
 """A joint, from 1, and how many waves it makes per turn."""
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Harmonics:
-    """Each joint's error at whole numbers of waves per turn: Σ s_m sin mq + c_m (cos mq − 1).
+    """Each joint's error as waves of its own angle: Σ s_m sin mq + c_m (cos mq − 1).
 
-    joints: how many. orders: waves per turn of every joint: once (a disc off its centre) and twice (an oval, a coupling
-    out of line). ripple: further waves as (joint from 1, waves per turn), as `find_ripple` has them. expected: prior
-    1 σ of every amount about 0, rad. `harmonic{j}_s{m}`, `…_c{m}`, rad.
+    joints: how many. orders: waves per turn of every joint. ripple: further waves as (joint from 1, waves per turn), in
+    model files from before all orders were fitted together. expected: prior RMS, rad, of each band (`BANDS`) of each
+    joint about 0: its amounts share the variance. `harmonic{j}_s{m}`, `…_c{m}`, rad.
+
+    All waves of a band together are a random function of the joint's angle (a Gaussian process with a flat spectrum
+    over the band): where the joint was measured they fit whatever shape it has; where it was not they cancel, and the
+    variance is the prior's again. No wave has to be chosen.
     The cosines are counted from the model angle 0, where all waves are nothing: `theta{j}` stays what it is without
     them, the error at that angle (with cos mq alone it would become the mean over a turn).
-    needs: joints that go round half a turn or more at many angles; over less, slow waves look like the joint's zero.
     Of the first joint that leans (2, mostly) the once-per-turn pair is the same as its own weight's,
     `compliance{j}_{j}x`, `…y`: no measurement tells those apart.
     """
 
     joints: int
-    orders: tuple[int, ...] = (1, 2)
+    orders: tuple[int, ...] = tuple(range(1, BANDS[-1][1] + 1))
     ripple: tuple[Wave, ...] = ()
     expected: float = EXPECTED_RAD
 
-    @property
+    @cached_property
     def waves(self) -> tuple[Wave, ...]:
         """All waves, joint by joint, then the ripple; each once."""
         regular = tuple((j + 1, m) for j in range(self.joints) for m in self.orders)
@@ -49,35 +58,39 @@ class Harmonics:
         """`harmonics`."""
         return "harmonics"
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Sine and cosine of each wave."""
         return tuple(f"harmonic{j}_{part}{m}" for j, m in self.waves for part in "sc")
+
+    @cached_property
+    def bands(self) -> tuple[str, ...]:
+        """The band (K,) of each amount: those of one share the amplitude that the data give it."""
+        named = {m: f"{low}–{high}" for low, high in BANDS for m in range(low, high + 1)}
+        return tuple(f"harmonics of joint {j}, {named.get(m, m)} per turn" for j, m in self.waves for _ in "sc")
 
     @property
     def units(self) -> tuple[str, ...]:
         """Rad."""
         return ("rad",) * len(self.parameters)
 
-    @property
+    @cached_property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, rad."""
-        return np.full(len(self.parameters), self.expected)
+        counts = {band: self.bands.count(band) for band in dict.fromkeys(self.bands)}
+        return np.array([self.expected * np.sqrt(2.0 / counts[band]) for band in self.bands])
 
     @property
     def least(self) -> Floats:
         """−inf: waves have any phase."""
         return np.full(len(self.parameters), -np.inf)
 
-    def turns(self, nominal: SerialChain, at: Postures) -> Floats:
-        """Φ (N, n, K): each wave in the row of its joint."""
+    def turns(self, nominal: SerialChain, at: Postures) -> OwnTurns:
+        """Each wave turns its own joint."""
         joints, orders = np.array(self.waves, int).reshape(-1, 2).T
         phase = at.q[:, joints - 1] * orders
-        result = np.zeros((len(at), self.joints, 2 * joints.size))
-        sines = 2 * np.arange(joints.size)
-        result[:, joints - 1, sines] = np.sin(phase)
-        result[:, joints - 1, sines + 1] = np.cos(phase) - 1.0
-        return result
+        values = np.stack([np.sin(phase), np.cos(phase) - 1.0], axis=-1).reshape(len(at), -1)
+        return OwnTurns(np.repeat(joints - 1, 2), values)
 
     def shifts(self, nominal: SerialChain, at: Postures) -> None:
         """None: joints turn, and carry the tool with them."""

@@ -1,0 +1,100 @@
+"""What the other terms of a model leave: a smooth random function of the joints, one for each axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Self, final
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial.distance import cdist
+
+from cellctl.calibration.postures import Postures
+from cellctl.kinematics import Floats, SerialChain
+
+EXPECTED_MM = 0.1
+"""1 σ on each axis before the data scale it; a UR10 leaves 0.03 (full model) … 0.4 mm (geometry alone)."""
+
+LENGTH_RAD = 1.0
+"""Postures this far apart (root of the summed squares over the joints) share 60 % of it: weight and geometry, whose
+remainders it stands for, change over some tens of degrees.
+"""
+
+CENTRES = 64
+_JITTER = 1e-6
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """A Gaussian process δ(q) on each axis of the robot's base frame, squared exponential in the joint angles.
+
+    centres (M, n): postures, rad, at which it is expanded (Nyström): δ = Σ φ_m(q) κ_m with κ ~ N(0, expected²), mm.
+    What the centres do not span (`remainder`) is no part of the model's prediction, and a part of its uncertainty.
+    Kennedy and O'Hagan 2001 (doi 10.1111/1467-9868.00294); needs: rows at different postures.
+    """
+
+    centres: Floats
+    length_rad: float = LENGTH_RAD
+    expected: float = EXPECTED_MM
+    _root: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        square = self._kernel(self.centres) + _JITTER * np.eye(len(self.centres))
+        object.__setattr__(self, "_root", np.linalg.cholesky(square))
+
+    @classmethod
+    def over(cls, q: Floats) -> Self:
+        """Expanded at up to `CENTRES` of the postures q (N, n), rad: each the farthest from those before."""
+        nearest = np.linalg.norm(q - q.mean(axis=0), axis=1)
+        chosen = [int(np.argmin(nearest))]
+        distance = np.linalg.norm(q - q[chosen[0]], axis=1)
+        while len(chosen) < CENTRES and distance.max() > 0.05 * LENGTH_RAD:
+            chosen.append(int(np.argmax(distance)))
+            distance = np.minimum(distance, np.linalg.norm(q - q[chosen[-1]], axis=1))
+        return cls(q[chosen])
+
+    @property
+    def group(self) -> str:
+        """`discrepancy`."""
+        return "discrepancy"
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Three for each centre."""
+        return tuple(f"discrepancy{m + 1}_{axis}" for m in range(len(self.centres)) for axis in "xyz")
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """mm."""
+        return ("mm",) * len(self.parameters)
+
+    @property
+    def sigma(self) -> Floats:
+        """Prior 1 σ about 0, mm."""
+        return np.full(len(self.parameters), self.expected)
+
+    @property
+    def least(self) -> Floats:
+        """−inf."""
+        return np.full(len(self.parameters), -np.inf)
+
+    def turns(self, nominal: SerialChain, at: Postures) -> None:
+        """None: it shifts the tool."""
+
+    def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
+        """Ψ (N, 3, 3M): φ of each centre, on each axis."""
+        basis = self._basis(at.q)
+        return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, -1))
+
+    def remainder(self, q: Floats) -> Floats:
+        """The share (N,) of the prior variance at q (N, n), rad, that the centres do not span: 0 at them, 1 far away."""
+        return np.asarray(np.clip(1.0 - np.sum(self._basis(q) ** 2, axis=1), 0.0, 1.0))
+
+    def _basis(self, q: Floats) -> Floats:
+        """φ (N, M)."""
+        return np.asarray(solve_triangular(self._root, self._kernel(q).T, lower=True, check_finite=False).T)
+
+    def _kernel(self, q: Floats) -> Floats:
+        return np.asarray(np.exp(-0.5 * cdist(q, self.centres, "sqeuclidean") / self.length_rad**2))

@@ -1,0 +1,45 @@
+"""Which rows judge the others in cross-validation: some at random, or the ends of the measured joint ranges."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellctl.kinematics import Floats
+
+FOLDS = 5
+SAME_RAD = 1e-3
+"""Rows whose joints are this close are repeats: they judge together, or one would be judged by the other."""
+
+END = 0.25
+"""The share of the rows at either end of a joint's range that is left out at a time."""
+
+END_AT_MOST = 0.45
+"""Where more rows than this share are at one end, as of a joint that hardly moved, nothing is left to judge them by."""
+
+MOVED_RAD = 0.2
+"""A joint that moved less has no ends."""
+
+
+def random_folds(q: Floats) -> list[Any]:
+    """At most `FOLDS` sets of indices that part the rows at q (N, n), rad; repeats of a posture in one set."""
+    _, posture = np.unique(np.round(q / SAME_RAD), axis=0, return_inverse=True)
+    count = int(posture.max(initial=-1)) + 1
+    order = np.random.default_rng(len(q)).permutation(count)
+    fold = np.zeros(count, int)
+    for place, part in enumerate(np.array_split(order, min(FOLDS, count))):
+        fold[part] = place
+    return [np.flatnonzero(fold[posture.ravel()] == place) for place in range(min(FOLDS, count))]
+
+
+def end_folds(q: Floats) -> list[Any]:
+    """Sets of indices, two for each joint that moved: the rows at its lower end, and those at its upper end."""
+    found = []
+    for angle in q.T:
+        if np.ptp(angle) < MOVED_RAD:
+            continue
+        lower, upper = np.quantile(angle, [END, 1.0 - END])
+        ends = (np.flatnonzero(angle <= lower), np.flatnonzero(angle >= upper))
+        found += [end for end in ends if 0 < len(end) <= END_AT_MOST * len(angle)]
+    return found
