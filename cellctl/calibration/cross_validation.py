@@ -44,9 +44,11 @@ class Predicted:
 @final
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """Rows linearised about a fit, and their folds. system: all rows' normal equations, of all unknowns (F,); mm (N, k):
-    σ of each number that is a length, 0 of a turn; own: each fold's rows and their normal equations; registering (F,):
-    unknowns that tie rows to the robot, and that held-out rows may have to find for themselves.
+    """Rows linearised about a fit, and their folds.
+
+    system: all rows' normal equations, of all unknowns (F,). mm (N, k): σ of each number that is a length, 0 of a turn.
+    folds: each fold's rows and their normal equations. registering (F,): unknowns that tie rows to the robot, and that
+    held-out rows may have to find for themselves.
     """
 
     linear: Linear
@@ -75,6 +77,10 @@ class Folded:
         own = tuple((test, _normals(linear, test)) for test in folds)
         return cls(linear, system, mm, own, registering[unknowns.free])
 
+    def with_folds(self, folds: Sequence[Any]) -> Self:
+        """The same rows with other folds."""
+        return replace(self, folds=tuple((test, _normals(self.linear, test)) for test in folds))
+
     def predicted(self, kept: Bools, logs: Mapping[Factor, float], most: int | None = None) -> Predicted:
         """Each fold's rows as the others predict them with the unknowns `kept` (F,) alone, and these logarithms of
         noise and prior scales. most: rows of each fold that are looked at.
@@ -82,6 +88,13 @@ class Folded:
         at = np.flatnonzero(kept)
         system = self.system.restricted(kept)
         return Predicted.joined([self._fold(system, at, test, own, logs, most) for test, own in self.folds])
+
+    def noise(self, logs: Mapping[Factor, float]) -> Floats:
+        """The scale of each number's σ (N, k); 0 where a row has fewer numbers."""
+        scales = np.zeros(int(self.linear.factors.max()) + 2)  # the last one is for factor −1
+        for number in range(len(scales) - 1):
+            scales[number] = np.exp(logs.get(("noise", number), 0.0))
+        return np.asarray(scales[self.linear.factors])
 
     def _fold(
         self,
@@ -102,12 +115,8 @@ class Folded:
         flat = columns.reshape(-1, len(at))
         answers = cho_solve(root, flat.T, check_finite=False).T.reshape(columns.shape)
         covariance = np.matmul(columns, np.swapaxes(answers, -1, -2))
-        noise = np.append(np.ones(int(self.linear.factors.max()) + 1), 1.0)
-        for (name, number), log in logs.items():
-            if name == "noise":
-                noise[number] = np.exp(log)
-        each = np.where(self.linear.factors[shown] >= 0, noise[self.linear.factors[shown]], 1.0)
-        covariance = covariance + (each**2)[:, :, None] * np.eye(each.shape[1])
+        noise = self.noise(logs)[shown]
+        covariance = covariance + np.where(noise > 0.0, noise**2, 1.0)[:, :, None] * np.eye(noise.shape[1])
         residual, placed = self._placed(residual, columns, at, shown, left)
         errors = np.linalg.norm(residual * self.mm[shown], axis=1)
         return Predicted(residual, covariance, errors, shown, np.full(len(shown), placed))
@@ -115,7 +124,7 @@ class Folded:
     def _placed(
         self, residual: Floats, columns: Floats, at: Any, test: Any, left: Mapping[Factor, Normal]
     ) -> tuple[Floats, bool]:
-        """Residuals once points or sessions that no other row knows are found from these rows; whether there are any."""
+        """Residuals once what no other row knows (a point, a session) is found from these; whether there is any."""
         told = np.sum([np.diag(normal.square) for normal in left.values()], axis=0) if left else np.zeros(len(at))
         there = np.einsum("nkf,nkf->f", columns, columns)
         unknown = self.registering[at] & (told <= 1e-9 * there) & (there > 0.0)

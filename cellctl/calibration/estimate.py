@@ -112,12 +112,12 @@ class _Problem:
         """Damped step (F,) and the fall in cost that an undamped one promises."""
         stacked = np.vstack([triangle, self.holding])
         residual = np.concatenate([right, self.holding @ x])
-        both = np.linalg.qr(np.column_stack([stacked, residual]), mode="r")[: x.size]
+        both = _triangle(np.column_stack([stacked, residual]), x.size)
         root, along = both[:, :-1], both[:, -1]
         if damping:
             damped = np.sqrt(damping) * np.linalg.norm(root, axis=0).max() * np.eye(x.size)
             again = np.vstack([both, np.column_stack([damped, np.zeros(x.size)])])
-            folded = np.linalg.qr(again, mode="r")[: x.size]
+            folded = _triangle(again, x.size)
             root, right = folded[:, :-1], folded[:, -1]
         else:
             right = along
@@ -228,9 +228,14 @@ def _posterior(triangle: Floats, whitening: Floats) -> Floats:
     """Posterior covariance (F, F) in tolerance units: (RᵀR + WᵀW)⁻¹."""
     if not triangle.size:
         return np.zeros_like(triangle)
-    root = np.linalg.qr(np.vstack([triangle, whitening]), mode="r")[: triangle.shape[1]]
+    root = _triangle(np.vstack([triangle, whitening]), triangle.shape[1])
     inverse = solve_triangular(root, np.eye(len(root)), check_finite=False)
     return np.asarray(inverse @ inverse.T)
+
+
+def _triangle(stacked: Floats, rows: int) -> Floats:
+    """The first `rows` rows of R of a QR factorisation."""
+    return np.asarray(np.linalg.qr(stacked, mode="r"), float)[:rows]
 
 
 def _whitening(unknowns: Unknowns, free: Any) -> Floats:

@@ -113,6 +113,7 @@ class Normal:
 
     @classmethod
     def of(cls, columns: Floats, away: Floats) -> Self:
+        """Of rows `away + columns @ x` (N, k), in standard deviations."""
         flat, residual = columns.reshape(away.size, columns.shape[-1]), away.reshape(-1)
         return cls(flat.T @ flat, flat.T @ residual, float(residual @ residual), residual.size)
 
@@ -138,8 +139,8 @@ class System:
 
     Its unknowns are those of the fit and what is held but doubted: what an older model did not know is no noise. groups
     (F,): for each its factor's place in `loose`, or −1. known (F, F): their covariance beforehand; change (F,): by how
-    much each variance grows with its factor²; x (F,): where the fit is; all in tolerances. of_effects: factors that are estimated
-    within `SCALES`; closed: places in `loose` of which no unknown is left.
+    much each variance grows with its factor²; x (F,): where the fit is; all in tolerances. of_effects: factors that are
+    estimated within `SCALES`; closed: places in `loose` of which no unknown is left.
     """
 
     numbers: Mapping[Factor, Normal]

@@ -12,12 +12,13 @@ from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows
-from cellctl.calibration.identify import Identification, certain, identify, rows_together
+from cellctl.calibration.identify import Identification, certain, identify, noisier, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model_error import FUNCTIONS
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.proof import doubts, misgivings
+from cellctl.calibration.reliability import Region, Reliability, mostly_outside
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
@@ -57,6 +58,8 @@ class FitResult:
     nominal_errors: Floats
     test_errors: Floats
     ladder: tuple[Step, ...] = ()
+    region: Region | None = None
+    inflation: float = 1.0
 
     @property
     def n_parameters(self) -> int:
@@ -93,24 +96,34 @@ class FitResult:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Climbed:
-    """What some rows identified, with as much model as they paid for."""
+class _Fitted:
+    """What some rows identified, with as many terms as they support, and how far its σ can be relied on."""
 
     task: Task
     identification: Identification
+    reliability: Reliability
     ladder: tuple[Step, ...]
 
     @classmethod
-    def of(cls, task: Task, fit: Any) -> Self:
+    def of(cls, task: Task, fit: Any, predicted: Any) -> Self:
+        """From the rows at `fit`; predicted: the rows it is for, of which only the postures are looked at."""
         if task.candidates is None:
-            return cls(task, identify(task, fit), ())
+            return cls._with_reliability(task, identify(task, fit), ())
         rows = task.rows.pick(fit)
         kept, apart = rows_together(replace(task, candidates=None), rows)
-        chosen = climb(task, rows.pick(kept))
-        return cls(chosen.task, identify(chosen.task, fit, (kept, apart), chosen.weights), chosen.steps)
+        outside = mostly_outside(rows.pick(kept).q, task.rows.pick(predicted).q)
+        chosen = climb(task, rows.pick(kept), outside=outside)
+        found = identify(chosen.task, fit, (kept, apart), chosen.weights)
+        return cls._with_reliability(chosen.task, found, chosen.steps)
+
+    @classmethod
+    def _with_reliability(cls, task: Task, found: Identification, ladder: tuple[Step, ...]) -> Self:
+        reliability = Reliability.of(task, found)
+        return cls(task, noisier(task, found, reliability.inside), reliability, ladder)
 
     def held_out(self, test: Any) -> HeldOut:
-        return held_out_rows(self.task, self.identification, self.task.rows.pick(test))
+        """The rows at `test` as this predicts them."""
+        return held_out_rows(self.task, self.identification, self.task.rows.pick(test), self.reliability.region)
 
 
 def fit(task: Task, split: Split) -> FitResult:
@@ -119,10 +132,10 @@ def fit(task: Task, split: Split) -> FitResult:
     Where the task leaves it open how much model there is, each part of the split decides it from its own rows.
     """
     given = task
-    whole = _Climbed.of(task, split.fit)
+    whole = _Fitted.of(task, split.fit, np.concatenate([np.zeros(0, int), *(test for _, test in split.judged)]))
     task, final_one = whole.task, whole.identification
     held_out = HeldOut.joined(
-        (whole if one is split.fit else _Climbed.of(given, one)).held_out(test) for one, test in split.judged
+        (whole if one is split.fit else _Fitted.of(given, one, test)).held_out(test) for one, test in split.judged
     )
     own = task.rows.pick(list(final_one.used))
     before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
@@ -145,6 +158,8 @@ def fit(task: Task, split: Split) -> FitResult:
         nominal_errors=before,
         test_errors=held_out.identified,
         ladder=whole.ladder,
+        region=whole.reliability.region,
+        inflation=whole.reliability.inside,
     )
 
 

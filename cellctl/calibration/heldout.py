@@ -17,7 +17,7 @@ from cellctl.calibration.identify import Identification
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
-from cellctl.calibration.region import doubt
+from cellctl.calibration.reliability import Region
 from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State, Unknowns
@@ -25,8 +25,8 @@ from cellctl.calibration.verdict import HeldOut
 from cellctl.kinematics import Bools, Floats
 
 
-def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
-    """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
+def held_out_rows(task: Task, by: Identification, rows: Mixture, region: Region) -> HeldOut:
+    """`rows` as nominal and identified robot see them. None of them was in the fit `by`, whose rows are in `region`."""
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
     nominal, identified = _both_settled(task, by, rows, unseen)
@@ -35,8 +35,8 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
     foreseen = [
-        foresee(identified, covariance, block, hidden=own, taken=taken, doubted=doubted)
-        for block, own, doubted in zip(noisy.blocks, hidden, _doubted(used, by, rows), strict=True)
+        foresee(identified, covariance, block, hidden=own, taken=taken, doubted=region.sigma(block.q))
+        for block, own in zip(noisy.blocks, hidden, strict=True)
         if len(block)
     ]
     return HeldOut(
@@ -56,21 +56,6 @@ def _noise_of(used: Mixture, by: Identification) -> Floats:
         if not len(block) and alike:
             result[own] = np.max(alike, axis=0)
     return result
-
-
-def _doubted(used: Mixture, by: Identification, rows: Mixture) -> list[Floats]:
-    """1 σ of each row on each axis, mm, by block, for joints that the rows `used` in the fit did not reach: there
-    nominal's error on those is what a robot may be off by.
-    """
-    lower, upper = used.q.min(axis=0), used.q.max(axis=0)
-    rms = float(np.sqrt(np.mean(used.errors(by.nominal.state) ** 2)))
-    axes = [1.0 if isinstance(block, TouchRows) else np.sqrt(3.0) for block in rows.blocks]
-    return [doubt(lower, upper, block.q) * rms / along for block, along in zip(rows.blocks, axes, strict=True)]
-
-
-def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -> Floats:
-    """Distances (N,), mm, of held-out `rows` from what was `found` from the rows `used`."""
-    return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
 
 
 def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:

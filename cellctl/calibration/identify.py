@@ -163,6 +163,16 @@ def identify(
     )
 
 
+def noisier(task: Task, found: Identification, factor: float) -> Identification:
+    """`found` with noise larger by `factor`, and as uncertain as that makes it."""
+    if factor == 1.0:
+        return found
+    noise, identified = found.noise * factor, found.identified
+    blocks = [*task.rows.pick(list(found.used)).noisier(noise).blocks, *certain(task)]
+    covariance = covariance_of(identified, identified.unknowns, blocks)
+    return replace(found, identified=replace(identified, covariance=covariance), noise=noise)
+
+
 def _with_discrepancy(task: Task, rows: Mixture, weighed: Weighed) -> tuple[Task, Weights] | None:
     """`task` with a discrepancy, and the weights then; None where the rows do not support one."""
     if not may_lack(task) or len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):

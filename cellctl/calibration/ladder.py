@@ -1,8 +1,8 @@
 """How much model the rows support: from registration to geometry, and on by one effect after another.
 
 A term is kept only if held-out rows gain by more than the standard error of that gain. They are rows of the fit
-(cross-validation), so that the rows that judge the result have had no say in what it is: random folds where predictions
-are wanted among the measured joints, the ends of the joint ranges where they are wanted outside.
+(cross-validation), so that the rows that judge the result have had no say in what it is. Where most predictions are
+wanted outside the measured joints, the ends of the joint ranges have the last word among nominal, geometry and more.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ JUDGING = 1000
 
 WORTH = 0.005
 """A gain of a smaller share of the distance before is not worth a term, however significant it is."""
+
+WORTH_ENDS = 0.1
+"""The same for a model with fewer terms, at the ends of the joint ranges, whose errors are few and of one kind."""
 
 
 @final
@@ -75,14 +78,12 @@ def climb(task: Task, rows: Mixture, *, outside: bool = False) -> Climbed:
     outside: whether most predictions are wanted outside the measured joints.
     """
     rows = rows.pick(_some(len(rows)))
-    folds = (end_folds(rows.q) if outside else []) or random_folds(rows.q)
-    ladder = _Ladder.of(replace(task, candidates=None), task.candidates or (), rows, folds)
-    best = ladder.tried((), {})
-    steps = [Step(best.name, float(best.errors.mean()), kept=True)]
-    geometry = ladder.tried((GEOMETRY,), best.logs)
-    steps.append(_step(best, geometry))
+    ladder = _Ladder.of(replace(task, candidates=None), task.candidates or (), rows)
+    nominal = ladder.tried((), {})
+    geometry = ladder.tried((GEOMETRY,), nominal.logs)
+    steps = [Step(nominal.name, float(nominal.errors.mean()), kept=True), _step(nominal, geometry)]
     if not steps[-1].kept:  # without geometry there is nothing for an effect to build on
-        return Climbed(replace(task, candidates=None, groups=frozenset()), None, tuple(steps))
+        return Climbed(ladder.task_of(nominal), None, tuple(steps))
     best, waiting = geometry, [effect.group for effect in task.candidates or ()]
     while waiting:
         missed: list[Group] = []
@@ -95,7 +96,9 @@ def climb(task: Task, rows: Mixture, *, outside: bool = False) -> Climbed:
             else:
                 missed.append(group)
         waiting = missed if again else []  # with a term found after it, a term that was left out may show
-    return Climbed(ladder.task_of(best), ladder.weights(best), tuple(steps))
+    if outside:
+        best = ladder.best_at_the_ends([best, geometry, nominal])
+    return Climbed(ladder.task_of(best), ladder.weights(best) if best.groups else None, tuple(steps))
 
 
 def _step(before: _Model, tried: _Model) -> Step:
@@ -122,13 +125,13 @@ class _Ladder:
     registering: Bools
 
     @classmethod
-    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: Mixture, folds: list[Any]) -> Self:
+    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: Mixture) -> Self:
         """Linearised about the fit of geometry alone."""
         found = identify_kept(task, rows)[1].found
         whole = task.with_effects((*task.model.effects, *candidates))
         unknowns = nominal_start(whole, rows)
         registering = whole.registration(unknowns)
-        folded = Folded.of(unknowns, carried(found, unknowns), rows, certain(task), folds, registering)
+        folded = Folded.of(unknowns, carried(found, unknowns), rows, certain(task), random_folds(rows.q), registering)
         groups = np.array(unknowns.groups)[unknowns.free]
         return cls(task, candidates, rows, folded, groups, registering[unknowns.free])
 
@@ -138,8 +141,23 @@ class _Ladder:
         logs, _ = self.folded.system.restricted(kept).tuned(begin)
         return _Model(groups, logs, self.folded.predicted(kept, logs).errors)
 
+    def best_at_the_ends(self, models: list[_Model]) -> _Model:
+        """The first of `models`, unless another predicts the ends of the joint ranges from the rest better."""
+        ends = end_folds(self.rows.q)
+        if not ends:
+            return models[0]
+        outer = self.folded.with_folds(ends)
+        errors = [outer.predicted(self._columns(model.groups), model.logs).errors for model in models]
+        best = 0
+        for place in range(1, len(models)):
+            gain = errors[best] - errors[place]
+            best = place if gain.mean() > WORTH_ENDS * errors[best].mean() else best
+        return models[best]
+
     def task_of(self, model: _Model) -> Task:
-        """The task of a model with geometry at least."""
+        """The task of a model."""
+        if not model.groups:
+            return replace(self.task, groups=frozenset())
         kept = [effect for effect in self.candidates if effect.group in model.groups]
         effects = sorted([*self.task.model.effects, *kept], key=lambda each: EFFECTS.index(each.group))
         return replace(self.task.with_effects(tuple(effects)), groups=None)

@@ -67,13 +67,13 @@ def _model(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _steps(report: dict[str, Any]) -> Iterator[str]:
-    """The models that were tried."""
+    """The models that were tried, each with its error on rows of the fit that it was not made from."""
     for step in report["ladder"]:
-        if step["untried"]:
-            yield f"  {step['model']}: not tried: {step['untried']}"
-        else:
-            gain = f"{step['gain_mm']:+.2g} ± {step['standard_error_mm']:.2g} mm nearer to rows unseen by it"
-            yield f"  {step['model']}: {'kept' if step['kept'] else 'left out'}: {gain}"
+        kept = "kept" if step["kept"] else "left out"
+        gain = (
+            f" ({step['gain_mm']:+.2g} ± {step['standard_error_mm']:.2g} mm less)" if step["standard_error_mm"] else ""
+        )
+        yield f"  {step['model']}: {kept}: {step['error_mm']:.3f} mm in cross-validation{gain}"
 
 
 def _unseen(report: dict[str, Any]) -> Iterator[str]:

@@ -16,12 +16,17 @@ from cellctl.kinematics import Floats, SerialChain
 EXPECTED_MM = 0.1
 """1 σ on each axis before the data scale it; a UR10 leaves 0.03 (full model) … 0.4 mm (geometry alone)."""
 
-LENGTH_RAD = 1.0
+LENGTHS_RAD = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
 """Postures this far apart (root of the summed squares over the joints) share 60 % of it: weight and geometry, whose
-remainders it stands for, change over some tens of degrees.
+remainders it stands for, change over some tens of degrees. Longer where rows are too sparse to tell each other of less.
 """
 
+TOLD = 0.1
+"""Half of the rows leave at most this share of the variance at the others, on average; else the length is too short."""
+
 CENTRES = 64
+MOST = 1000
+ALIKE_RAD = 0.05
 _JITTER = 1e-6
 
 
@@ -36,7 +41,7 @@ class Discrepancy:
     """
 
     centres: Floats
-    length_rad: float = LENGTH_RAD
+    length_rad: float = LENGTHS_RAD[0]
     expected: float = EXPECTED_MM
     _root: Floats = field(init=False, repr=False)
 
@@ -46,14 +51,13 @@ class Discrepancy:
 
     @classmethod
     def over(cls, q: Floats) -> Self:
-        """Expanded at up to `CENTRES` of the postures q (N, n), rad: each the farthest from those before."""
-        nearest = np.linalg.norm(q - q.mean(axis=0), axis=1)
-        chosen = [int(np.argmin(nearest))]
-        distance = np.linalg.norm(q - q[chosen[0]], axis=1)
-        while len(chosen) < CENTRES and distance.max() > 0.05 * LENGTH_RAD:
-            chosen.append(int(np.argmax(distance)))
-            distance = np.minimum(distance, np.linalg.norm(q - q[chosen[-1]], axis=1))
-        return cls(q[chosen])
+        """Expanded at up to `CENTRES` of the postures q (N, n), rad."""
+        some = q[np.random.default_rng(len(q)).permutation(len(q))[:MOST]]
+        half, others = some[::2], some[1::2]
+        for length in LENGTHS_RAD[:-1]:
+            if not len(others) or cls(_spread(half), length).remainder(others).mean() <= TOLD:
+                return cls(_spread(q), length)
+        return cls(_spread(q), LENGTHS_RAD[-1])
 
     @property
     def group(self) -> str:
@@ -89,7 +93,7 @@ class Discrepancy:
         return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, -1))
 
     def remainder(self, q: Floats) -> Floats:
-        """The share (N,) of the prior variance at q (N, n), rad, that the centres do not span: 0 at them, 1 far away."""
+        """The share (N,) of the prior variance at q (N, n), rad, that the centres leave: 0 at them, 1 far away."""
         return np.asarray(np.clip(1.0 - np.sum(self._basis(q) ** 2, axis=1), 0.0, 1.0))
 
     def _basis(self, q: Floats) -> Floats:
@@ -98,3 +102,13 @@ class Discrepancy:
 
     def _kernel(self, q: Floats) -> Floats:
         return np.asarray(np.exp(-0.5 * cdist(q, self.centres, "sqeuclidean") / self.length_rad**2))
+
+
+def _spread(q: Floats) -> Floats:
+    """At most `CENTRES` of the postures q (N, n), each the farthest from those before; no two alike."""
+    chosen = [int(np.argmin(np.linalg.norm(q - q.mean(axis=0), axis=1)))]
+    distance = np.linalg.norm(q - q[chosen[0]], axis=1)
+    while len(chosen) < CENTRES and distance.max() > ALIKE_RAD:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(q - q[chosen[-1]], axis=1))
+    return q[chosen]

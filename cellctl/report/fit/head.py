@@ -104,8 +104,9 @@ def ladder(story: FitStory) -> list[Section]:
     return [
         {
             "model": step.model,
-            "gain": "" if step.untried else with_sigma(step.gain_mm, step.standard_error_mm),
-            "outcome": step.untried or ("kept" if step.kept else "not kept"),
+            "error": f"{step.error_mm:.3f}",
+            "gain": with_sigma(step.gain_mm, step.standard_error_mm) if step.standard_error_mm else "",
+            "outcome": "kept" if step.kept else "not kept",
             "kept": step.kept,
         }
         for step in story.result.ladder

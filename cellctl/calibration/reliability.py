@@ -1,0 +1,163 @@
+"""How far a model's own σ can be relied on, by cross-validation: among the measured joints, and outside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self, final
+
+import numpy as np
+from scipy.stats import binom, chi2
+
+from cellctl.calibration.cross_validation import Folded, Predicted
+from cellctl.calibration.effects import Discrepancy
+from cellctl.calibration.folds import end_folds, random_folds
+from cellctl.calibration.identify import Identification, Weights, certain
+from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.task import Task
+from cellctl.kinematics import Floats
+
+JUDGING = 1000
+"""Rows that σ is judged by, at most; and of each end of a joint's range."""
+OF_EACH_END = 60
+
+UNLIKELY = 0.1
+"""So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
+
+ROWS_AT_LEAST = 20
+MOST_INFLATION = 3.0
+
+OUTSIDE = 0.5
+"""A posture of which the measured ones leave more than this share of the variance is outside."""
+
+STEPS = 24
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where the rows of a fit were, and what it is worth elsewhere.
+
+    spread: a Gaussian process over their postures; the share of its variance that they leave at a posture is how far
+    that is outside. outside_mm: 1 σ on each axis that a prediction may be off by besides, where they leave all of it.
+    """
+
+    spread: Discrepancy
+    outside_mm: float
+
+    def sigma(self, q: Floats) -> Floats:
+        """1 σ (N,) on each axis, mm, at q (N, n), rad, besides the model's own."""
+        return self.outside_mm * np.sqrt(self.spread.remainder(q))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """inside: by how much noise is larger than the evidence has it, so that 95 % of held-out rows of the fit are in
+    their 95 % regions; 1 where they are anyway. region: what to add outside the measured joints.
+    """
+
+    inside: float
+    region: Region
+
+    @classmethod
+    def of(cls, task: Task, found: Identification) -> Self:
+        """By random folds, and by the ends of the joints' ranges, of the rows of the fit."""
+        used = task.rows.pick(list(found.used))
+        spread = Discrepancy.over(used.q)
+        nominal = used.errors(found.nominal.state)
+        most = float(np.sqrt(np.mean(nominal**2) / max(_axes(used), 1)))
+        own = _own_discrepancy(found)
+        if task.prior is not None or len(used) < ROWS_AT_LEAST:
+            return cls(1.0, Region(spread, float(np.hypot(most, own))))
+        rows = used.pick(np.sort(np.random.default_rng(len(used)).permutation(len(used))[:JUDGING]))
+        at_random, at_ends = random_folds(rows.q), end_folds(rows.q)
+        unknowns = found.identified.unknowns
+        registering = task.registration(unknowns)
+        every = [*at_random, *at_ends]
+        folded = Folded.of(unknowns, found.identified.deviations, rows, certain(task), every, registering)
+        logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
+        everything = np.ones(int(unknowns.free.sum()), bool)
+        inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs)
+        inside = _noise_inflation(inner, folded.noise(logs)[inner.rows])
+        if not at_ends:
+            return cls(inside, Region(spread, float(np.hypot(most, own))))
+        outer = replace(folded, folds=folded.folds[len(at_random) :])
+        ends = outer.predicted(everything, logs, OF_EACH_END)
+        share = _left_by_the_others(rows.q, outer, OF_EACH_END)
+        sigma = folded.mm[ends.rows]
+        per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+        added = (inside**2 - 1.0) * folded.noise(logs)[ends.rows] ** 2
+        extra = _outside(ends, share, per_mm, most, added)
+        return cls(inside, Region(spread, float(np.hypot(extra, own))))
+
+
+def mostly_outside(measured: Floats, predicted: Floats) -> bool:
+    """Whether most of the postures `predicted` (M, n), rad, are outside those `measured` (N, n)."""
+    if not len(predicted) or len(measured) < ROWS_AT_LEAST:
+        return False
+    return float(np.median(Discrepancy.over(measured).remainder(predicted))) > OUTSIDE
+
+
+def _axes(rows: Mixture) -> int:
+    """How many axes a row's error has: 3 of a point, 1 of a distance."""
+    return max((sum(name != "rotation" for name in block.quantities) for block in rows.blocks if len(block)), default=1)
+
+
+def _own_discrepancy(found: Identification) -> float:
+    """1 σ, mm, of the model's own discrepancy where nothing was measured; 0 without one."""
+    unknowns = found.identified.unknowns
+    mine = unknowns.among(frozenset({"discrepancy"}))
+    return float(unknowns.sigma[mine].max()) if mine.any() else 0.0
+
+
+def _squares(residual: Floats, covariance: Floats) -> Floats:
+    return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
+
+
+def _noise_inflation(predicted: Predicted, noise: Floats) -> float:
+    """What the noise (N, k), 1 σ, has to be multiplied by for 95 % of the rows to be in their 95 % regions; 1 where
+    hardly fewer are.
+    """
+    known = ~predicted.placed
+    if not known.any():
+        return 1.0
+    residual, covariance, own = predicted.residual[known], predicted.covariance[known], noise[known] ** 2
+    limits = chi2.isf(0.05, np.count_nonzero(own > 0.0, axis=1))
+    added = own[:, :, None] * np.eye(own.shape[1])
+
+    def inside(factor: float) -> int:
+        return int(np.count_nonzero(_squares(residual, covariance + (factor**2 - 1.0) * added) <= limits))
+
+    if binom.cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
+        return 1.0
+    enough = (each for each in np.arange(1.0, MOST_INFLATION, 0.02) if inside(float(each)) >= 0.95 * len(residual))
+    return float(next(enough, MOST_INFLATION))
+
+
+def _left_by_the_others(q: Floats, outer: Folded, most: int) -> Floats:
+    """The share of variance (M,) that the other rows leave at the rows of each fold that are looked at."""
+    shares = []
+    for test, _ in outer.folds:
+        shown = test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]
+        others = np.delete(np.arange(len(q)), test)
+        shares.append(Discrepancy.over(q[others]).remainder(q[shown]))
+    return np.concatenate(shares)
+
+
+def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float, noise: Floats) -> float:
+    """1 σ on each axis, mm, outside: that under which the rows at the ends are most probable, `most` at most; noise
+    (N, k): variance besides.
+    """
+    known = ~ends.placed & (share > 0.0)
+    if not known.any():
+        return most
+    residual = ends.residual[known]
+    covariance = ends.covariance[known] + noise[known, :, None] * np.eye(noise.shape[1])
+    added = (share[known, None] * per_mm[known] ** 2)[:, :, None] * np.eye(residual.shape[1])
+    best, chosen = -np.inf, most
+    for tried in most * np.append(0.0, np.geomspace(0.01, 1.0, STEPS)):
+        whole = covariance + tried**2 * added
+        fit = -0.5 * float(np.sum(_squares(residual, whole) + np.linalg.slogdet(whole)[1]))
+        if fit > best:
+            best, chosen = fit, float(tried)
+    return chosen
