@@ -21,8 +21,10 @@ from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.fit import FitResult, fit
 from cellctl.calibration.identify import Identification, identify
 from cellctl.calibration.ladder import Step
+from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
+from cellctl.calibration.moved import MOVED
 from cellctl.calibration.observability import Hidden, Observability, observability
 from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
@@ -34,6 +36,7 @@ from cellctl.calibration.standoff import LocatedSphere, locate_sphere
 from cellctl.calibration.task import Session, Task
 from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
 from cellctl.calibration.verdict import (
+    Baseline,
     ErrorFigures,
     HeldOut,
     Judgement,
@@ -47,9 +50,11 @@ __all__ = [
     "DEFLECTION",
     "DOWN",
     "EFFECTS",
+    "MOVED",
     "STANDARD_GRAVITY",
     "At",
     "Backlash",
+    "Baseline",
     "Direction",
     "Drift",
     "Effect",
@@ -66,6 +71,7 @@ __all__ = [
     "Judgement",
     "LocatedSphere",
     "Measured",
+    "MeasuredRegion",
     "Mixture",
     "Observability",
     "PoseRows",

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.identify import Identification
+from cellctl.calibration.identify import Identification, registered
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
@@ -26,7 +26,7 @@ from cellctl.kinematics import Bools, Floats
 
 
 def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
-    """`rows` as nominal and identified robot see them. None of them was in the fit `by`."""
+    """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`."""
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
     nominal, identified = _both_settled(task, by, rows, unseen)
@@ -36,16 +36,24 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture) -> HeldOut:
     taken = _taken(identified, noisy, hidden)
     foreseen = [
         foresee(identified, covariance, block, hidden=own, taken=taken, doubted=doubted)
-        for block, own, doubted in zip(noisy.blocks, hidden, _doubted(used, by, rows), strict=True)
+        for block, own, doubted in zip(noisy.blocks, hidden, _doubted(task, used, by, rows), strict=True)
         if len(block)
     ]
+    before = rows.errors(nominal)
     return HeldOut(
-        nominal=rows.errors(nominal),
+        nominal=before if task.nominal is None else nominal_errors(task, used, rows),
         identified=rows.errors(identified),
         variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
         chance=np.concatenate([np.zeros(0), *(each.chance for each in foreseen)]),
         left=np.full(len(rows), _share_left(rows, hidden)),
+        prior=None if task.nominal is None else before,
     )
+
+
+def nominal_errors(task: Task, used: Mixture, rows: Mixture) -> Floats:
+    """Distances (N,), mm, of `rows` from the robot as its file has it, registered on the rows `used`."""
+    nominal = task.of_nominal
+    return held_out_errors(nominal, registered(nominal, used), used, rows)
 
 
 def _noise_of(used: Mixture, by: Identification) -> Floats:
@@ -58,10 +66,14 @@ def _noise_of(used: Mixture, by: Identification) -> Floats:
     return result
 
 
-def _doubted(used: Mixture, by: Identification, rows: Mixture) -> list[Floats]:
+def _doubted(task: Task, used: Mixture, by: Identification, rows: Mixture) -> list[Floats]:
     """1 σ of each row on each axis, mm, by block, for joints that the rows `used` in the fit did not reach: there
     nominal's error on those is what a robot may be off by.
     """
+    if task.region is not None:  # a prior model was measured elsewhere, too, and says what it is worth outside
+        region = task.region.with_angles(used.q)
+        sigma = region.outside_mm / np.sqrt(3.0)
+        return [doubt(region.lower, region.upper, block.q) * sigma for block in rows.blocks]
     lower, upper = used.q.min(axis=0), used.q.max(axis=0)
     rms = float(np.sqrt(np.mean(used.errors(by.nominal.state) ** 2)))
     axes = [1.0 if isinstance(block, TouchRows) else np.sqrt(3.0) for block in rows.blocks]

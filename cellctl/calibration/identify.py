@@ -127,7 +127,7 @@ def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> 
 
     weights: where they are known, as from a fit of more rows.
     """
-    nominal = _registered(task, rows)
+    nominal = registered(task, rows)
     start, *others = _starts(task, nominal, rows)
     if weights is None:
         weighed = _weighed(start, rows, certain(task))
@@ -183,7 +183,7 @@ def readmitted(task: Task, rows: Mixture, kept: Bools) -> Bools:
     return kept
 
 
-def _registered(task: Task, rows: Mixture) -> Estimate:
+def registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
     unknowns = task.unknowns(task.start(rows))
     unknowns = unknowns.masked(task.registration(unknowns))
@@ -247,7 +247,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
 
 def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
     """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
-    nominal, share = _registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
+    nominal, share = registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
     before: Any = None
     for _ in range(ROUNDS):
         closest = np.sort(np.argsort(rows.errors(nominal.state), kind="stable")[:share])

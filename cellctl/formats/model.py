@@ -154,7 +154,8 @@ class ModelFile(BaseModel):
     ) -> Self:
         """The model that a fit identified from `measured` rows; the robot's hash is added to `provenance`.
 
-        prior: the older model that it went on from; the joints that this one saw count as seen.
+        prior: the model that it was updated from; its measured region grows only by rows that determined the
+        robot's own parameters.
         """
         import numpy as np
 
@@ -173,7 +174,9 @@ class ModelFile(BaseModel):
             centres=_centres(measured.task.points, state.points, sigma[state.of_points].reshape(-1, 3)),
             datums=_datums(measured.task.datums, state.datums, sigma[state.datums_at :]),
             sessions=_sessions(measured, result.identification),
-            joint_region=JointRegion.of(used, prior.joint_region if prior else None),
+            joint_region=prior.joint_region
+            if prior and not result.informed
+            else JointRegion.of(used, prior and prior.joint_region),
             outside_mm=prior.outside_mm if prior else _in_space(measured, result.nominal.rms),
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},

@@ -1,4 +1,4 @@
-"""An older model gone on from: an update, or partial work with only named groups free."""
+"""A prior model that new rows update, or of which named groups alone are free."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.formats.model import ModelFile
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import RobotModel
+    from cellctl.calibration import MeasuredRegion, RobotModel
     from cellctl.kinematics import Floats
 
 GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
@@ -40,8 +40,24 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
     model, covariance = _in_session(prior, measured, groups, file)
     if groups and "tool" in groups and measured.robot.tool != prior.robot.tool:
         model = model.on(model.chain.base_now, measured.robot.chain().tool)
-    task = replace(measured.task, model=model, prior=covariance, groups=groups, candidates=None)
+    task = replace(
+        measured.task,
+        model=model,
+        prior=covariance,
+        groups=groups,
+        candidates=None,
+        nominal=measured.task.model,
+        region=_region(prior),
+    )
     return replace(measured, task=task)
+
+
+def _region(prior: ModelFile) -> MeasuredRegion:
+    """Where the prior model was measured, in model angles."""
+    from cellctl.calibration import MeasuredRegion
+
+    region = prior.joint_region
+    return MeasuredRegion.of(prior.robot.joint_map().model([region.min, region.max]), prior.outside_mm)
 
 
 def only(measured: Measurements, free: Collection[str]) -> Measurements:
