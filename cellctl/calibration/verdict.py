@@ -135,9 +135,8 @@ def judge(
         return over_prior if over_prior.verdict == "worse" else over_nominal
     if beat_prior and over_prior.verdict != "better":
         return over_prior
-    if over_nominal.verdict == "better" and beat_prior:
-        return replace(over_nominal, against="both")
-    return over_nominal
+    both = over_nominal.verdict == over_prior.verdict == "better"
+    return replace(over_nominal, against="both") if both else over_nominal
 
 
 def compare(rows: HeldOut, baseline: Floats, doubts: Sequence[str] = (), misgivings: Sequence[str] = ()) -> Judgement:

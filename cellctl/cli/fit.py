@@ -39,7 +39,7 @@ def fit(
     own: Annotated[str, typer.Option(help="What each session has to itself: base, tool, base,tool or none.")] = "base",
     prior: Annotated[
         Path | None,
-        typer.Option(help="A model of this robot to update. Alone it does for an instrument that was moved, too."),
+        typer.Option(help="A model of this robot to update; enough where the instrument was moved."),
     ] = None,
     free: Annotated[
         str | None,

@@ -88,7 +88,7 @@ def test_the_model_predicts_the_held_out_points(folder, result):
 
 @pytest.fixture(scope="module")
 def moved(folder):
-    """`near.csv` and `far.csv`: 40 rows each with the tracker moved, at joints where `prior.json` was measured, and not."""
+    """40 rows each, the tracker moved: `near.csv` at joints where `prior.json` was measured, `far.csv` elsewhere."""
     rows = list(csv.DictReader((folder / "ur10.csv").open()))
     order = np.random.default_rng(0).permutation(len(rows))
     angles = np.degrees([float(row["q1"]) for row in rows])
