@@ -11,6 +11,7 @@ from cellctl.calibration.effects import (
     STANDARD_GRAVITY,
     Backlash,
     Direction,
+    Discrepancy,
     Effect,
     Growth,
     Harmonics,
@@ -21,8 +22,10 @@ from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.fit import FitResult, fit
 from cellctl.calibration.identify import Identification, identify
 from cellctl.calibration.ladder import Step
+from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
+from cellctl.calibration.moved import MOVED
 from cellctl.calibration.observability import Hidden, Observability, observability
 from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
@@ -34,6 +37,7 @@ from cellctl.calibration.standoff import LocatedSphere, locate_sphere
 from cellctl.calibration.task import Session, Task
 from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
 from cellctl.calibration.verdict import (
+    Baseline,
     ErrorFigures,
     HeldOut,
     Judgement,
@@ -47,10 +51,13 @@ __all__ = [
     "DEFLECTION",
     "DOWN",
     "EFFECTS",
+    "MOVED",
     "STANDARD_GRAVITY",
     "At",
     "Backlash",
+    "Baseline",
     "Direction",
+    "Discrepancy",
     "Drift",
     "Effect",
     "ErrorFigures",
@@ -66,6 +73,7 @@ __all__ = [
     "Judgement",
     "LocatedSphere",
     "Measured",
+    "MeasuredRegion",
     "Mixture",
     "Observability",
     "PoseRows",

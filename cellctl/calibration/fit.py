@@ -11,18 +11,20 @@ from cellctl.calibration.cause import Rowed
 from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start
-from cellctl.calibration.heldout import held_out_rows
+from cellctl.calibration.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.identify import Identification, certain, identify, noisier, rows_together
 from cellctl.calibration.ladder import Step, climb
+from cellctl.calibration.measured_region import MeasuredRegion, informed
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model_error import FUNCTIONS
+from cellctl.calibration.moved import Placing, placing
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.proof import doubts, misgivings
-from cellctl.calibration.reliability import Region, Reliability, mostly_outside
+from cellctl.calibration.reliability import Reliability, mostly_outside
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
-from cellctl.calibration.verdict import ErrorFigures, HeldOut, Verdict, judge
+from cellctl.calibration.verdict import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.kinematics import Floats
 
 
@@ -33,10 +35,14 @@ class FitResult:
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
-    predicted_volumetric_rms: 1 σ of the model, 3-D, over the joint region of the fit, apart from what moves all of it
+    predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, apart from what moves all of it
     as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
     foresees, unforeseen_mm: how far off, foreseen_mm: 1 σ (3-D) of each of them as foreseen; they are in the figures.
     ladder: the models tried, where it was left open.
+
+    prior: a prior model, registered, on the rows of `nominal`; None without one. against: what decided the verdict.
+    placing: how far the prior model was off before it was registered. informed: whether the rows determined the robot's
+    own parameters: a prior model's measured region grows by these rows only then.
     """
 
     identification: Identification
@@ -57,9 +63,14 @@ class FitResult:
     foreseen_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
+    region: MeasuredRegion
     ladder: tuple[Step, ...] = ()
-    region: Region | None = None
     inflation: float = 1.0
+    prior: ErrorFigures | None = None
+    prior_errors: Floats | None = None
+    against: Baseline = "nominal"
+    placing: Placing | None = None
+    informed: bool = True
 
     @property
     def n_parameters(self) -> int:
@@ -79,6 +90,9 @@ class FitResult:
             "unobservable": list(self.observability.unseen),
             "unseen": [hidden.summary() for hidden in self.observability.hidden],
             "nominal": asdict(self.nominal),
+            "prior": asdict(self.prior) if self.prior else None,
+            "prior_as_is_rms": self.placing.as_is_mm if self.placing else None,
+            "informed": self.informed,
             "fit": asdict(self.fit),
             "test": asdict(self.test) if self.n_test else dict.fromkeys(asdict(self.test)),
             "predicted_test_rms": self.predicted_test_rms if self.n_test else None,
@@ -86,6 +100,7 @@ class FitResult:
             "predicted_volumetric_rms": self.predicted_volumetric_rms,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
+            "compared_with": self.against,
             "converged": found.converged,
             "ended": found.ended,
             "ladder": [asdict(step) for step in self.ladder],
@@ -138,29 +153,50 @@ def fit(task: Task, split: Split) -> FitResult:
         (whole if one is split.fit else _Fitted.of(given, one, test)).held_out(test) for one, test in split.judged
     )
     own = task.rows.pick(list(final_one.used))
-    before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
-    judgement = judge(held_out, doubts(task, split, final_one), misgivings(task, final_one))
+    nominal, prior = _baselines(task, final_one, held_out, own)
+    place = placing(task, final_one.nominal.state, own)
+    judgement = judge(
+        held_out,
+        doubts(task, split, final_one),
+        misgivings(task, final_one),
+        beat_prior=not (task.registers_only or (not task.partial and place is not None and place.moved)),
+    )
+    own_parameters = informed(final_one.identified)
+    region = whole.reliability.region if task.region is None or own_parameters else task.region
     return FitResult(
         identification=final_one,
         observability=_observability(task, final_one, own),
         model=_model_name(final_one),
         n_fit=len(own),
         n_test=int(held_out.identified.size),
-        nominal=ErrorFigures.of(before),
+        nominal=ErrorFigures.of(nominal),
         fit=ErrorFigures.of(own.errors(final_one.identified.state)),
         test=ErrorFigures.of(held_out.identified),
         predicted_test_rms=held_out.foreseen_rms,
         coverage_95=float(held_out.inside.mean()) if held_out.inside.size else 0.0,
-        predicted_volumetric_rms=_over_region(final_one.identified, own.q),
+        predicted_volumetric_rms=_over_region(final_one.identified, region),
         verdict=judgement.verdict,
         verdict_reason=judgement.reason,
         **_unforeseen(split, held_out),
-        nominal_errors=before,
+        nominal_errors=nominal,
         test_errors=held_out.identified,
         ladder=whole.ladder,
-        region=whole.reliability.region,
+        region=region,
         inflation=whole.reliability.inside,
+        prior=None if prior is None else ErrorFigures.of(prior),
+        prior_errors=prior,
+        against=judgement.against,
+        placing=place,
+        informed=own_parameters,
     )
+
+
+def _baselines(task: Task, found: Identification, held_out: HeldOut, own: Mixture) -> tuple[Floats, Floats | None]:
+    """Errors, mm, of nominal and of a prior model on the held-out rows; where there are none, on those of the fit."""
+    if held_out.nominal.size:
+        return held_out.nominal, held_out.prior
+    before = own.errors(found.nominal.state)
+    return (before, None) if task.nominal is None else (nominal_errors(task, own, own), before)
 
 
 def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
@@ -187,10 +223,10 @@ def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:
     return {"unforeseen": rows, "unforeseen_mm": errors, "foreseen_mm": foreseen}
 
 
-def _over_region(found: Estimate, q: Floats) -> float:
+def _over_region(found: Estimate, region: MeasuredRegion) -> float:
     robot = found.unknowns.robot
     model, covariance = found.state.model, found.covariance[:robot, :robot]
-    return sigma_over_region(model, covariance, q.min(axis=0), q.max(axis=0))
+    return sigma_over_region(model, covariance, region.lower, region.upper)
 
 
 def _model_name(found: Identification) -> str:

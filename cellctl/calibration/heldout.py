@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.identify import Identification
+from cellctl.calibration.identify import Identification, registered
+from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
-from cellctl.calibration.reliability import Region
 from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State, Unknowns
@@ -25,8 +25,10 @@ from cellctl.calibration.verdict import HeldOut
 from cellctl.kinematics import Bools, Floats
 
 
-def held_out_rows(task: Task, by: Identification, rows: Mixture, region: Region) -> HeldOut:
-    """`rows` as nominal and identified robot see them. None of them was in the fit `by`, whose rows are in `region`."""
+def held_out_rows(task: Task, by: Identification, rows: Mixture, region: MeasuredRegion) -> HeldOut:
+    """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`, whose rows
+    are in `region`.
+    """
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
     nominal, identified = _both_settled(task, by, rows, unseen)
@@ -35,17 +37,25 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture, region: Region)
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
     foreseen = [
-        foresee(identified, covariance, block, hidden=own, taken=taken, doubted=region.sigma(block.q))
+        foresee(identified, covariance, block, hidden=own, taken=taken, doubted=region.sigma(block.q) / np.sqrt(3.0))
         for block, own in zip(noisy.blocks, hidden, strict=True)
         if len(block)
     ]
+    before = rows.errors(nominal)
     return HeldOut(
-        nominal=rows.errors(nominal),
+        nominal=before if task.nominal is None else nominal_errors(task, used, rows),
         identified=rows.errors(identified),
         variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
         chance=np.concatenate([np.zeros(0), *(each.chance for each in foreseen)]),
         left=np.full(len(rows), _share_left(rows, hidden)),
+        prior=None if task.nominal is None else before,
     )
+
+
+def nominal_errors(task: Task, used: Mixture, rows: Mixture) -> Floats:
+    """Distances (N,), mm, of `rows` from the robot as its file has it, registered on the rows `used`."""
+    nominal = task.of_nominal
+    return held_out_errors(nominal, registered(nominal, used), used, rows)
 
 
 def _noise_of(used: Mixture, by: Identification) -> Floats:
@@ -56,6 +66,11 @@ def _noise_of(used: Mixture, by: Identification) -> Floats:
         if not len(block) and alike:
             result[own] = np.max(alike, axis=0)
     return result
+
+
+def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -> Floats:
+    """Distances (N,), mm, of held-out `rows` from what was `found` from the rows `used`."""
+    return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
 
 
 def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:

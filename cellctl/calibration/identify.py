@@ -190,7 +190,7 @@ def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> 
 
     weights: where they are known, as from a fit of more rows.
     """
-    nominal = _registered(task, rows)
+    nominal = registered(task, rows)
     start, *others = _starts(task, nominal, rows)
     if weights is None:
         weighed = _weighed(start, rows, certain(task))
@@ -231,7 +231,7 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
     return kept
 
 
-def _registered(task: Task, rows: Mixture) -> Estimate:
+def registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
     plain = task if task.prior is not None else without_functions(task)
     unknowns = plain.unknowns(plain.start(rows))
@@ -250,7 +250,7 @@ def _with_effects(state: State, task: Task) -> State:
 
 def nominal_start(task: Task, rows: Mixture) -> Unknowns:
     """What `task` identifies, expected where nominal is registered on `rows`."""
-    return _starts(task, _registered(task, rows), rows)[0]
+    return _starts(task, registered(task, rows), rows)[0]
 
 
 def _starts(task: Task, nominal: Estimate, rows: Mixture) -> list[Unknowns]:
@@ -309,7 +309,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
 
 def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
     """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
-    nominal, share = _registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
+    nominal, share = registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
     before: Any = None
     for _ in range(ROUNDS):
         closest = np.sort(np.argsort(rows.errors(nominal.state), kind="stable")[:share])

@@ -12,6 +12,7 @@ from cellctl.calibration.cross_validation import Folded, Predicted
 from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.folds import end_folds, random_folds
 from cellctl.calibration.identify import Identification, Weights, certain
+from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
@@ -34,61 +35,47 @@ STEPS = 24
 
 @final
 @dataclass(frozen=True, eq=False)
-class Region:
-    """Where the rows of a fit were, and what it is worth elsewhere.
-
-    spread: a Gaussian process over their postures; the share of its variance that they leave at a posture is how far
-    that is outside. outside_mm: 1 σ on each axis that a prediction may be off by besides, where they leave all of it.
-    """
-
-    spread: Discrepancy
-    outside_mm: float
-
-    def sigma(self, q: Floats) -> Floats:
-        """1 σ (N,) on each axis, mm, at q (N, n), rad, besides the model's own."""
-        return self.outside_mm * np.sqrt(self.spread.remainder(q))
-
-
-@final
-@dataclass(frozen=True, eq=False)
 class Reliability:
     """inside: by how much noise is larger than the evidence has it, so that 95 % of held-out rows of the fit are in
     their 95 % regions; 1 where they are anyway. region: what to add outside the measured joints.
     """
 
     inside: float
-    region: Region
+    region: MeasuredRegion
 
     @classmethod
     def of(cls, task: Task, found: Identification) -> Self:
         """By random folds, and by the ends of the joints' ranges, of the rows of the fit."""
         used = task.rows.pick(list(found.used))
-        spread = Discrepancy.over(used.q)
-        nominal = used.errors(found.nominal.state)
-        most = float(np.sqrt(np.mean(nominal**2) / max(_axes(used), 1)))
-        own = _own_discrepancy(found)
-        if task.prior is not None or len(used) < ROWS_AT_LEAST:
-            return cls(1.0, Region(spread, float(np.hypot(most, own))))
-        rows = used.pick(np.sort(np.random.default_rng(len(used)).permutation(len(used))[:JUDGING]))
-        at_random, at_ends = random_folds(rows.q), end_folds(rows.q)
-        unknowns = found.identified.unknowns
-        registering = task.registration(unknowns)
-        every = [*at_random, *at_ends]
-        folded = Folded.of(unknowns, found.identified.deviations, rows, certain(task), every, registering)
-        logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
-        everything = np.ones(int(unknowns.free.sum()), bool)
-        inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs)
-        inside = _noise_inflation(inner, folded.noise(logs)[inner.rows])
-        if not at_ends:
-            return cls(inside, Region(spread, float(np.hypot(most, own))))
-        outer = replace(folded, folds=folded.folds[len(at_random) :])
-        ends = outer.predicted(everything, logs, OF_EACH_END)
-        share = _left_by_the_others(rows.q, outer, OF_EACH_END)
-        sigma = folded.mm[ends.rows]
-        per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
-        added = (inside**2 - 1.0) * folded.noise(logs)[ends.rows] ** 2
-        extra = _outside(ends, share, per_mm, most, added)
-        return cls(inside, Region(spread, float(np.hypot(extra, own))))
+        if task.region is not None:  # what a prior model is worth outside, it says itself
+            return cls(1.0, task.region.with_angles(used.q))
+        most = float(np.sqrt(np.mean(used.errors(found.nominal.state) ** 2) / _axes(used)))
+        inside, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
+        in_space = float(np.sqrt(3.0) * np.hypot(outside, _own_discrepancy(found)))
+        return cls(inside, MeasuredRegion.of(used.q, in_space))
+
+
+def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tuple[float, float]:
+    """What noise has to be multiplied by inside; 1 σ on each axis outside, mm, at most `most`."""
+    rows = used.pick(np.sort(np.random.default_rng(len(used)).permutation(len(used))[:JUDGING]))
+    at_random, at_ends = random_folds(rows.q), end_folds(rows.q)
+    unknowns = found.identified.unknowns
+    registering = task.registration(unknowns)
+    every = [*at_random, *at_ends]
+    folded = Folded.of(unknowns, found.identified.deviations, rows, certain(task), every, registering)
+    logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
+    everything = np.ones(int(unknowns.free.sum()), bool)
+    inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs)
+    inside = _noise_inflation(inner, folded.noise(logs)[inner.rows])
+    if not at_ends:
+        return inside, most
+    outer = replace(folded, folds=folded.folds[len(at_random) :])
+    ends = outer.predicted(everything, logs, OF_EACH_END)
+    share = _left_by_the_others(rows.q, outer, OF_EACH_END)
+    sigma = folded.mm[ends.rows]
+    per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+    added = (inside**2 - 1.0) * folded.noise(logs)[ends.rows] ** 2
+    return inside, _outside(ends, share, per_mm, most, added)
 
 
 def mostly_outside(measured: Floats, predicted: Floats) -> bool:

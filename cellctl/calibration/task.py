@@ -10,6 +10,7 @@ import numpy as np
 
 from cellctl.calibration.datums import with_datums
 from cellctl.calibration.effects import Effect
+from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.registration import fixed_points, on_instrument
@@ -46,6 +47,9 @@ class Task:
     alone are free, with nothing known of them (a crash, a new motor, a new tool), and the rest is held, as uncertain as
     it was.
 
+    nominal: the robot as its file has it, where `model` is a prior model: what the identified robot has to be better
+    than; None: `model` itself. region: where the prior model was measured; None: unknown.
+
     candidates: effects that the model may be widened by, in this order, as far as the rows pay for it (`ladder`); None:
     the model is as it is.
     """
@@ -61,6 +65,8 @@ class Task:
     prior: Floats | None = None
     candidates: tuple[Effect, ...] | None = None
     datums: tuple[str, ...] = ()
+    nominal: RobotModel | None = None
+    region: MeasuredRegion | None = None
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
@@ -87,14 +93,22 @@ class Task:
 
     @property
     def registered(self) -> frozenset[Group]:
-        """Which of base and tool *nominal* is tied to an instrument by, with nothing known beforehand.
+        """Which of base and tool `model` is tied to an instrument by, with nothing known beforehand.
 
-        In partial work nominal is the older model as it is; but where the robot has been set up anew, and something is
-        to be found besides, there is nothing to compare without its base.
+        In partial work those that are free: a prior model is registered as the identified robot is.
         """
-        if not self.partial:
-            return PLACED
-        return frozenset({"base"}) if "base" in self.freed and len(self.freed) > 1 else frozenset()
+        return PLACED & self.freed if self.partial else PLACED
+
+    @property
+    def of_nominal(self) -> Self:
+        """The same rows for the robot as its file has it, of which nothing else is known."""
+        return replace(self, model=self.nominal or self.model, groups=None, prior=None, nominal=None, region=None)
+
+    @property
+    def registers_only(self) -> bool:
+        """Whether nothing is free but what registers the robot to the measurement."""
+        unknowns = self.unknowns(self._somewhere())
+        return not bool((self.identification(unknowns) & ~self.registration(unknowns)).any())
 
     @property
     def rows_at_least(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Self, TypeAlias, final
 
 import numpy as np
@@ -12,6 +12,7 @@ from cellctl.calibration.outliers import OUTLYING
 from cellctl.kinematics import Bools, Floats
 
 Verdict: TypeAlias = Literal["better", "no better", "worse"]
+Baseline: TypeAlias = Literal["nominal", "prior", "both"]
 
 UNLIKELY = 0.01
 """So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
@@ -24,6 +25,11 @@ NOTHING_MM = 1e-6
 
 WORTH = 0.01
 """A gain of less than this share of the mean distance changes nothing for anybody."""
+
+SLIGHT = 0.1
+"""A loss of less than this share of a prior model's mean distance is what parameters cost that did not have to be
+free, on the rows of a few folds; the model made from all rows loses less.
+"""
 
 CLEAR = 4.0
 """Errors that fell by this factor are better whatever the model thought of them."""
@@ -56,6 +62,7 @@ class HeldOut:
     """Rows that a model never saw: distances from the nominal and from the identified robot (N,), mm; variance (N,) of
     the latter as foreseen, mm²; chance (N,) of one as improbable as that found, or more so, by what was foreseen; left
     (N,): the share of each row that is left where something was fitted to these very rows first (None: all of it).
+    prior: distances from a prior model that was updated, registered; None where there was none.
     """
 
     nominal: Floats
@@ -63,6 +70,7 @@ class HeldOut:
     variance: Floats
     chance: Floats
     left: Floats | None = None
+    prior: Floats | None = None
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
@@ -74,6 +82,7 @@ class HeldOut:
             variance=_joined(part.variance for part in each),
             chance=_joined(part.chance for part in each),
             left=_joined(np.ones(part.nominal.size) if part.left is None else part.left for part in each),
+            prior=_joined(priors) if (priors := [part.prior for part in each if part.prior is not None]) else None,
         )
 
     @property
@@ -100,30 +109,54 @@ class HeldOut:
 @final
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict, and why, in words that follow a colon or a semicolon."""
+    """A verdict, and why, in words that follow a colon or a semicolon. against: the baseline that decided it."""
 
     verdict: Verdict
     reason: str
+    against: Baseline = "nominal"
 
 
-def judge(rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] = ()) -> Judgement:
-    """Whether the identified robot is better than nominal, by `rows`; `doubts`: why no row could show that it is;
-    `misgivings`: why only a gain that dwarfs what is left could.
+def judge(
+    rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] = (), *, beat_prior: bool = True
+) -> Judgement:
+    """Whether the identified robot is better than nominal, by `rows`, and stands beside a prior model: `better` than
+    that, too (beat_prior: more than registration was free), or not `worse` in the same paired test, but for a `SLIGHT`
+    loss.
+
+    The first of these that fails is the verdict. doubts, misgivings: as of `compare`.
+    """
+    over_nominal = compare(rows, rows.nominal, doubts, misgivings)
+    if rows.prior is None:
+        return over_nominal
+    over_prior = replace(compare(rows, rows.prior, doubts, misgivings), against="prior")
+    if over_prior.verdict == "worse" and rows.identified.mean() - rows.prior.mean() < SLIGHT * rows.prior.mean():
+        over_prior = Judgement("no better", "; ".join(doubts) or "it is no gain, and the loss is slight", "prior")
+    if "worse" in (over_prior.verdict, over_nominal.verdict):
+        return over_prior if over_prior.verdict == "worse" else over_nominal
+    if beat_prior and over_prior.verdict != "better":
+        return over_prior
+    both = over_nominal.verdict == over_prior.verdict == "better"
+    return replace(over_nominal, against="both") if both else over_nominal
+
+
+def compare(rows: HeldOut, baseline: Floats, doubts: Sequence[str] = (), misgivings: Sequence[str] = ()) -> Judgement:
+    """Whether the identified robot is better than one with the errors `baseline` (N,), mm, by `rows`; `doubts`: why no
+    row could show that it is; `misgivings`: why only a gain that dwarfs what is left could.
 
     `better` takes a gain beyond its own scatter (`paired_verdict`), a smaller root mean square, and errors that the
     model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
     well, and there nobody looks; only a gain that dwarfs what is left (`CLEAR`) can do without.
     """
-    verdict = paired_verdict(rows.nominal, rows.identified, count=rows.count)
+    verdict = paired_verdict(baseline, rows.identified, count=rows.count)
     if verdict == "worse":
         return Judgement(verdict, "the loss is beyond its own scatter")
     if doubts:
         return Judgement("no better", "; ".join(doubts))
     if verdict == "no better":
         return Judgement(verdict, "the difference is within its own scatter")
-    if rows.nominal.mean() - rows.identified.mean() < WORTH * rows.nominal.mean():
+    if baseline.mean() - rows.identified.mean() < WORTH * baseline.mean():
         return Judgement("no better", "the gain is sure, and too small to matter")
-    before, after = ErrorFigures.of(rows.nominal).rms, ErrorFigures.of(rows.identified).rms
+    before, after = ErrorFigures.of(baseline).rms, ErrorFigures.of(rows.identified).rms
     if after >= before:
         return Judgement("no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})")
     clear = before >= CLEAR * after
@@ -174,12 +207,16 @@ def verdict_sentence(
     rows: int,
     kind: str,
     reason: str = "the difference is within its own scatter",
+    prior: ErrorFigures | None = None,
+    against: Baseline = "nominal",
 ) -> str:
     """One sentence for a person: how good before, how good now, on how many held-out rows of what `kind`, and, where
-    it is no better, the `reason`.
+    it is no better, the `reason`. prior: figures of a prior model; against: what decided the verdict.
     """
-    figures = f"{nominal.mean:.3f} → {test.mean:.3f} mm mean ({nominal.max:.3f} → {test.max:.3f} max)"
     where = f"on {rows} held-out {kind}"
+    if prior is not None:
+        return _beside_prior(verdict, (nominal, prior, test), where, reason, against)
+    figures = f"{nominal.mean:.3f} → {test.mean:.3f} mm mean ({nominal.max:.3f} → {test.max:.3f} max)"
     match verdict:
         case "better":
             return f"Better: {figures} {where}."
@@ -187,3 +224,24 @@ def verdict_sentence(
             return f"Worse than nominal: {figures} {where}; do not use this model."
         case _:
             return f"No better than nominal: {figures} {where}; {reason}."
+
+
+def _beside_prior(
+    verdict: Verdict, three: tuple[ErrorFigures, ErrorFigures, ErrorFigures], where: str, reason: str, against: Baseline
+) -> str:
+    """The sentence where there is a prior model; three: figures of nominal, prior model, identified."""
+    names = zip(("nominal", "prior model", "identified"), three, strict=True)
+    means, greatest = (
+        ", ".join(f"{name} {each.mean:.3f}" for name, each in names),
+        (f"{each.max:.3f}" for each in three),
+    )
+    figures = f"{means} mm mean ({', '.join(greatest)} max) {where}"
+    than = {"nominal": "nominal", "prior": "the prior model", "both": "nominal and the prior model"}[against]
+    match verdict:
+        case "better":
+            beside = ", no worse than the prior model" if against == "nominal" else ""
+            return f"Better than {than}{beside}: {figures}."
+        case "worse":
+            return f"Worse than {than}: {figures}; do not use this model."
+        case _:
+            return f"No better than {than}: {figures}; {reason}."

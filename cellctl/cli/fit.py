@@ -37,7 +37,10 @@ def fit(
         list[str] | None, typer.Option(help="A known distance, mm and 1 σ: A,B=50±0.01 (again for more).")
     ] = None,
     own: Annotated[str, typer.Option(help="What each session has to itself: base, tool, base,tool or none.")] = "base",
-    prior: Annotated[Path | None, typer.Option(help="An older model of this robot to go on from.")] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(help="A model of this robot to update; enough where the instrument was moved."),
+    ] = None,
     free: Annotated[
         str | None,
         typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points,datums or effects."),
@@ -56,10 +59,12 @@ def fit(
 ) -> None:
     """Identify a robot from measurements and say how good it was and is, on held-out rows.
 
-    Ends with 0 where the identified robot is better than nominal (or than the older model), 1 where it is not, 2 where
-    the input is wrong.
+    Ends with 0 where the identified robot is better than nominal (and holds against the prior model), 1 where it is
+    not, 2 where the input is wrong.
 
     Example: cellctl fit procedures/robots/ur10.yaml ur10.csv --column set --out model.json
+
+    Same robot, instrument moved: cellctl fit robot.yaml ten.csv --prior model.json --out moved.json
 
     After a crash: cellctl fit robot.yaml ten.csv --prior model.json --free zeros --out model2.json
     """
@@ -97,7 +102,7 @@ def fit(
     with unwritten.noted():
         write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
     if json_ != "-":
-        say(report, prior=prior is not None)
+        say(report)
     name_rows(report)
     unwritten.refuse()
     if report["verdict"] != "better":

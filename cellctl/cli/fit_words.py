@@ -10,19 +10,20 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
+_COMPARED = {"nominal": "nominal", "prior": "prior model", "test": "identified"}
 _SHOWN = 20
 _WIDTH = 80
 _CAUSES = 5
 _LETTERS = 160
 
 
-def say(report: dict[str, Any], *, prior: bool) -> None:
+def say(report: dict[str, Any]) -> None:
     """The figures as a table, what cannot be seen, mastering offsets, and the verdict as the last line."""
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but cut no figure
-    _figures(console, report, "older model" if prior else "nominal")
+    _figures(console, report)
     for words in (*_model(report), *_steps(report), *_unseen(report), *_far(report), *_mastering(report)):
         console.print(words, markup=False)
     console.print(report["sentence"], markup=False)
@@ -38,18 +39,19 @@ def name_rows(report: dict[str, Any]) -> None:
         typer.echo(f"… and {len(named) - _SHOWN} more such rows (--json names them all)", err=True)
 
 
-def _figures(console: Console, report: dict[str, Any], before: str) -> None:
+def _figures(console: Console, report: dict[str, Any]) -> None:
     from rich.table import Table
 
     table = Table("distances, mm", box=None, pad_edge=False)
     for column in ("mean", "RMS", "max"):
         table.add_column(column, justify="right")
-    for name, key in ((f"held out, {before}", "nominal"), ("held out, identified", "test"), ("rows of the fit", "fit")):
-        dashes = key != "fit" and not report["n_test"]  # no row stands behind them
-        table.add_row(name, *(["–"] * 3 if dashes else _cells(report[key])))
+    compared = {key: name for key, name in _COMPARED.items() if report[key]}
+    for key, name in compared.items():  # without held-out rows no row stands behind them
+        table.add_row(f"held out, {name}", *(_cells(report[key]) if report["n_test"] else ["–"] * 3))
+    table.add_row("rows of the fit", *_cells(report["fit"]))
     for label, figures in report["by"].items():
-        table.add_row(f"  {label}, {before}", *_cells(figures["nominal"]))
-        table.add_row(f"  {label}, identified", *_cells(figures["test"]))
+        for key, name in compared.items():
+            table.add_row(f"  {label}, {name}", *_cells(figures[key]))
     console.print(table)
 
 
@@ -61,7 +63,13 @@ def _model(report: dict[str, Any]) -> Iterator[str]:
     seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are seen"
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
     sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
-    yield f"Foreseen over the joints of the fit: {sure}."
+    yield (
+        f"Predicted over the measured region: {sure}."
+        if report["prior"]
+        else f"Foreseen over the joints of the fit: {sure}."
+    )
+    if report["prior"] and not report["informed"]:
+        yield "The measured region is still that of the prior model: these rows determined places, not the robot."
     if not report["converged"]:
         yield f"Not converged: {report['ended']}."
 

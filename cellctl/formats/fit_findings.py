@@ -40,8 +40,11 @@ def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, An
     of_rows, found = np.array(labels), {}
     for label in dict.fromkeys(labels):
         mine = of_rows == label
-        nominal, test = (ErrorFigures.of(errors[mine]) for errors in (result.nominal_errors, result.test_errors))
-        found[label] = {"rows": int(mine.sum()), "nominal": asdict(nominal), "test": asdict(test)}
+        columns = {"nominal": result.nominal_errors, "prior": result.prior_errors, "test": result.test_errors}
+        figures = {
+            name: None if errors is None else asdict(ErrorFigures.of(errors[mine])) for name, errors in columns.items()
+        }
+        found[label] = {"rows": int(mine.sum()), **figures}
     return found
 
 

@@ -47,15 +47,27 @@ def sentence(measured: Measurements, result: FitResult) -> str:
     if not result.n_test:
         said = f"Not proved: no {kind} were held out ({result.fit.mean:.3f} mm mean on those of the fit)."
     else:
-        said = verdict_sentence(result.verdict, result.nominal, result.test, result.n_test, kind, reason)
-    if measured.task.prior is not None:
-        said = said.replace("nominal", "the older model")
+        said = verdict_sentence(
+            result.verdict,
+            result.nominal,
+            result.test,
+            result.n_test,
+            kind,
+            reason,
+            prior=result.prior,
+            against=result.against,
+        )
     return f"{said.removesuffix('.')}; {'; '.join(_besides(measured, result))}."
 
 
 def _besides(measured: Measurements, result: FitResult) -> list[str]:
     kind, noise = measured.noun, float(result.identification.noise.max())
-    clauses = [f"1 σ over the joints of the fit {result.predicted_volumetric_rms:.3f} mm"]
+    over = "the joints of the fit" if measured.task.region is None else "the measured region"
+    clauses = [f"1 σ over {over} {result.predicted_volumetric_rms:.3f} mm"]
+    if result.placing and result.placing.moved:
+        clauses.append(f"instrument, robot or tool moved since the prior model ({result.placing.as_is_mm:.3f} mm RMS)")
+    if _base_held_elsewhere(measured, result):
+        clauses.append("the prior model does not fit where it was: if the instrument was moved, leave --free out")
     if noise >= NOISY:
         clauses.append(
             f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
@@ -71,11 +83,20 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
     return clauses
 
 
+def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
+    """Whether the base was held in partial work that failed, although registering nominal leaves far less."""
+    from cellctl.calibration import MOVED
+
+    task, place = measured.task, result.placing
+    held = task.partial and "base" not in task.freed and result.verdict != "better"
+    return held and place is not None and place.as_is_mm >= MOVED * result.nominal.rms
+
+
 def _changed(loosened: Mapping[str, float]) -> str:
-    """What an update found of a robot that has changed since its older model."""
+    """What an update found of a robot that has changed since its prior model."""
     by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in loosened.items())
     again = f"if something hit the robot, or was exchanged, fit again with --free {','.join(loosened)}"
-    return f"further from the older model than it was sure of: {by} ({again})"
+    return f"further from the prior model than its σ says: {by} ({again})"
 
 
 def _promise(measured: Measurements) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
 
@@ -16,8 +15,8 @@ from cellctl.formats.model_effects import EffectSettings, settings_of
 from cellctl.formats.robot import Number, RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import At, FitResult, Identification, Prediction, RobotModel
-    from cellctl.kinematics import Bools, Floats
+    from cellctl.calibration import At, FitResult, Identification, MeasuredRegion, Prediction, RobotModel
+    from cellctl.kinematics import Bools, Floats, JointMap
 
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
@@ -79,35 +78,48 @@ class SessionPlace(BaseModel):
 
 @final
 class JointRegion(BaseModel):
-    """Least and greatest controller reading of each joint among the rows of the fit, deg."""
+    """Least and greatest controller reading of each joint among the rows of the fit, deg.
+
+    postures: readings, deg, spread over those of the fit, and how far apart two of them share 60 % of a smooth error
+    (length, deg): how far outside other postures are follows from these. None in files from before they were kept.
+    """
 
     model_config = _STRICT
     min: list[Number]
     max: list[Number]
+    postures: list[list[Number]] | None = None
+    length: Number | None = None
 
     @classmethod
-    def of(cls, readings: Floats, known: JointRegion | None = None) -> JointRegion:
-        """The region of readings (N, n), deg, and of `known`."""
+    def of(cls, region: MeasuredRegion, joints: JointMap) -> JointRegion:
+        """A measured region, in model angles, as readings."""
         import numpy as np
 
-        both = readings if known is None else np.vstack([readings, known.min, known.max])
-        return cls(min=both.min(axis=0).tolist(), max=both.max(axis=0).tolist())
+        both = joints.readings(np.stack([region.lower, region.upper]))
+        spread = region.spread
+        return cls(
+            min=both.min(axis=0).tolist(),
+            max=both.max(axis=0).tolist(),
+            postures=joints.readings(spread.centres).tolist() if spread else None,
+            length=float(np.rad2deg(spread.length_rad)) if spread else None,
+        )
+
+    def measured(self, joints: JointMap, outside_mm: float = 0.0) -> MeasuredRegion:
+        """The region in model angles."""
+        import numpy as np
+
+        from cellctl.calibration import Discrepancy, MeasuredRegion
+
+        both, spread = joints.model(np.array([self.min, self.max])), None
+        if self.postures and self.length:
+            spread = Discrepancy(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
+        return MeasuredRegion(both.min(axis=0), both.max(axis=0), outside_mm, spread)
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the region (N,)."""
         import numpy as np
 
         return np.asarray((self._beyond(readings) <= REGION_MARGIN_DEG).all(axis=1))
-
-    def doubt(self, readings: Floats) -> Floats:
-        """How far outside readings (N, n), deg, are (N,): root of the summed squares over the joints, each in halves of
-        the span that was seen, and at most 1. Within the margin 0.
-        """
-        import numpy as np
-
-        from cellctl.calibration import doubt
-
-        return doubt(np.deg2rad(self.min), np.deg2rad(self.max), np.deg2rad(readings))
 
     def _beyond(self, readings: Floats) -> Floats:
         import numpy as np
@@ -123,8 +135,8 @@ class ModelFile(BaseModel):
     bends, warms or plays besides, with its settings (None in files that knew the tool's bending alone). parameters: in
     the first session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors.
     datums: zeros of instruments that measured lengths.
-    sessions: where there are several. outside_mm: nominal's RMS error, 3-D: 1 σ of the doubt half a span outside the
-    joint region. figures: what the fit said of itself. provenance: SHA-256 of what it was made from.
+    sessions: where there are several. outside_mm: 1 σ, 3-D, of what a prediction may be off by besides, far outside
+    the joint region. figures: what the fit said of itself. provenance: SHA-256 of what it was made from.
     """
 
     model_config = _STRICT
@@ -154,14 +166,14 @@ class ModelFile(BaseModel):
     ) -> Self:
         """The model that a fit identified from `measured` rows; the robot's hash is added to `provenance`.
 
-        prior: the older model that it went on from; the joints that this one saw count as seen.
+        prior: the model that it was updated from; its measured region grows only by rows that determined the
+        robot's own parameters.
         """
         import numpy as np
 
         found = result.identification.identified
         unknowns, count = found.unknowns, found.unknowns.robot
         model = unknowns.start.model
-        used = measured.readings[list(result.identification.used)]
         sigma, state = np.sqrt(np.diag(found.covariance)), found.state
         return cls(
             robot=robot,
@@ -173,8 +185,8 @@ class ModelFile(BaseModel):
             centres=_centres(measured.task.points, state.points, sigma[state.of_points].reshape(-1, 3)),
             datums=_datums(measured.task.datums, state.datums, sigma[state.datums_at :]),
             sessions=_sessions(measured, result.identification),
-            joint_region=JointRegion.of(used, prior.joint_region if prior else None),
-            outside_mm=prior.outside_mm if prior else _in_space(measured, result.nominal.rms),
+            joint_region=JointRegion.of(result.region, robot.joint_map()),
+            outside_mm=result.region.outside_mm,
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},
         )
@@ -292,13 +304,8 @@ class ModelFile(BaseModel):
 
     def _doubt(self, readings: Floats) -> Floats:
         """1 σ (N,), 3-D, mm, of what the model never saw."""
-        return self.outside_mm * self.joint_region.doubt(readings)
-
-
-def _in_space(measured: Measurements, rms: float) -> float:
-    """A root mean square of the rows' errors as a 3-D distance: a touch shows one direction of three."""
-    along_a_line = set(measured.kinds) <= {"sphere", "distance"}
-    return rms * (math.sqrt(3.0) if along_a_line else 1.0)
+        joints = self.robot.joint_map()
+        return self.joint_region.measured(joints, self.outside_mm).sigma(joints.model(readings))
 
 
 def _parameters(found: Identification) -> list[Parameter]:

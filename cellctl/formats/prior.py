@@ -1,4 +1,4 @@
-"""An older model gone on from: an update, or partial work with only named groups free."""
+"""A prior model that new rows update, or of which named groups alone are free."""
 
 from __future__ import annotations
 
@@ -40,7 +40,15 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
     model, covariance = _in_session(prior, measured, groups, file)
     if groups and "tool" in groups and measured.robot.tool != prior.robot.tool:
         model = model.on(model.chain.base_now, measured.robot.chain().tool)
-    task = replace(measured.task, model=model, prior=covariance, groups=groups, candidates=None)
+    task = replace(
+        measured.task,
+        model=model,
+        prior=covariance,
+        groups=groups,
+        candidates=None,
+        nominal=measured.task.model,
+        region=prior.joint_region.measured(prior.robot.joint_map(), prior.outside_mm),
+    )
     return replace(measured, task=task)
 
 

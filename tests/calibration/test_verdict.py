@@ -1,5 +1,7 @@
 """A verdict is a test on held-out rows, not a comparison of two means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,44 @@ def test_doubts_keep_a_gain_from_being_proved_but_excuse_no_loss():
     assert judge(held_out(BEFORE, AFTER, 0.5), ["too few"]).reason == "too few"
     assert judge(held_out(BEFORE, AFTER, 0.5), ["too few"]).verdict == "no better"
     assert judge(held_out(AFTER, BEFORE, 0.5), ["too few"]).verdict == "worse"
+
+
+def beside(prior, identified, nominal=BEFORE):
+    return replace(held_out(nominal, identified, 0.5), prior=prior)
+
+
+def test_registration_alone_need_not_be_better_than_the_prior_model_that_it_registers():
+    rows = beside(AFTER, AFTER)
+    alone, update = judge(rows, beat_prior=False), judge(rows)
+    assert (alone.verdict, alone.against) == ("better", "nominal")
+    assert (update.verdict, update.against) == ("no better", "prior")
+
+
+def test_a_gain_on_both_is_better_than_both():
+    judged = judge(beside(1.5 * AFTER, AFTER))
+    assert (judged.verdict, judged.against) == ("better", "both")
+
+
+@pytest.mark.parametrize("beat_prior", [True, False])
+def test_a_loss_against_the_prior_model_is_worse_even_where_nominal_is_beaten(beat_prior):
+    judged = judge(beside(0.7 * AFTER, AFTER), beat_prior=beat_prior)
+    assert (judged.verdict, judged.against) == ("worse", "prior")
+
+
+def test_a_sure_but_slight_loss_against_the_prior_model_is_what_freeing_parameters_costs():
+    rows = beside(0.97 * AFTER, AFTER)
+    assert paired_verdict(rows.prior, rows.identified) == "worse"
+    assert (judge(rows).verdict, judge(rows).against) == ("no better", "prior")
+    assert judge(rows, beat_prior=False).verdict == "better"
+
+
+def test_no_better_than_nominal_is_no_better_whatever_the_prior_model_was():
+    judged = judge(beside(1.5 * AFTER, AFTER, nominal=AFTER), beat_prior=False)
+    assert (judged.verdict, judged.against) == ("no better", "nominal")
+
+
+def test_the_sentence_names_the_baseline_that_decided_and_all_three_figures():
+    three = (ErrorFigures(mean, mean, 2.0 * mean) for mean in (0.9, 0.3, 0.4))
+    nominal, prior, test = three
+    said = verdict_sentence("worse", nominal, test, 30, "touches", prior=prior, against="prior")
+    assert said.startswith("Worse than the prior model: nominal 0.900, prior model 0.300, identified 0.400 mm mean")

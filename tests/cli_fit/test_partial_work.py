@@ -104,11 +104,15 @@ def test_an_update_of_a_robot_that_lost_its_zeros_finds_them_and_asks_for_the_cr
     assert errors_of(folder, "new.json", crashed, drawn(np.random.default_rng(3), 40)).max() < 0.1
 
 
-def test_the_sentence_compares_with_the_older_model_not_with_nominal(folder, capsys):
-    result = afterwards(folder, ARM, "--free", "tool", code=1)
-    assert "older model" in result["sentence"]
-    assert "nominal" not in result["sentence"]
-    assert "held out, older model" in capsys.readouterr().out
+def test_nominal_and_the_prior_model_are_compared_with_in_sentence_table_and_json(folder, capsys):
+    """The robot is as it was: an update has nothing to better, and says by what it was judged."""
+    result = afterwards(folder, ARM, code=1)
+    assert result["compared_with"] == "prior"
+    assert result["sentence"].startswith("No better than the prior model: nominal 0.3")
+    assert result["test"]["mean"] < 1.5 * result["prior"]["mean"] < 0.1 * result["nominal"]["mean"] * 1.5
+    table = capsys.readouterr().out
+    assert "held out, nominal" in table
+    assert "held out, prior model" in table
 
 
 def test_another_robots_model_is_refused_as_prior(folder, capsys):

@@ -1,15 +1,19 @@
 """Real measurements: 3000 held-out tracker points of a UR10, by way of the documented snippet and the command line."""
 
+import csv
 import json
 import re
 import runpy
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from cellctl.formats import ModelFile
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
@@ -68,7 +72,6 @@ def test_a_reflector_on_the_last_axis_leaves_its_zero_unseen(result):
 
 
 def test_the_model_predicts_the_held_out_points(folder, result):
-    import csv
     import math
 
     out = folder / "tcp.csv"
@@ -81,3 +84,57 @@ def test_the_model_predicts_the_held_out_points(folder, result):
         if b["set"] == "test"
     ]
     assert sum(errors) / len(errors) == pytest.approx(result["test"]["mean"], abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def moved(folder):
+    """40 rows each, the tracker moved: `near.csv` at joints where `prior.json` was measured, `far.csv` elsewhere."""
+    rows = list(csv.DictReader((folder / "ur10.csv").open()))
+    order = np.random.default_rng(0).permutation(len(rows))
+    angles = np.degrees([float(row["q1"]) for row in rows])
+    low, high = ([rows[i] for i in order if sign * (angles[i] - np.median(angles)) > 5.0] for sign in (-1, 1))
+    _write(folder / "then.csv", low[:150], Rotation.identity(), np.zeros(3))
+    for name, chosen in (("near", low[150:190]), ("far", high[:40])):
+        turn = Rotation.from_euler("zyx", [40.0, 25.0, -30.0], degrees=True)
+        _write(folder / f"{name}.csv", chosen, turn, np.array([2500.0, -1800.0, 700.0]))
+    robot = ROOT / "procedures" / "robots" / "ur10.yaml"
+    assert cellctl("fit", robot, folder / "then.csv", "--model", "geometry", "--out", folder / "prior.json") == 0
+    return folder
+
+
+def _write(path, rows, turn, shift):
+    names = ["q1", "q2", "q3", "q4", "q5", "q6", "X", "Y", "Z", "temperature"]
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, names, extrasaction="ignore")
+        writer.writeheader()
+        for row in rows:
+            place = turn.apply([float(row[axis]) for axis in "XYZ"]) + shift
+            writer.writerow({**row, **dict(zip("XYZ", place.tolist(), strict=True))})
+
+
+def _after(folder, rows, *options):
+    robot, out = (
+        ROOT / "procedures" / "robots" / "ur10.yaml",
+        ["--out", folder / "n.json", "--json", folder / "n.r.json"],
+    )
+    assert cellctl("fit", robot, folder / rows, "--prior", folder / "prior.json", *options, *out) in (0, 1)
+    return json.loads((folder / "n.r.json").read_text()), json.loads((folder / "n.json").read_text())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("options", [(), ("--free", "base")])
+def test_a_moved_tracker_is_recognised_and_the_prior_model_holds(moved, options):
+    result, _ = _after(moved, "near.csv", *options)
+    assert result["verdict"] == "better"
+    assert "moved since the prior model" in result["sentence"]
+    assert result["nominal"]["mean"] > 1.3 * result["prior"]["mean"]
+    assert result["predicted_test_rms"] == pytest.approx(result["test"]["rms"], rel=0.2)
+
+
+@pytest.mark.long
+def test_joints_where_only_the_tracker_was_found_anew_are_not_measured_region(moved):
+    result, model = _after(moved, "far.csv", "--free", "base")
+    assert model["joint_region"] == json.loads((moved / "prior.json").read_text())["joint_region"]
+    assert result["predicted_test_rms"] == pytest.approx(result["test"]["rms"], rel=0.4)
+    assert result["nominal"]["max"] < 3.0
+    assert not ModelFile.load(moved / "n.json").inside(np.array([[-48.0, -52.0, 44.0, 10.0, 40.0, -20.0]])).any()

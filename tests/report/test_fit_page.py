@@ -148,7 +148,7 @@ def test_partial_work_is_told_against_the_older_model():
     prior = np.diag(np.full(len(older.parameters), 1e-6))
     partial = Task(older, task.rows, prior=prior, groups=frozenset({"zeros", "base"}))
     page = checked(fit_page(told(partial)))
-    assert "before (older model)" in page.text
+    assert "before (prior model)" in page.text
     assert "Joint zeros (6)" in page.text
     assert "Links (" not in page.text
 

@@ -28,7 +28,8 @@ def head(story: FitStory) -> Section:
         "converged": story.found.converged,
         "ended": story.found.ended,
         "judged": _judged(story),
-        "before": "older model" if story.task.prior is not None else "nominal robot",
+        "before": "prior model" if story.task.prior is not None else "nominal robot",
+        "nominal": _nominal(story),
         "widened": bool(_widened(story)),
         "setup": setup(story),
         "ladder": ladder(story),
@@ -43,9 +44,15 @@ def figures(what: str, count: int, errors: ErrorFigures) -> Section:
 
 def _held_out(story: FitStory) -> Section:
     result = story.result
-    before = figures("held-out rows", result.n_test, result.nominal)
+    before = figures("held-out rows", result.n_test, result.prior or result.nominal)
     return {"before": before, "after": figures("held-out rows", result.n_test, result.test),
             "predicted": fixed(result.predicted_test_rms)}  # fmt: skip
+
+
+def _nominal(story: FitStory) -> Section | None:
+    """The robot file's robot on the held-out rows, where the figures before are a prior model's."""
+    result = story.result
+    return figures("nominal robot", result.n_test, result.nominal) if result.prior and result.n_test else None
 
 
 def _judged(story: FitStory) -> str:
@@ -76,7 +83,7 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
         ("certified distances", str(len(task.spacings)) if task.spacings is not None else ""),
         ("sessions", ", ".join(story.sessions) if len(task.sessions) > 1 else ""),
         ("model", f"{result.model}: {result.n_parameters} free parameters, {result.observability.rank} seen"),
-        ("went on from", "an older model" if task.prior is not None else ""),
+        ("updated from", "a prior model" if task.prior is not None else ""),
         ("scatter", "as foreseen" if noise <= 1.0 else f"{noise:.1f} times what was foreseen; every σ allows for it"),
         ("tolerances", _widened(story)),
         ("ended", story.found.ended),

@@ -30,7 +30,8 @@ def distribution(story: FitStory, rows: Residuals) -> Section:
     """Errors before and after: of the held-out rows, or, where there are none, of the fit's."""
     result = story.result
     sizes = [size[rows.fitted] for size in rows.sizes]
-    before, after = (result.nominal_errors, result.test_errors) if result.n_test else sizes
+    nominal = result.nominal_errors if result.prior_errors is None else result.prior_errors
+    before, after = (nominal, result.test_errors) if result.n_test else sizes
     what = "error of held-out rows" if result.n_test else "error of the fit's rows"
     return {"picture": before_and_after("errors", before, after, what), "count": len(before)}
 
