@@ -16,7 +16,7 @@ from cellctl.calibration.identify import Identification, certain, identify, read
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.observability import Observability, observability
-from cellctl.calibration.proof import doubts, misgivings
+from cellctl.calibration.proof import doubts, sigma_doubts
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
@@ -31,6 +31,7 @@ class FitResult:
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
+    sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: nothing was held out), and why.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over the joint region of the fit, apart from what moves all of it
     as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
     foresees, unforeseen_mm: how far off, foreseen_mm: 1 σ (3-D) of each of them as foreseen; they are in the figures.
@@ -50,6 +51,8 @@ class FitResult:
     predicted_volumetric_rms: float
     verdict: Verdict
     verdict_reason: str
+    sigma_ok: bool | None
+    sigma_reason: str
     unforeseen: tuple[int, ...]
     unforeseen_mm: tuple[float, ...]
     foreseen_mm: tuple[float, ...]
@@ -81,6 +84,8 @@ class FitResult:
             "predicted_volumetric_rms": self.predicted_volumetric_rms,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
+            "sigma_ok": self.sigma_ok,
+            "sigma_reason": self.sigma_reason,
             "converged": found.converged,
             "ended": found.ended,
             "ladder": [asdict(step) for step in self.ladder],
@@ -124,7 +129,7 @@ def fit(task: Task, split: Split) -> FitResult:
     )
     own = task.rows.pick(list(final_one.used))
     before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
-    judgement = judge(held_out, doubts(task, split, final_one), misgivings(task, final_one))
+    judgement = judge(held_out, doubts(task, split, final_one), sigma_doubts(task, final_one))
     return FitResult(
         identification=final_one,
         observability=_observability(task, final_one, own),
@@ -139,6 +144,8 @@ def fit(task: Task, split: Split) -> FitResult:
         predicted_volumetric_rms=_over_region(final_one.identified, own.q),
         verdict=judgement.verdict,
         verdict_reason=judgement.reason,
+        sigma_ok=judgement.sigma_ok,
+        sigma_reason=judgement.sigma_reason,
         **_unforeseen(split, held_out),
         nominal_errors=before,
         test_errors=held_out.identified,

@@ -25,9 +25,6 @@ NOTHING_MM = 1e-6
 WORTH = 0.01
 """A gain of less than this share of the mean distance changes nothing for anybody."""
 
-CLEAR = 4.0
-"""Errors that fell by this factor are better whatever the model thought of them."""
-
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -100,42 +97,51 @@ class HeldOut:
 @final
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict, and why, in words that follow a colon or a semicolon."""
+    """A verdict and its reason; whether the stated σ can be trusted (None: no row was held out) and the reason. Reasons
+    follow a colon or a semicolon.
+    """
 
     verdict: Verdict
     reason: str
+    sigma_ok: bool | None
+    sigma_reason: str
 
 
-def judge(rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] = ()) -> Judgement:
-    """Whether the identified robot is better than nominal, by `rows`; `doubts`: why no row could show that it is;
-    `misgivings`: why only a gain that dwarfs what is left could.
+def judge(rows: HeldOut, doubts: Sequence[str] = (), sigma_doubts: Sequence[str] = ()) -> Judgement:
+    """Whether the identified robot is better than nominal, by `rows`, and whether its σ can be trusted: two questions.
 
-    `better` takes a gain beyond its own scatter (`paired_verdict`), a smaller root mean square, and errors that the
-    model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
-    well, and there nobody looks; only a gain that dwarfs what is left (`CLEAR`) can do without.
+    doubts: why no row could show that it is better; sigma_doubts: why σ cannot be trusted, whatever the rows show.
+    `better` takes a gain beyond its own scatter (`paired_verdict`) and a smaller root mean square. σ is trusted if the
+    held-out errors are those predicted.
     """
+    return Judgement(*_compared(rows, doubts), *_sigma_trusted(rows, sigma_doubts))
+
+
+def _compared(rows: HeldOut, doubts: Sequence[str]) -> tuple[Verdict, str]:
     verdict = paired_verdict(rows.nominal, rows.identified, count=rows.count)
     if verdict == "worse":
-        return Judgement(verdict, "the loss is beyond its own scatter")
+        return verdict, "the loss is beyond its own scatter"
     if doubts:
-        return Judgement("no better", "; ".join(doubts))
+        return "no better", "; ".join(doubts)
     if verdict == "no better":
-        return Judgement(verdict, "the difference is within its own scatter")
+        return verdict, "the difference is within its own scatter"
     if rows.nominal.mean() - rows.identified.mean() < WORTH * rows.nominal.mean():
-        return Judgement("no better", "the gain is sure, and too small to matter")
+        return "no better", "the gain is sure, and too small to matter"
     before, after = ErrorFigures.of(rows.nominal).rms, ErrorFigures.of(rows.identified).rms
     if after >= before:
-        return Judgement("no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})")
-    clear = before >= CLEAR * after
-    if misgivings and not clear:
-        return Judgement("no better", "; ".join(misgivings))
-    if not _foreseen(rows, after) and not clear:
-        seen = f"{int(rows.inside.sum())} of {rows.inside.size} lie where 95 % should"
-        what = (
-            f"the model does not know how wrong it is ({seen}; {rows.foreseen_rms:.3f} mm foreseen, {after:.3f} found)"
-        )
-        return Judgement("no better", what)
-    return Judgement("better", "the gain is beyond its own scatter and clear of what the model is still wrong by")
+        return "no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})"
+    return "better", "the gain is beyond its own scatter"
+
+
+def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, str]:
+    if not rows.identified.size:
+        return None, "no row was held out"
+    if doubts:
+        return False, "; ".join(doubts)
+    found = ErrorFigures.of(rows.identified).rms
+    inside = f"{int(rows.inside.sum())} of {rows.inside.size} held-out rows lie in their 95 % region"
+    figures = f"{inside}; {rows.foreseen_rms:.3f} mm RMS predicted, {found:.3f} found"
+    return _foreseen(rows, found), figures
 
 
 def _foreseen(rows: HeldOut, found: float) -> bool:

@@ -56,6 +56,8 @@ def sentence(measured: Measurements, result: FitResult) -> str:
 def _besides(measured: Measurements, result: FitResult) -> list[str]:
     kind, noise = measured.noun, float(result.identification.noise.max())
     clauses = [f"1 σ over the joints of the fit {result.predicted_volumetric_rms:.3f} mm"]
+    if result.sigma_ok is False:
+        clauses.append(f"do not rely on σ: {result.sigma_reason}")
     if noise >= NOISY:
         clauses.append(
             f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
