@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self, final
 
@@ -16,6 +17,7 @@ from cellctl.calibration.identify import Identification, certain, identify, read
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.observability import Observability, observability
+from cellctl.calibration.progress import Progress, part_of, silent
 from cellctl.calibration.proof import doubts, sigma_doubts
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
@@ -104,29 +106,32 @@ class _Climbed:
     ladder: tuple[Step, ...]
 
     @classmethod
-    def of(cls, task: Task, fit: Any) -> Self:
+    def of(cls, task: Task, fit: Any, progress: Progress) -> Self:
+        progress("identifying", 0.0)
         if task.candidates is None:
             return cls(task, identify(task, fit), ())
         rows = task.rows.pick(fit)
         kept, apart = rows_together(replace(task, candidates=None), rows)
-        chosen, ladder = climb(task, rows.pick(kept))
+        chosen, ladder = climb(task, rows.pick(kept), progress)
         return cls(chosen, identify(chosen, fit, (readmitted(chosen, rows, kept), apart)), ladder)
 
     def held_out(self, test: Any) -> HeldOut:
         return held_out_rows(self.task, self.identification, self.task.rows.pick(test))
 
 
-def fit(task: Task, split: Split) -> FitResult:
+def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
     """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model.
 
     Where the task leaves it open how much model there is, each part of the split decides it from its own rows.
     """
-    given = task
-    whole = _Climbed.of(task, split.fit)
+    given, parts = task, _parts(split, progress)
+    whole = _Climbed.of(task, split.fit, next(parts))
     task, final_one = whole.task, whole.identification
     held_out = HeldOut.joined(
-        (whole if one is split.fit else _Climbed.of(given, one)).held_out(test) for one, test in split.judged
+        (whole if one is split.fit else _Climbed.of(given, one, next(parts))).held_out(test)
+        for one, test in split.judged
     )
+    progress("figures", 1.0)
     own = task.rows.pick(list(final_one.used))
     before = held_out.nominal if held_out.nominal.size else own.errors(final_one.nominal.state)
     judgement = judge(held_out, doubts(task, split, final_one), sigma_doubts(task, final_one))
@@ -151,6 +156,15 @@ def fit(task: Task, split: Split) -> FitResult:
         test_errors=held_out.identified,
         ladder=whole.ladder,
     )
+
+
+def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
+    """The progress of each identification: of the model, and of one for each fold that is not made from its rows."""
+    folds = sum(one is not split.fit for one, _ in split.judged)
+    count = 1 + folds
+    yield part_of(progress, 0.0, 1.0 / count, "model" if folds else "")
+    for fold in range(1, count):
+        yield part_of(progress, fold / count, (fold + 1) / count, f"fold {fold} of {folds}")
 
 
 def _observability(task: Task, found: Identification, own: Mixture) -> Observability:

@@ -17,6 +17,7 @@ from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.heldout import held_out_errors
 from cellctl.calibration.identify import Weights, identify_kept
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.progress import Progress, silent
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 
@@ -51,17 +52,19 @@ class Step:
     untried: str = ""
 
 
-def climb(task: Task, rows: Mixture) -> tuple[Task, tuple[Step, ...]]:
+def climb(task: Task, rows: Mixture, progress: Progress = silent) -> tuple[Task, tuple[Step, ...]]:
     """`task` with as much model as `rows` pay for, all of which belong together, and what was tried."""
     fixed = replace(task, candidates=None)
     rows = rows.pick(_some(len(rows)))
     current: Rung = _always(replace(fixed, groups=frozenset()))
-    errors, steps = _unseen_errors(current, rows, current(rows)), []
+    errors = _unseen_errors(current, rows, current(rows))
+    steps: list[Step] = []
     waiting = list(_wider(task))
     while waiting:
         missed: list[tuple[str, Callable[[Rung], Rung]]] = []
         kept = False
-        for name, wider in waiting:
+        for number, (name, wider) in enumerate(waiting):
+            progress(name, len(steps) / (len(steps) + len(waiting) - number + 1))
             step, its_errors = _tried(wider(current), name, rows, errors)
             steps.append(step)
             if step.kept:
