@@ -16,7 +16,7 @@ SELFCAL = Path(__file__).parents[2] / "procedures" / "sphere_selfcal.yaml"
         ("prove_on=S1", "sphere S1 cannot prove a model that is made from it"),
         ("identify_on=", "sphere P1 cannot prove a model that is made from all spheres"),
         ("identify_on=S1, P1", "sphere P1 cannot prove a model that is made from it"),
-        ("identify_on=S1, S2, S3, S4, S5, S6, S7, S8, S9", "50 touches are too few to judge a model by others, 54 at least"),
+        ("identify_on=S1, S2, S3, S4, S5, S6, S7, S8, S9", "50 touches are too few to judge a model by others, 54"),
         ("touches_fit=12", "18 touches or more"),
     ],
 )  # fmt: skip
