@@ -29,6 +29,7 @@ from cellctl.calibration.moved import MOVED
 from cellctl.calibration.observability import Hidden, Observability, observability
 from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
+from cellctl.calibration.progress import Progress
 from cellctl.calibration.region import doubt
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, Rows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
@@ -80,6 +81,7 @@ __all__ = [
     "PositionRows",
     "Postures",
     "Prediction",
+    "Progress",
     "RobotModel",
     "Rows",
     "Session",

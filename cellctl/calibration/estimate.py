@@ -171,6 +171,19 @@ def seen_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     return problem.fold(np.zeros(problem.free.size), problem.free, problem.scale)[:, :-1]
 
 
+def seen_despite_tolerances(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """`seen_at_start` (F, F) of rows that are as noisy as the model is wrong: what the held unknowns, off by as much as
+    is known of them, do to the rows, and the free ones cannot take up, counts as noise (RMS over all rows).
+    """
+    problem = _Problem.of(unknowns, blocks)
+    held, count = np.flatnonzero(~unknowns.free & (unknowns.sigma > 0.0)), problem.free.size
+    columns = np.concatenate([problem.free, held])
+    folded = problem.fold(np.zeros(count), columns, unknowns.sigma[columns])[:, :-1]
+    left = folded[count:, count:]  # of the held columns, apart from the free ones: the triangle has these first
+    variance = np.sum(left @ unknowns.known(held) * left) / max(sum(rows.sigma.size for rows in blocks), 1)
+    return np.asarray(folded[:count, :count] / np.sqrt(1.0 + variance))
+
+
 def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     """Posterior covariance (P, P) at the solution `found`, were all that is free in `unknowns` free."""
     problem = _Problem.of(unknowns, blocks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self, final
 
@@ -19,7 +20,8 @@ from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model_error import FUNCTIONS
 from cellctl.calibration.moved import Placing, placing
 from cellctl.calibration.observability import Observability, observability
-from cellctl.calibration.proof import doubts, misgivings
+from cellctl.calibration.progress import Progress, part_of, silent
+from cellctl.calibration.proof import doubts, sigma_doubts
 from cellctl.calibration.reliability import Reliability, mostly_outside
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
@@ -35,6 +37,7 @@ class FitResult:
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
+    sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: nothing was held out), and why.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, apart from what moves all of it
     as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
     foresees, unforeseen_mm: how far off, foreseen_mm: 1 σ (3-D) of each of them as foreseen; they are in the figures.
@@ -58,6 +61,8 @@ class FitResult:
     predicted_volumetric_rms: float
     verdict: Verdict
     verdict_reason: str
+    sigma_ok: bool | None
+    sigma_reason: str
     unforeseen: tuple[int, ...]
     unforeseen_mm: tuple[float, ...]
     foreseen_mm: tuple[float, ...]
@@ -101,6 +106,8 @@ class FitResult:
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
             "compared_with": self.against,
+            "sigma_ok": self.sigma_ok,
+            "sigma_reason": self.sigma_reason,
             "converged": found.converged,
             "ended": found.ended,
             "ladder": [asdict(step) for step in self.ladder],
@@ -120,14 +127,15 @@ class _Fitted:
     ladder: tuple[Step, ...]
 
     @classmethod
-    def of(cls, task: Task, fit: Any, predicted: Any) -> Self:
+    def of(cls, task: Task, fit: Any, predicted: Any, progress: Progress) -> Self:
         """From the rows at `fit`; predicted: the rows it is for, of which only the postures are looked at."""
+        progress("identifying", 0.0)
         if task.candidates is None:
             return cls._with_reliability(task, identify(task, fit), ())
         rows = task.rows.pick(fit)
         kept, apart = rows_together(replace(task, candidates=None), rows)
         outside = mostly_outside(rows.pick(kept).q, task.rows.pick(predicted).q)
-        chosen = climb(task, rows.pick(kept), outside=outside)
+        chosen = climb(task, rows.pick(kept), progress, outside=outside)
         found = identify(chosen.task, fit, (kept, apart), chosen.weights)
         return cls._with_reliability(chosen.task, found, chosen.steps)
 
@@ -141,24 +149,27 @@ class _Fitted:
         return held_out_rows(self.task, self.identification, self.task.rows.pick(test), self.reliability.region)
 
 
-def fit(task: Task, split: Split) -> FitResult:
+def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
     """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model.
 
     Where the task leaves it open how much model there is, each part of the split decides it from its own rows.
     """
-    given = task
-    whole = _Fitted.of(task, split.fit, np.concatenate([np.zeros(0, int), *(test for _, test in split.judged)]))
+    given, parts = task, _parts(split, progress)
+    predicted = np.concatenate([np.zeros(0, int), *(test for _, test in split.judged)])
+    whole = _Fitted.of(task, split.fit, predicted, next(parts))
     task, final_one = whole.task, whole.identification
     held_out = HeldOut.joined(
-        (whole if one is split.fit else _Fitted.of(given, one, test)).held_out(test) for one, test in split.judged
+        (whole if one is split.fit else _Fitted.of(given, one, test, next(parts))).held_out(test)
+        for one, test in split.judged
     )
+    progress("figures", 1.0)
     own = task.rows.pick(list(final_one.used))
     nominal, prior = _baselines(task, final_one, held_out, own)
     place = placing(task, final_one.nominal.state, own)
     judgement = judge(
         held_out,
         doubts(task, split, final_one),
-        misgivings(task, final_one),
+        sigma_doubts(task, final_one),
         beat_prior=not (task.registers_only or (not task.partial and place is not None and place.moved)),
     )
     own_parameters = informed(final_one.identified)
@@ -177,6 +188,8 @@ def fit(task: Task, split: Split) -> FitResult:
         predicted_volumetric_rms=_over_region(final_one.identified, region),
         verdict=judgement.verdict,
         verdict_reason=judgement.reason,
+        sigma_ok=judgement.sigma_ok,
+        sigma_reason=judgement.sigma_reason,
         **_unforeseen(split, held_out),
         nominal_errors=nominal,
         test_errors=held_out.identified,
@@ -197,6 +210,15 @@ def _baselines(task: Task, found: Identification, held_out: HeldOut, own: Mixtur
         return held_out.nominal, held_out.prior
     before = own.errors(found.nominal.state)
     return (before, None) if task.nominal is None else (nominal_errors(task, own, own), before)
+
+
+def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
+    """The progress of each identification: of the model, and of one for each fold that is not made from its rows."""
+    folds = sum(one is not split.fit for one, _ in split.judged)
+    count = 1 + folds
+    yield part_of(progress, 0.0, 1.0 / count, "model" if folds else "")
+    for fold in range(1, count):
+        yield part_of(progress, fold / count, (fold + 1) / count, f"fold {fold} of {folds}")
 
 
 def _observability(task: Task, found: Identification, own: Mixture) -> Observability:

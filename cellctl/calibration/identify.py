@@ -8,7 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_at_start
+from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.linear import Linear
 from cellctl.calibration.mixture import Mixture
@@ -26,7 +26,7 @@ from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.sample import sampled
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import Group, State, Unknowns
+from cellctl.calibration.unknowns import PLACED, Group, State, Unknowns
 from cellctl.calibration.valleys import tools, undecided
 from cellctl.calibration.wild import WILD
 from cellctl.kinematics import Bools, Floats
@@ -50,7 +50,8 @@ SETTLED = 0.02
 """Noise and tolerances have settled when none changes by more than this share; after so many rounds at the latest."""
 
 INVISIBLE = 100.0
-"""A metre of base or tool that moves all rows together by fewer standard deviations than this is not seen."""
+"""A metre of base or tool that moves all rows together by fewer standard deviations than this is not seen: rows and
+tolerances leave 10 mm of it open."""
 
 FEW_SCALES = 5
 
@@ -260,6 +261,8 @@ def _starts(task: Task, nominal: Estimate, rows: Mixture) -> list[Unknowns]:
     start = task.changed(rows) if task.partial else nominal.state
     unknowns = replace(task.unknowns(start), pinned=nominal.unknowns.pinned)
     unknowns = unknowns.masked(task.identification(unknowns))
+    if task.partial and task.freed >= PLACED and not task.retooled:  # registration had not both of them free
+        unknowns = replace(unknowns, pinned=_unseen(unknowns, [*rows.blocks, *certain(task)]))
     if not task.retooled:
         return [unknowns]
     return [unknowns.restarted(state) for state in tools(unknowns, rows, certain(task))]
@@ -269,11 +272,11 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     """Combinations (H, P) of free base and tool that the rows cannot tell from nothing, in units of the unknowns' σ.
 
     With one orientation in all rows, a tool further out looks like a base further in. What little joints that are
-    rounded, or the geometry's own errors, make of the difference is noise; left free, it carries the fit off by metres.
+    rounded make of the difference is lost in the geometry's own errors; left free, it carries the fit off by metres.
     """
     if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
         return np.zeros((0, len(unknowns.names)))
-    _, singular, right = np.linalg.svd(seen_at_start(unknowns, blocks))
+    _, singular, right = np.linalg.svd(seen_despite_tolerances(unknowns, blocks))
     unseen = right[singular < INVISIBLE]
     result = np.zeros((len(unseen), len(unknowns.names)))
     result[:, unknowns.free] = unseen

@@ -20,6 +20,7 @@ from cellctl.calibration.folds import end_folds, random_folds
 from cellctl.calibration.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model_error import carried
+from cellctl.calibration.progress import Progress, silent
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import GEOMETRY, Group
 from cellctl.kinematics import Bools, Floats
@@ -72,7 +73,7 @@ class _Model:
         return "+".join(self.groups) or "registration"
 
 
-def climb(task: Task, rows: Mixture, *, outside: bool = False) -> Climbed:
+def climb(task: Task, rows: Mixture, progress: Progress = silent, *, outside: bool = False) -> Climbed:
     """`task` with as many terms as `rows`, none of which is an outlier, support, and what was tried.
 
     outside: whether most predictions are wanted outside the measured joints.
@@ -88,7 +89,8 @@ def climb(task: Task, rows: Mixture, *, outside: bool = False) -> Climbed:
     while waiting:
         missed: list[Group] = []
         again = False
-        for group in waiting:
+        for number, group in enumerate(waiting):
+            progress(group, len(steps) / (len(steps) + len(waiting) - number + 1))
             wider = ladder.tried(_ordered((*best.groups, group)), best.logs)
             steps.append(_step(best, wider))
             if steps[-1].kept:

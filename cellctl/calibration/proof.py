@@ -29,18 +29,30 @@ def doubts(task: Task, split: Split, found: Identification) -> list[str]:
     if not split.judged:
         return ["no row was held out"]
     few = [words for fit, test in split.judged for words in _too_few(task, fit, test)]
-    apart = [f"the rows of the fit do not fit together: {found.apart} of {len(found.used)} contradict the others"]
-    lost = [] if found.identified.converged else [f"the fit did not converge: {found.identified.ended}"]
-    contrary = misgivings(task, found) if task.partial else []  # anything beats a tool that is there no more
-    return [*dict.fromkeys(few), *(apart if found.apart else []), *contrary, *lost]
+    scatter = _scatter(task, found) if task.partial else []  # anything beats a tool that is there no more
+    return [*dict.fromkeys(few), *_apart(found), *scatter, *_not_converged(found)]
 
 
-def misgivings(task: Task, found: Identification) -> list[str]:
-    """What stands against `found` unless the held-out rows gain so much that it cannot matter, in words.
+def sigma_doubts(task: Task, found: Identification) -> list[str]:
+    """Why the σ of `found` cannot be trusted whatever held-out rows show, in words; empty where nothing is against it.
 
     A real robot has errors that no model here has, and its few touches scatter many times more than its repeatability:
-    that alone must not refuse a gain which other touches show plainly.
+    that says nothing against a gain which other touches show plainly.
     """
+    return [*_apart(found), *_scatter(task, found), *_not_converged(found)]
+
+
+def _apart(found: Identification) -> list[str]:
+    words = f"the rows of the fit do not fit together: {found.apart} of {len(found.used)} contradict the others"
+    return [words] if found.apart else []
+
+
+def _not_converged(found: Identification) -> list[str]:
+    return [] if found.identified.converged else [f"the fit did not converge: {found.identified.ended}"]
+
+
+def _scatter(task: Task, found: Identification) -> list[str]:
+    """Rows that scatter far beyond their stated σ, and are too few to tell noise from contradiction."""
     numbers, noise = task.rows.pick(list(found.used)).size, float(found.noise.max())
     if found.apart or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.seen_by_data:
         return []

@@ -31,9 +31,6 @@ SLIGHT = 0.1
 free, on the rows of a few folds; the model made from all rows loses less.
 """
 
-CLEAR = 4.0
-"""Errors that fell by this factor are better whatever the model thought of them."""
-
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -109,28 +106,37 @@ class HeldOut:
 @final
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict, and why, in words that follow a colon or a semicolon. against: the baseline that decided it."""
+    """A verdict and its reason, in words that follow a colon or a semicolon; against: the baseline that decided it;
+    whether the stated σ can be trusted (None: no row was held out) and the reason.
+    """
 
     verdict: Verdict
     reason: str
+    sigma_ok: bool | None
+    sigma_reason: str
     against: Baseline = "nominal"
 
 
 def judge(
-    rows: HeldOut, doubts: Sequence[str] = (), misgivings: Sequence[str] = (), *, beat_prior: bool = True
+    rows: HeldOut, doubts: Sequence[str] = (), sigma_doubts: Sequence[str] = (), *, beat_prior: bool = True
 ) -> Judgement:
-    """Whether the identified robot is better than nominal, by `rows`, and stands beside a prior model: `better` than
-    that, too (beat_prior: more than registration was free), or not `worse` in the same paired test, but for a `SLIGHT`
-    loss.
+    """Whether the identified robot is better than nominal, by `rows`, and whether its σ can be trusted: two questions.
 
-    The first of these that fails is the verdict. doubts, misgivings: as of `compare`.
+    doubts: why no row could show that it is better; sigma_doubts: why σ cannot be trusted, whatever the rows show.
+    Beside a prior model it has to be `better` than that, too (beat_prior: more than registration was free), or not
+    `worse` in the same paired test, but for a `SLIGHT` loss. The first of these that fails is the verdict.
+    `better` takes a gain beyond its own scatter (`paired_verdict`) and a smaller root mean square. σ is trusted if the
+    held-out errors are those predicted.
     """
-    over_nominal = compare(rows, rows.nominal, doubts, misgivings)
+    sigma = _sigma_trusted(rows, sigma_doubts)
+    verdict, reason = _compared(rows, rows.nominal, doubts)
+    over_nominal = Judgement(verdict, reason, *sigma)
     if rows.prior is None:
         return over_nominal
-    over_prior = replace(compare(rows, rows.prior, doubts, misgivings), against="prior")
-    if over_prior.verdict == "worse" and rows.identified.mean() - rows.prior.mean() < SLIGHT * rows.prior.mean():
-        over_prior = Judgement("no better", "; ".join(doubts) or "it is no gain, and the loss is slight", "prior")
+    verdict, reason = _compared(rows, rows.prior, doubts)
+    if verdict == "worse" and rows.identified.mean() - rows.prior.mean() < SLIGHT * rows.prior.mean():
+        verdict, reason = "no better", "; ".join(doubts) or "it is no gain, and the loss is slight"
+    over_prior = Judgement(verdict, reason, *sigma, against="prior")
     if "worse" in (over_prior.verdict, over_nominal.verdict):
         return over_prior if over_prior.verdict == "worse" else over_nominal
     if beat_prior and over_prior.verdict != "better":
@@ -139,36 +145,32 @@ def judge(
     return replace(over_nominal, against="both") if both else over_nominal
 
 
-def compare(rows: HeldOut, baseline: Floats, doubts: Sequence[str] = (), misgivings: Sequence[str] = ()) -> Judgement:
-    """Whether the identified robot is better than one with the errors `baseline` (N,), mm, by `rows`; `doubts`: why no
-    row could show that it is; `misgivings`: why only a gain that dwarfs what is left could.
-
-    `better` takes a gain beyond its own scatter (`paired_verdict`), a smaller root mean square, and errors that the
-    model foresaw. A model that is wrong about its own uncertainty on the few rows that judge it is wrong elsewhere as
-    well, and there nobody looks; only a gain that dwarfs what is left (`CLEAR`) can do without.
-    """
+def _compared(rows: HeldOut, baseline: Floats, doubts: Sequence[str]) -> tuple[Verdict, str]:
+    """Whether the identified robot is better than one with the errors `baseline` (N,), mm, and why."""
     verdict = paired_verdict(baseline, rows.identified, count=rows.count)
     if verdict == "worse":
-        return Judgement(verdict, "the loss is beyond its own scatter")
+        return verdict, "the loss is beyond its own scatter"
     if doubts:
-        return Judgement("no better", "; ".join(doubts))
+        return "no better", "; ".join(doubts)
     if verdict == "no better":
-        return Judgement(verdict, "the difference is within its own scatter")
+        return verdict, "the difference is within its own scatter"
     if baseline.mean() - rows.identified.mean() < WORTH * baseline.mean():
-        return Judgement("no better", "the gain is sure, and too small to matter")
+        return "no better", "the gain is sure, and too small to matter"
     before, after = ErrorFigures.of(baseline).rms, ErrorFigures.of(rows.identified).rms
     if after >= before:
-        return Judgement("no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})")
-    clear = before >= CLEAR * after
-    if misgivings and not clear:
-        return Judgement("no better", "; ".join(misgivings))
-    if not _foreseen(rows, after) and not clear:
-        seen = f"{int(rows.inside.sum())} of {rows.inside.size} lie where 95 % should"
-        what = (
-            f"the model does not know how wrong it is ({seen}; {rows.foreseen_rms:.3f} mm foreseen, {after:.3f} found)"
-        )
-        return Judgement("no better", what)
-    return Judgement("better", "the gain is beyond its own scatter and clear of what the model is still wrong by")
+        return "no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})"
+    return "better", "the gain is beyond its own scatter"
+
+
+def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, str]:
+    if not rows.identified.size:
+        return None, "no row was held out"
+    if doubts:
+        return False, "; ".join(doubts)
+    found = ErrorFigures.of(rows.identified).rms
+    inside = f"{int(rows.inside.sum())} of {rows.inside.size} held-out rows lie in their 95 % region"
+    figures = f"{inside}; {rows.foreseen_rms:.3f} mm RMS predicted, {found:.3f} found"
+    return _foreseen(rows, found), figures
 
 
 def _foreseen(rows: HeldOut, found: float) -> bool:

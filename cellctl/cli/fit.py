@@ -74,6 +74,7 @@ def fit(
     asked.refuse(judging)
     refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior])
     from cellctl.calibration import fit as fitted
+    from cellctl.cli.fit_progress import shown_progress
     from cellctl.cli.fit_split import split_of
     from cellctl.cli.fit_words import name_rows, say
     from cellctl.cli.mistakes import refuse_mistakes
@@ -86,8 +87,10 @@ def fit(
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
     if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
-        refuse_mistakes(files.document, data, measured, artefact)
-    result = fitted(measured.task, split)
+        with shown_progress("check") as progress:
+            refuse_mistakes(files.document, data, measured, artefact, progress)
+    with shown_progress("fit") as progress:
+        result = fitted(measured.task, split, progress)
     report = fit_report(measured, result, labels)
     unwritten = Unwritten()
     if out:

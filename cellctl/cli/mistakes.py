@@ -8,20 +8,27 @@ from typing import TYPE_CHECKING
 from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
-    from cellctl.calibration.mistakes import Change, DeniedScale, DeniedSpacing, Mistake
+    from cellctl.calibration import Progress
+    from cellctl.calibration.mistakes import Change, DeniedScale, DeniedSpacing, Mistake, WideFit
     from cellctl.formats import Measurements
 
+NO_CHECK = "--no-check fits all the same, as if nothing were wrong: do not use such a model before you know the cause"
 
-def refuse_mistakes(document: Document, data: Path, measured: Measurements, artefact: Path | None = None) -> None:
+
+def refuse_mistakes(
+    document: Document, data: Path, measured: Measurements, artefact: Path | None, progress: Progress
+) -> None:
     """Nothing, where `measured` goes together with the robot file `document`; else raises InputError.
 
     One Problem for each mistake, at its place in the robot file, the data set or the artefact's file, with the evidence
     ("A3 reversed: RMS 214 → 0.9 mm") and the cure. Where the rows cannot tell between explanations, all are there. Of a
-    set-up that is sound otherwise, the certified distances that the rows deny.
+    set-up that is sound otherwise, the certified distances that the rows deny; of one that nothing explains, that robot
+    file and data do not belong together.
     """
     from cellctl.calibration.mistakes import denied_spacings, find_mistakes
 
-    found = find_mistakes(measured.task, measured.robot.joint_map(), measured.readings).mistakes
+    set_up = find_mistakes(measured.task, measured.robot.joint_map(), measured.readings, progress)
+    found = set_up.mistakes
     files = {"data": str(data), "artefact": str(artefact or data)}
     several = len(found) > 1
     problems = [
@@ -29,11 +36,24 @@ def refuse_mistakes(document: Document, data: Path, measured: Measurements, arte
         for mistake in found
         for change in mistake.changes
     ]
+    if set_up.wide_fit and set_up.wide_fit.unrelated:
+        problems = [_unrelated(document, data, set_up.wide_fit)]
     if not problems:
         denied = denied_spacings(measured.task)
         problems = [_denied(each, artefact, _cure(each, several=len(denied) > 1)) for each in denied]
     if problems:
-        raise InputError(problems)
+        raise InputError(problems, NO_CHECK)
+
+
+def _unrelated(document: Document, data: Path, fit: WideFit) -> Problem:
+    """Robot file and data do not belong together, by how much, and what may be the reason."""
+    what = (
+        f"robot file and data do not belong together: RMS {fit.left_mm:.3g} mm after a fit with wide tolerances, where "
+        f"robots of this class are {fit.foreseen_mm:.2g} mm off before any fit, and measurements shuffled against the "
+        f"joints {fit.shuffled_mm:.3g} mm after it"
+    )
+    cure = f"is {document.file} the robot that was measured? does each row have the joints of its own measurement?"
+    return Problem(str(data), 0, 0, what, cure)
 
 
 def _cure(denied: DeniedSpacing | DeniedScale, *, several: bool) -> str:

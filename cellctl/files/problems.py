@@ -33,12 +33,16 @@ class Problem:
 
 @final
 class InputError(Exception):
-    """What the user gave cannot be used; nothing was moved or written. The command line ends with exit code 2."""
+    """What the user gave cannot be used; nothing was moved or written. The command line ends with exit code 2.
 
-    def __init__(self, problems: Iterable[Problem] | Problem) -> None:
+    note: what is to be said once of all problems together.
+    """
+
+    def __init__(self, problems: Iterable[Problem] | Problem, note: str = "") -> None:
         found = [problems] if isinstance(problems, Problem) else list(problems)
         self.problems = sorted(found, key=lambda p: (p.file, p.line, p.column))
+        self.note = note
         super().__init__(self.problems)
 
     def __str__(self) -> str:
-        return "\n".join(str(p) for p in self.problems)
+        return "\n".join([*map(str, self.problems), *([f"    {self.note}"] if self.note else [])])

@@ -64,6 +64,8 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
     kind, noise = measured.noun, float(result.identification.noise.max())
     over = "the joints of the fit" if measured.task.region is None else "the measured region"
     clauses = [f"1 σ over {over} {result.predicted_volumetric_rms:.3f} mm"]
+    if result.sigma_ok is False:
+        clauses.append(f"do not rely on σ: {result.sigma_reason}")
     if result.placing and result.placing.moved:
         clauses.append(f"instrument, robot or tool moved since the prior model ({result.placing.as_is_mm:.3f} mm RMS)")
     if _base_held_elsewhere(measured, result):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import StepContext, StepInputs, StepResult, step
@@ -16,16 +16,37 @@ __all__ = ["compensate", "identify", "judge", "plan", "plan_proof", "push", "sta
 """The steps of the family `sphere`; those of the proof stand in a module of their own."""
 
 
+TOUCHES_PER_SPHERE = 6
+"""Touches of the fit that the verdict asks for, for each sphere: two numbers for each coordinate of its centre."""
+
+
 class PlanInputs(StepInputs):
     """How many touches, on which spheres (names with commas between; empty: all), and how often back to the first.
 
-    `reference_every`: touches between two visits to the first touch, 0 for none.
+    `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the sphere that the model
+    is to be proved on later, which must not be among those that it is made from.
     """
 
     fit: Annotated[int, Field(ge=5)]
     held_out: Annotated[int, Field(ge=0)]
     spheres: str = ""
     reference_every: Annotated[int, Field(ge=0)] = 0
+    prove_on: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """The spheres by name; none where all are meant."""
+        return [name.strip() for name in self.spheres.split(",") if name.strip()]
+
+    @model_validator(mode="after")
+    def _can_be_proved(self) -> Self:
+        if self.prove_on.strip() and (not self.names or self.prove_on.strip() in self.names):
+            used = "all spheres" if not self.names else "it"
+            raise ValueError(f"sphere {self.prove_on} cannot prove a model that is made from {used}: name another one")
+        least = TOUCHES_PER_SPHERE * len(self.names)
+        if self.held_out and self.fit < least:
+            raise ValueError(f"{self.fit} touches are too few to judge a model by others, {least} at least")
+        return self
 
 
 class Plan(StepResult):
@@ -39,9 +60,8 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     from procedures.steps.sphere_planning import assumption, planned_touches
 
-    names = [name.strip() for name in inputs.spheres.split(",") if name.strip()]
     touches = await context.clock.compute(
-        planned_touches, context, inputs.fit, inputs.held_out, names, inputs.reference_every
+        planned_touches, context, inputs.fit, inputs.held_out, inputs.names, inputs.reference_every
     )
     context.say(
         f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"

@@ -13,8 +13,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration import PoseRows, PositionRows, SocketRows, Task
-from cellctl.calibration.mistakes import find_mistakes
+from cellctl.calibration import Mixture, PoseRows, PositionRows, Session, SocketRows, Task
+from cellctl.calibration.mistakes import WideFit, find_mistakes
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.mixed_units import mixed_units
 from cellctl.formats import RobotFile, nominal_model
@@ -439,6 +439,86 @@ def test_random_numbers_are_no_set_up_mistake():
     setup = find_mistakes(positions(KR5, data.readings, noise), KR5.joint_map(), data.readings)
     assert setup.implausible
     assert setup.mistakes == ()
+
+
+def wide_fit(task, robot, readings):
+    return WideFit.of(Case(task, robot.joint_map(), readings))
+
+
+def test_the_file_of_another_robot_does_not_belong_to_the_rows():
+    data = Measured(2, 150, robot=UR10)
+    fit = wide_fit(positions(KR5, data.readings, data.xyz), KR5, data.readings)
+    assert fit.unrelated
+    assert fit.systematic > 0.5
+    assert fit.left_mm > 5.0
+
+
+def test_measurements_shuffled_against_their_joints_do_not_belong_to_the_robot():
+    data = Measured(52, 60)
+    fit = wide_fit(positions(KR5, data.readings, data.xyz[::-1]), KR5, data.readings)
+    assert fit.unrelated
+    assert fit.systematic < 0.5  # nothing but chance ties them to the joints
+
+
+def test_a_bad_robot_is_this_robot_all_the_same():
+    """Two joints that lost their mastering by 5°, links as a tape measures them, wild rows, and a poor instrument."""
+    data = Measured(53, 60, wild=6, wrong=20.0)
+    readings = data.readings + np.array([0, 5, 0, -5, 0, 0])
+    noisy = data.xyz + np.random.default_rng(53).normal(0, 1.0, data.xyz.shape)
+    fit = wide_fit(positions(KR5, readings, noisy), KR5, readings)
+    assert not fit.unrelated
+    assert fit.left_mm < 3.0
+
+
+def test_touches_with_a_tool_off_by_a_decimetre_are_this_robot_all_the_same(touches, touch_task):
+    task = touch_task(touches)
+    tool = task.model.chain.tool_now.copy()
+    tool[:3, 3] += [60.0, -60.0, 60.0]
+    other = replace(task, model=replace(task.model, chain=task.model.chain.with_tool(tool)))
+    assert not wide_fit(other, KR5, touches.readings).unrelated
+
+
+@pytest.mark.long
+def test_healthy_bad_and_noisy_robots_belong_to_their_rows():
+    """40 robots, each as it is and 15 times as wrong as tolerances allow; with lost mastering; in 10 mm of noise."""
+    for seed in range(40):
+        usual, bad = Measured(seed, 60, wild=seed % 20), Measured(seed, 40, wrong=15.0, robot=UR10)
+        lost = usual.readings + np.random.default_rng(seed).uniform(-10, 10, 6)
+        noisy = usual.xyz + np.random.default_rng(seed).normal(0, 10.0, usual.xyz.shape)
+        assert not wide_fit(positions(KR5, usual.readings, usual.xyz), KR5, usual.readings).unrelated
+        assert not wide_fit(positions(UR10, bad.readings, bad.xyz), UR10, bad.readings).unrelated
+        assert not wide_fit(positions(KR5, lost, usual.xyz), KR5, lost).unrelated
+        assert not wide_fit(positions(KR5, usual.readings, noisy), KR5, usual.readings).unrelated
+
+
+@pytest.mark.long
+def test_other_robots_and_shuffled_rows_do_not_belong_together():
+    for seed in range(20):
+        other, right = Measured(seed, 80, robot=UR10), Measured(seed, 40)
+        mixed = right.xyz[np.random.default_rng(seed).permutation(40)]
+        assert wide_fit(positions(KR5, other.readings, other.xyz), KR5, other.readings).unrelated
+        assert wide_fit(positions(KR5, right.readings, mixed), KR5, right.readings).unrelated
+
+
+def test_rows_out_of_step_are_named_in_each_session_by_itself():
+    """Two set-ups of the instrument; in the first rows lag by one from row 12 on, in the second by two throughout."""
+    first, second = Measured(54, 30), Measured(54, 30)
+    turn = Rotation.from_euler("z", 70, degrees=True)
+    late = np.r_[np.arange(12), np.arange(13, 30), 29]
+    readings = np.concatenate([first.readings, second.readings[np.r_[2:30, 0, 1]]])
+    xyz = [first.xyz[late], turn.apply(second.xyz) + 300.0]
+    blocks = [
+        replace(PositionRows(model_angles(KR5, part), points, 0.02 + 0 * points), session=number)
+        for number, (part, points) in enumerate(zip(np.split(readings, 2), xyz, strict=True))
+    ]
+    sessions = (Session("a"), Session("b", frozenset({"base"})))
+    task = Task(nominal_model(KR5, deflection=False), Mixture(tuple(blocks)), sessions=sessions)
+    changes = found(task, KR5, readings)[0].changes
+    assert [change.what for change in changes] == [
+        "from {0} on the measurements belong to the joints of the row after",
+        "in all rows of session b the measurements belong to the joints of 2 rows before",
+    ]
+    assert changes[0].rows[0] == 12
 
 
 def test_a_number_that_no_arithmetic_survives_accuses_nobody(kuka):

@@ -62,12 +62,22 @@ def test_errors_of_the_size_foreseen_are_better_and_say_why():
     assert (judged.verdict, "beyond its own scatter" in judged.reason) == ("better", True)
 
 
-def test_a_model_that_is_surer_of_itself_than_it_should_be_is_no_better():
+def test_whether_sigma_can_be_trusted_is_not_in_the_verdict():
     chance = np.where(np.arange(30) < 20, 0.5, 1e-4)
     judged = judge(held_out(BEFORE, AFTER, 0.05, chance))
-    assert judged.verdict == "no better"
-    assert "20 of 30 lie where 95 % should" in judged.reason
-    assert judge(held_out(10.0 * BEFORE, AFTER, 0.05, chance)).verdict == "better"
+    assert (judged.verdict, judged.sigma_ok) == ("better", False)
+    assert judged.sigma_reason.startswith("20 of 30 held-out rows lie in their 95 % region; 0.050 mm RMS predicted")
+    trusted = judge(held_out(BEFORE, AFTER, 0.5))
+    assert (trusted.verdict, trusted.sigma_ok) == ("better", True)
+
+
+def test_rows_that_contradict_each_other_make_sigma_unreliable_and_no_gain_smaller():
+    judged = judge(held_out(BEFORE, AFTER, 0.5), sigma_doubts=["the rows do not fit together"])
+    assert (judged.verdict, judged.sigma_ok, judged.sigma_reason) == ("better", False, "the rows do not fit together")
+
+
+def test_without_held_out_rows_nothing_is_said_of_sigma():
+    assert judge(held_out(BEFORE[:0], AFTER[:0], 0.5), ["no row was held out"]).sigma_ok is None
 
 
 def test_one_row_gone_wild_takes_the_verdict_with_it():

@@ -1,8 +1,12 @@
 """What a person is told of mistakes of set-up: where each stands, the evidence, the cure; of sound ones, nothing."""
 
 import csv
+import time
 from pathlib import Path
 
+import pytest
+
+from cellctl.calibration.progress import silent
 from cellctl.cli.mistakes import refuse_mistakes
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet, RobotFile, load_artefact, measurements
@@ -15,7 +19,7 @@ def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):
     document = load_yaml(robot)
     measured = measurements(RobotFile.from_document(document), DataSet.load(data), artefact=spheres)
     try:
-        refuse_mistakes(document, data, measured, files / artefact if artefact else None)
+        refuse_mistakes(document, data, measured, files / artefact if artefact else None, silent)
     except InputError as error:
         return error.problems
     return []
@@ -49,6 +53,26 @@ def test_a_reversed_joint_is_told_at_its_line_in_the_robot_file(files):
     assert problem.what.startswith("A2 reversed: RMS ")
     assert problem.what.endswith(" mm")
     assert problem.cure == f"sign: 1 for joint 2 in {files / 'robot.yaml'}"
+
+
+def test_a_refusal_names_the_way_round_it_and_what_that_means(cellctl, files, capsys):
+    rewritten(files, lambda rows: [row | {"A3": str(-float(row["A3"]))} for row in rows])
+    assert cellctl("fit", files / "robot.yaml", files / "positions.csv") == 2
+    assert "--no-check fits all the same" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.long
+def test_rows_in_another_order_than_their_joints_are_refused_in_time(cellctl, files, capsys):
+    """What the JSON says of an impossible set-up is nothing: none is written. 20 s are what a person was promised."""
+    measured = list(csv.DictReader((files / "positions.csv").open(newline="")))[::-1]
+    rewritten(files, lambda rows: [row | {k: m[k] for k in "XYZ"} for row, m in zip(rows, measured, strict=True)])
+    began = time.monotonic()
+    assert cellctl("fit", files / "robot.yaml", files / "positions.csv", "--json", files / "r.json") == 2
+    assert time.monotonic() - began < 20.0
+    said = capsys.readouterr().err
+    assert "robot file and data do not belong together: RMS " in said
+    assert "--no-check" in said
+    assert not (files / "r.json").exists()
 
 
 def test_a_key_that_is_not_there_yet_is_told_at_its_joint(files):

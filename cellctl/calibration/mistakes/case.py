@@ -54,6 +54,14 @@ class Case:
         """The rows at `which`: indices in ascending order, or a mask."""
         return replace(self, task=replace(self.task, rows=self.task.rows.pick(which)), readings=self.readings[which])
 
+    def session(self, number: int) -> tuple[Any, Self]:
+        """The rows of one session, as indices (N,) of all, and these alone, as the only session that there is."""
+        blocks = [block for block in self.task.rows.blocks if block.session == number]
+        rows = np.flatnonzero([block.session == number for block in self.task.rows.blocks for _ in range(len(block))])
+        mixture = Mixture(tuple(replace(block, session=0) for block in blocks))
+        task = replace(self.task, rows=mixture, sessions=(self.task.sessions[number],))
+        return rows, replace(self, task=task, readings=self.readings[rows])
+
     def thinned(self, count: int) -> Self:
         """At most `count` of the rows, evenly spread over them."""
         if len(self.readings) <= count:

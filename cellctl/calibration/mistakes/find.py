@@ -22,6 +22,7 @@ from cellctl.calibration.mistakes.measured import other_hand, other_length, othe
 from cellctl.calibration.mistakes.misfit import (
     CORE,
     EXPLAINED,
+    IMPLAUSIBLE,
     LEAST_MM,
     SUSPICIOUS,
     Misfit,
@@ -32,9 +33,11 @@ from cellctl.calibration.mistakes.misfit import (
 )
 from cellctl.calibration.mistakes.mixed_units import mixed_units
 from cellctl.calibration.mistakes.order import out_of_step, put_in_step, wild_rows
+from cellctl.calibration.mistakes.plausibility import WideFit
 from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.mistakes.table import metres, other_convention
 from cellctl.calibration.mistakes.turns import other_turns
+from cellctl.calibration.progress import Progress, silent
 from cellctl.calibration.rows import PoseRows, PositionRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats, JointMap
@@ -95,19 +98,21 @@ class Mistake:
 class SetUp:
     """What was found. implausible: whether nominal is too far from the rows for any robot of its kind; rms_mm,
     foreseen_mm: how far, and what tolerances foresee. mistakes: explanations, best first; any one of them explains all.
+    wide_fit: where nothing explains it, what a fit within wide tolerances leaves.
     """
 
     implausible: bool
     rms_mm: float
     foreseen_mm: float
     mistakes: tuple[Mistake, ...] = ()
+    wide_fit: WideFit | None = None
 
 
 NOTHING = SetUp(False, 0.0, 0.0)
 """Nothing was found, or there was nothing to find it by."""
 
 
-def find_mistakes(task: Task, joints: JointMap, readings: Floats) -> SetUp:
+def find_mistakes(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetUp:
     """Mistakes of set-up in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
 
     Where several explanations leave as little, all are named: the rows cannot tell which it is. Rows on which nominal
@@ -117,19 +122,24 @@ def find_mistakes(task: Task, joints: JointMap, readings: Floats) -> SetUp:
         return NOTHING
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            return _searched(Case(task, joints, np.asarray(readings, float)))
+            return _searched(Case(task, joints, np.asarray(readings, float)), progress)
     except np.linalg.LinAlgError:
         return NOTHING
 
 
-def _searched(case: Case) -> SetUp:
+def _searched(case: Case, progress: Progress) -> SetUp:
     few = case.thinned(SAMPLE)
     nominal = misfit(few).foreseen(few)
     stages = _stages(case, nominal)
     found = list(_some_rows(case, mixed_units(case))) if nominal.suspicious or _wild(case, nominal) else []
     if not found:
-        found = _explained(case, nominal, stages) if stages else list(_single_rows(case, nominal))
-    return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found or _misplaced(few, nominal)))
+        found = _explained(case, nominal, stages, progress) if stages else list(_single_rows(case, nominal))
+    found = found or list(_misplaced(few, nominal))
+    wide_fit = None
+    if not found and nominal.far_mm(IMPLAUSIBLE):
+        progress("whether robot file and data belong together", 0.9)
+        wide_fit = WideFit.of(few)
+    return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found), wide_fit)
 
 
 def _stages(case: Case, nominal: Misfit) -> tuple[Stage, ...]:
@@ -144,12 +154,13 @@ def _stages(case: Case, nominal: Misfit) -> tuple[Stage, ...]:
     return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in case.task.rows.kinds else ()
 
 
-def _explained(case: Case, nominal: Misfit, stages: tuple[Stage, ...]) -> list[Mistake]:
+def _explained(case: Case, nominal: Misfit, stages: tuple[Stage, ...], progress: Progress) -> list[Mistake]:
     """What explains all rows at once; two or three joints only where nothing simpler does. Nothing where zeros that
     are off by little explain it as well: the identification will find them.
     """
     few = case.thinned(SAMPLE)
-    for stage in stages:
+    for number, stage in enumerate(stages):
+        progress("set-up errors", 0.9 * number / len(stages))
         source = case if stage is out_of_step else few
         judged = [_judged(supposed) for supposed in _screened(stage(source), nominal)]
         right = [

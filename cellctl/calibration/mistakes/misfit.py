@@ -90,8 +90,8 @@ def misfit(case: Case, rounds: int = ROUNDS) -> Misfit:
     task = replace(case.task, rough=None)
     kept = [np.arange(len(block)) for block in task.rows.blocks]
     for _ in range(rounds):
-        state, before = task.start(_only(task.rows, kept)), kept
-        kept = [_nearest(errors[0]) for errors in row_errors(task, state)]
+        state, before = task.start(only(task.rows, kept)), kept
+        kept = [nearest(errors[0]) for errors in row_errors(task, state)]
         if all(np.array_equal(now, then) for now, then in zip(kept, before, strict=True)):
             break
     errors = row_errors(task, state)
@@ -125,11 +125,13 @@ def steps_of(sizes: Floats) -> Floats:
     return np.asarray(np.floor(np.log(np.maximum(sizes, least) / least) / np.log(1.5)))
 
 
-def _only(rows: Mixture, kept: Sequence[Any]) -> Mixture:
+def only(rows: Mixture, kept: Sequence[Any]) -> Mixture:
+    """The rows at `kept`, indices for each block."""
     return Mixture(tuple(block.pick(which) for block, which in zip(rows.blocks, kept, strict=True)))
 
 
-def _nearest(errors: Floats) -> Any:
+def nearest(errors: Floats) -> Any:
+    """Indices, ascending, of the `CORE` of rows with the smallest `errors` (N,)."""
     return np.sort(np.argsort(errors, kind="stable")[: int(np.ceil(CORE * len(errors)))])
 
 
@@ -139,7 +141,7 @@ def _foreseen(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, f
     known = np.diag(unknowns.sigma**2) if unknowns.prior is None else unknowns.prior
     values, vectors = np.linalg.eigh(known)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    blocks = _only(task.rows, kept).blocks
+    blocks = only(task.rows, kept).blocks
     sigma = np.concatenate([block.sigma.ravel() for block in blocks])
     jacobian = np.concatenate([block.jacobian(state).reshape(-1, state.width) for block in blocks]) / sigma[:, None]
     free = task.registration(unknowns)

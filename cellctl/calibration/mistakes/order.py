@@ -13,7 +13,7 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.misfit import Misfit, misfit, row_errors
+from cellctl.calibration.mistakes.misfit import EXPLAINED, Misfit, misfit, row_errors
 from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.unknowns import State
 
@@ -44,7 +44,33 @@ class Stretch:
 
 
 def out_of_step(case: Case) -> Iterator[Supposition]:
-    """Rows put back in step, with nominal registered on a part of them that is in step with itself."""
+    """Rows put back in step, with nominal registered on a part of them that is in step with itself; of several sessions
+    each by itself, then all of them as one supposition.
+    """
+    sessions = sorted({block.session for block in case.task.rows.blocks if len(block)})
+    if len(sessions) == 1:
+        yield from _in_one_session(case)
+        return
+    changes: list[Change] = []
+    readings, oddity = case.readings.copy(), 0
+    for number in sessions:
+        rows, alone = case.session(number)
+        judged = [(misfit(each.case).foreseen(each.case).times, each) for each in _in_one_session(alone)]
+        times, best = min(judged, key=lambda pair: (pair[0], pair[1].oddity), default=(np.inf, None))
+        if best is not None and times <= EXPLAINED:
+            changes += [_in_session(change, rows, case.task.sessions[number].name) for change in best.changes]
+            readings[rows], oddity = best.case.readings, oddity + best.oddity
+    if changes:
+        yield Supposition(tuple(changes), case.with_readings(readings), oddity)
+
+
+def _in_session(change: Change, rows: Any, name: str) -> Change:
+    """A change to the rows of a session, as one to the rows of all; `rows` (N,): where those of the session are."""
+    what = change.what.replace("in all rows", f"in all rows of session {name}")
+    return replace(change, what=what, rows=tuple(int(rows[row]) for row in change.rows))
+
+
+def _in_one_session(case: Case) -> Iterator[Supposition]:
     for block, window in _windows(case):
         for by in (0, *_shifts()):
             trial = case.pick(window)
