@@ -18,7 +18,7 @@ from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.region import doubt
-from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.calibration.verdict import HeldOut
@@ -64,7 +64,7 @@ def _doubted(used: Mixture, by: Identification, rows: Mixture) -> list[Floats]:
     """
     lower, upper = used.q.min(axis=0), used.q.max(axis=0)
     rms = float(np.sqrt(np.mean(used.errors(by.nominal.state) ** 2)))
-    axes = [1.0 if isinstance(block, TouchRows) else np.sqrt(3.0) for block in rows.blocks]
+    axes = [1.0 if isinstance(block, TouchRows | PlaneRows) else np.sqrt(3.0) for block in rows.blocks]
     return [doubt(lower, upper, block.q) * rms / along for block, along in zip(rows.blocks, axes, strict=True)]
 
 
@@ -97,7 +97,7 @@ def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
             continue
         if isinstance(block, PositionRows | PoseRows):
             result[start.columns[block.session]] = True
-        if isinstance(block, TouchRows | SocketRows):
+        if isinstance(block, TouchRows | SocketRows | PlaneRows):
             for axis in range(3):
                 result[start.points_at + 3 * np.unique(block.point) + axis] = True
         if isinstance(block, TouchRows):

@@ -8,9 +8,10 @@ from typing import TypeAlias
 from cellctl.calibration.rows.fixed_points import SocketRows, TouchRows
 from cellctl.calibration.rows.instrument import PoseRows, PositionRows
 from cellctl.calibration.rows.kind import Rows
+from cellctl.calibration.rows.planes import PlaneRows
 from cellctl.calibration.rows.spacings import SpacingRows
 
-Measured: TypeAlias = PositionRows | PoseRows | TouchRows | SocketRows
+Measured: TypeAlias = PositionRows | PoseRows | TouchRows | PlaneRows | SocketRows
 """What is measured at a robot's joints."""
 
-__all__ = ["Measured", "PoseRows", "PositionRows", "Rows", "SocketRows", "SpacingRows", "TouchRows"]
+__all__ = ["Measured", "PlaneRows", "PoseRows", "PositionRows", "Rows", "SocketRows", "SpacingRows", "TouchRows"]
