@@ -32,6 +32,9 @@ orientation hardly changes it is a loose one.
 
 CENTRE_STEPS = 8
 
+CARRIED_MM = 30.0
+"""A part of the robot that is further from the tip than this shows from which side it touches."""
+
 
 def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group]) -> RobotModel:
     """`model` with those of base and tool that are `free` where the positions and poses among `blocks` want them."""
@@ -103,13 +106,16 @@ def sphere_centre(tips: Floats, reach: Any) -> Floats:
     return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
 
 
-def plane_pole(tips: Floats, reach: Floats, flanges: Floats) -> Floats:
+def plane_pole(tips: Floats, reach: Floats, frames: Floats) -> Floats:
     """Pole (3,), mm, of the plane from which `tips` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
-    which they spread least, with its normal towards the `flanges` (N, 3), mm, as a tool touches from its robot's side.
+    which they spread least, its normal towards what carries the tips: the last of the robot's `frames` (N, K, 3), mm,
+    that is not where the tip is.
     """
-    away = tips - tips.mean(axis=0)
+    away, arms = tips - tips.mean(axis=0), frames - tips[:, None]
+    carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
     normal = np.linalg.eigh(away.T @ away)[1][:, 0]
-    normal = normal if (flanges - tips).mean(axis=0) @ normal >= 0.0 else -normal
+    if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
+        normal = -normal
     return pole_of(normal, float(np.median(tips @ normal - reach)))
 
 
@@ -174,7 +180,7 @@ def _point(models: Sequence[RobotModel], blocks: Sequence[Measured], index: int)
             postures, model = block.postures.pick(mine), models[block.session]
             tips = model.tip(postures)
             if isinstance(block, PlaneRows):
-                return plane_pole(tips, block.reach[mine], model.chain.forward_flange(postures.q)[:, :3, 3])
+                return plane_pole(tips, block.reach[mine], model.chain.frames(postures.q)[..., :3, 3])
             return tips.mean(axis=0) if isinstance(block, SocketRows) else sphere_centre(tips, block.reach[mine])
     return np.full(3, np.nan)
 
