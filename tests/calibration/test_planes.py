@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kr5_model import ROBOT
 from own_campaigns import Campaign, certificate, nominal_of, shape_error
 
 from cellctl.calibration import (
@@ -18,7 +19,9 @@ from cellctl.calibration import (
     plane_estimates,
 )
 from cellctl.calibration.elsewhere import moved
+from cellctl.calibration.mistakes import find_mistakes
 from cellctl.calibration.rows.planes import planes_of, pole_of
+from cellctl.formats import RobotFile
 from cellctl.planning.like_rows import rows_like
 
 SLOPE = np.array([-0.6, 0.0, 0.8])
@@ -170,6 +173,22 @@ def test_rows_moved_elsewhere_and_rows_to_be_measured_touch_the_same_planes():
     assert set(like.point) == {0, 1, 2}
     np.testing.assert_allclose(like.residual(state), 0.0, atol=1e-9)
     assert np.abs(like.reach - BALL).max() < 0.1
+
+
+def test_a_reversed_joint_is_named_from_plane_touches_and_a_sound_set_up_is_not_accused():
+    robot = RobotFile.load(ROBOT)
+    campaign = campaign_of(1)
+    block = campaign.planes(80, PLANES, SIGMA, BALL)
+    task, joints = task_of(campaign, [block], ("floor", "wall", "side")), robot.joint_map()
+    readings = joints.readings(block.q)
+    sound = find_mistakes(task, joints, readings)
+    assert not sound.implausible
+    assert not sound.mistakes
+    readings[:, 3] *= -1.0
+    task = replace(task, rows=replace(block, at=joints.model(readings)))
+    assert [mistake.words().partition(":")[0] for mistake in find_mistakes(task, joints, readings).mistakes] == [
+        "A4 reversed"
+    ]
 
 
 def test_planes_are_no_poses():

@@ -118,3 +118,14 @@ def test_one_name_for_a_plane_and_a_socket_and_a_distance_to_a_plane_are_refused
     (tmp_path / "planes.yaml").write_text(ARTEFACT + "sockets: [{id: floor}]\n")
     assert cellctl("fit", "robot.yaml", "data.csv", "--artefact", "planes.yaml") == 2
     assert "'floor' is there twice" in capsys.readouterr().err
+
+
+def test_a_reversed_joint_is_named_and_no_robot_that_can_only_move_in_a_plane(cellctl, tmp_path, capsys):
+    # read as Craig's, the table is a planar arm, all of whose places lie in every plane: RMS 0
+    parts = [{**part, "A2": -part["A2"]} for part in on_planes(np.random.default_rng(4))]
+    (tmp_path / "data.csv").write_text(joined(parts))
+    (tmp_path / "planes.yaml").write_text(ARTEFACT)
+    assert cellctl("fit", "robot.yaml", "data.csv", "--artefact", "planes.yaml") == 2
+    told = capsys.readouterr().err
+    assert "A2 reversed" in told
+    assert "Craig" not in told

@@ -79,7 +79,7 @@ class Campaign:
             away /= np.linalg.norm(away, axis=1, keepdims=True)
             return np.asarray(centres[left] + (REACH + self.rng.normal(0.0, sigma, (len(left), 1))) * away)
 
-        q = self._standing(point, goals)
+        q = self.standing(point, goals)
         return TouchRows(q, point, np.full(count, REACH), np.full((count, 1), said or sigma))
 
     def planes(self, count: int, planes: Floats, sigma: float, ball: float = 0.0, first: int = 0) -> PlaneRows:
@@ -94,13 +94,13 @@ class Campaign:
             beside -= np.sum(beside * normal, axis=1, keepdims=True) * normal
             return np.asarray(place + beside + (ball + self.rng.normal(0.0, sigma, (len(left), 1))) * normal)
 
-        q = self._standing(point, goals, planes[:, 3:])
+        q = self.standing(point, goals, planes[:, 3:])
         return PlaneRows(q, first + point, np.full(count, ball), np.full((count, 1), sigma))
 
     def sockets(self, count: int, places: Floats, sigma: float, first: int = 0, session: int = 0) -> SocketRows:
         """Visits in turn to sockets at `places` (S, 3), mm, in the robot's base, called `first`, `first` + 1, …"""
         point = np.arange(count) % len(places)
-        q = self._standing(point, lambda left: places[left] + self.rng.normal(0.0, sigma, (len(left), 3)))
+        q = self.standing(point, lambda left: places[left] + self.rng.normal(0.0, sigma, (len(left), 3)))
         return SocketRows(q, first + point, np.full((count, 3), sigma), session)
 
     def distances(self, count: int, anchor: Floats, sigma: float, point: int) -> TouchRows:
@@ -112,7 +112,7 @@ class Campaign:
     def _in_base(self, q: Floats) -> Floats:
         return replace(self.truth, base=np.eye(4)).points(q)
 
-    def _standing(self, point: Indices, goals: Callable[[Indices], Floats], sides: Floats | None = None) -> Floats:
+    def standing(self, point: Indices, goals: Callable[[Indices], Floats], sides: Floats | None = None) -> Floats:
         """Angles (N, 6) that put the tool at `goals(point)` (in the robot's base), the wrist anyhow, the flange on the
         side (S, 3) of each point where that matters.
         """
