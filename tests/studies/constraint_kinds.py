@@ -28,7 +28,17 @@ from own_arm import Floats
 from own_campaigns import Campaign, body_error, certificate, nominal_of
 from volumetric import HIGH, LOW, workspace_of
 
-from cellctl.calibration import Measured, SocketRows, SpacingRows, Task, TouchRows, identify, sigma_among
+from cellctl.calibration import (
+    Measured,
+    Mixture,
+    PlaneRows,
+    SocketRows,
+    SpacingRows,
+    Task,
+    TouchRows,
+    identify,
+    sigma_among,
+)
 from cellctl.formats import RobotFile
 
 SIGMA_MM = 0.03
@@ -48,8 +58,9 @@ BEGIN, END = "<!-- constraint figures -->", "<!-- end of constraint figures -->"
 TRIED = 5
 """Rows drawn for each that is kept: the others' tools would go through what they touch."""
 
+AT_PLACES = TouchRows | PlaneRows | SocketRows
 AtPoints = TypeVar("AtPoints", TouchRows, SocketRows)
-Rows = Callable[[Campaign, int, Floats], Measured]
+Rows = Callable[[Campaign, int, Floats], Measured | list[Measured]]
 
 
 def spheres(campaign: Campaign, count: int, places: Floats) -> Measured:
@@ -74,7 +85,7 @@ def by_hand(campaign: Campaign, count: int, places: Floats) -> Measured:
     return sockets(campaign, count, places, BY_HAND_MM)
 
 
-def bars(campaign: Campaign, count: int, places: Floats) -> Measured:
+def bars(campaign: Campaign, count: int, places: Floats) -> TouchRows:
     """A rod of one known length from each anchor to the tool, swung about the upper half space."""
 
     def goals(point: NDArray[np.intp]) -> Floats:
@@ -88,6 +99,12 @@ def bars(campaign: Campaign, count: int, places: Floats) -> Measured:
 def wires(campaign: Campaign, count: int, places: Floats) -> Measured:
     """A draw-wire of known zero from each anchor to the tool, anywhere in the workspace."""
     return _measured_from(campaign, count, places, lambda point: campaign.rng.uniform(LOW, HIGH, (len(point), 3)))
+
+
+def planes_and_rod(campaign: Campaign, count: int, places: Floats) -> list[Measured]:
+    """Planes, and a rod for a fifth of the touches."""
+    rod = bars(campaign, count // 5, ANCHORS[:1])
+    return [planes(campaign, count - count // 5, places), replace(rod, point=rod.point + len(places))]
 
 
 def _towards_flange(campaign: Campaign, block: AtPoints, normals: Floats, count: int) -> AtPoints:
@@ -117,6 +134,7 @@ KINDS: tuple[tuple[str, Rows, Floats, bool], ...] = (
     ("one distance: draw-wire", wires, ANCHORS[:1], False),
     ("three spheres", spheres, THREE, False),
     ("three planes", planes, PLANES, False),
+    ("three planes, a fifth of the touches by one rod", planes_and_rod, PLANES, False),
     ("three points", sockets, THREE, False),
     ("three points, aligned by hand (0.1 mm)", by_hand, THREE, False),
     ("three distances: rods of 500 mm", bars, ANCHORS, False),
@@ -141,10 +159,11 @@ def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int,
     """Identify the robot of `seed` from `count` rows; judge it at angles `asked` (M, 6), rad."""
     campaign = Campaign.of(seed)
     campaign = replace(campaign, truth=replace(campaign.truth, base=np.eye(4)))
-    nominal, block = nominal_of(campaign.nominal), rows(campaign, count, places)
+    nominal, blocks = nominal_of(campaign.nominal), Mixture.of(rows(campaign, count, places))
     spacing: SpacingRows | None = certificate(campaign.rng, places, PAIRS, CERTIFIED_MM) if certified else None
-    names = tuple(f"P{number + 1}" for number in range(len(places)))
-    task = Task(nominal, block, names, np.full((len(places), 3), np.nan), spacing)  # type: ignore[arg-type]
+    points = 1 + max(int(block.point.max()) for block in blocks.blocks if isinstance(block, AT_PLACES))
+    names = tuple(f"P{number + 1}" for number in range(points))
+    task = Task(nominal, blocks, names, np.full((points, 3), np.nan), spacing)
     found = identify(task).identified
     model, robot, true = found.state.model, found.unknowns.robot, campaign.truth.points(asked)
     return Figures(
