@@ -119,7 +119,7 @@ def effects_that_the_model_lacks(seeds: range) -> list[str]:
     """The fifth table."""
     lines = [
         "| set-up | seeds | NEES per degree of freedom, places asked | truth in the 95 % region: place asked "
-        "| volumetric RMS | volumetric RMS (mm) | said | found / said | rows left out of 50, mean | σ grew by "
+        "| volumetric RMS | volumetric RMS (mm) | stated | found / stated | rows left out of 50, mean | σ grew by "
         "| tolerances grew by | not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
