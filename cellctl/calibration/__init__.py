@@ -27,11 +27,21 @@ from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.moved import MOVED
 from cellctl.calibration.observability import Hidden, Observability, observability
+from cellctl.calibration.planes import PlaneEstimate, plane_estimates
 from cellctl.calibration.postures import At, Postures
 from cellctl.calibration.predict import Prediction, predict
 from cellctl.calibration.progress import Progress
 from cellctl.calibration.region import doubt
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows, Rows, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import (
+    Measured,
+    PlaneRows,
+    PoseRows,
+    PositionRows,
+    Rows,
+    SocketRows,
+    SpacingRows,
+    TouchRows,
+)
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere
@@ -77,6 +87,8 @@ __all__ = [
     "MeasuredRegion",
     "Mixture",
     "Observability",
+    "PlaneEstimate",
+    "PlaneRows",
     "PoseRows",
     "PositionRows",
     "Postures",
@@ -105,6 +117,7 @@ __all__ = [
     "locate_sphere",
     "observability",
     "paired_verdict",
+    "plane_estimates",
     "predict",
     "shape_sigma",
     "sigma_among",

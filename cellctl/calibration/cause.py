@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration.elsewhere import lines, thinned
-from cellctl.calibration.rows import Measured, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.kinematics import Floats, rotation_vector
 
@@ -68,8 +68,8 @@ class Rowed:
 
     @property
     def lengthless(self) -> bool:
-        """Whether nothing but visits to sockets was measured, and nobody knows how far these are apart."""
-        return self.spacings is None and all(isinstance(block, SocketRows) for block in self.blocks)
+        """Whether nothing but sockets and planes was measured, and no distance between sockets is known."""
+        return self.spacings is None and all(isinstance(block, SocketRows | PlaneRows) for block in self.blocks)
 
     def points(self) -> list[int]:
         """The points that are visited."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from cellctl.calibration.cause import MOVED_RAD, Cause, Rowed
 from cellctl.calibration.elsewhere import moved, under
+from cellctl.calibration.plane_causes import of_planes
 from cellctl.calibration.point_causes import of_no_length, of_points
 from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Bools, Floats
@@ -36,6 +37,7 @@ def causes(rows: Rowed) -> Iterator[Cause]:
         yield from _one_posture(rows)
         yield from _conditions(rows)
         yield from of_points(rows)
+        yield from of_planes(rows)
         yield from _one_orientation(rows)
         yield from _joints(rows)
         yield from _one_axis(rows)

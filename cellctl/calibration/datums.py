@@ -13,7 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.rows import Measured, SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
 from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
@@ -26,7 +26,7 @@ def with_datums(state: State, blocks: Sequence[Measured]) -> State:
     want them: a start for the estimator. All other points are taken to be where `state` has them.
     """
     points, datums = state.points.copy(), state.datums.copy()
-    at_points = [block for block in blocks if isinstance(block, TouchRows | SocketRows)]
+    at_points = [block for block in blocks if isinstance(block, TouchRows | SocketRows | PlaneRows)]
     known = np.array([any(telling(block, point).any() for block in at_points) for point in range(len(points))])
     for index in range(len(datums)):
         rows = _Lengths.of(state, blocks, index)
@@ -43,7 +43,7 @@ def with_datums(state: State, blocks: Sequence[Measured]) -> State:
     return replace(state, points=points, datums=datums)
 
 
-def telling(block: TouchRows | SocketRows, point: int) -> Bools:
+def telling(block: TouchRows | SocketRows | PlaneRows, point: int) -> Bools:
     """Which rows (N,) tell where the point of number `point` is, with no datum in between."""
     mine = block.point == point
     return np.asarray(mine & (block.datum < 0) if isinstance(block, TouchRows) else mine)

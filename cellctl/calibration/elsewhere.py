@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.calibration.estimate import linearised
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.postures import Postures
-from cellctl.calibration.rows import Measured, PoseRows, Rows, SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, Rows, SocketRows, TouchRows
 from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.kinematics import Bools, Floats
 
@@ -25,6 +25,8 @@ BACK_MM = 1e-3
 """A tip this near to its point is there."""
 
 DAMPING_MM2 = 1.0
+ACROSS_MM = 300.0
+"""How far from its own place on each axis of space a touch on a plane is supposed to be elsewhere."""
 
 
 def thinned(block: Measured) -> Measured:
@@ -41,11 +43,13 @@ def moved(block: Measured, state: State, joints: Bools, by_rad: float) -> Measur
     """
     spread = np.random.default_rng(len(block)).uniform(-by_rad, by_rad, block.q.shape)
     q, model = block.q + np.where(joints, spread, 0.0), state.models[block.session]
-    if not isinstance(block, TouchRows | SocketRows):
+    if not isinstance(block, TouchRows | SocketRows | PlaneRows):
         return _at(block, q, model)
     tips = model.tip(block.postures)
     if isinstance(block, TouchRows) and joints.all():
         tips = _all_round(block, state)
+    if isinstance(block, PlaneRows) and joints.all():
+        tips = _all_over(block, state, tips)
     return brought(block, model, q, tips, np.ones(len(joints), bool) if joints.all() else ~joints)
 
 
@@ -119,3 +123,11 @@ def _all_round(block: TouchRows, state: State) -> Floats:
     normals = np.random.default_rng(len(block)).normal(size=(len(block), 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(state.points[block.point] + block.lengths(state)[:, None] * normals)
+
+
+def _all_over(block: PlaneRows, state: State, tips: Floats) -> Floats:
+    """Tips (N, 3) that touch each row's plane, up to `ACROSS_MM` beside `tips` (N, 3)."""
+    normal = block.normals(state)
+    beside = np.random.default_rng(len(block)).uniform(-ACROSS_MM, ACROSS_MM, tips.shape)
+    lift = np.sum(normal * beside, axis=1) + block.residual(state)[:, 0]
+    return np.asarray(tips + beside - lift[:, None] * normal)

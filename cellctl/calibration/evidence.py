@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dpotri
 
 from cellctl.calibration.estimate import Estimate, linearised, pins
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.rows import Rows, SocketRows
+from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
 from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
 
@@ -354,10 +354,12 @@ def _root(square: Floats) -> Floats:
 
 
 def _measures_length(rows: Mixture, certain: Sequence[Rows]) -> bool:
-    """Whether anything here is a length. Sockets alone are not: a robot of no size would be in all of them at once, and
-    nothing but the tolerances of its links keeps it from shrinking.
+    """Whether anything here is a length. Sockets and planes alone are not: a robot of no size would be in all of
+    them at once, and nothing but the tolerances of its links keeps it from shrinking.
     """
-    return any(map(len, certain)) or any(len(block) and not isinstance(block, SocketRows) for block in rows.blocks)
+    return any(map(len, certain)) or any(
+        len(block) and not isinstance(block, SocketRows | PlaneRows) for block in rows.blocks
+    )
 
 
 def _beyond(squares: float, count: float) -> bool:

@@ -18,7 +18,7 @@ from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
-from cellctl.calibration.rows import PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.calibration.verdict import HeldOut
@@ -97,7 +97,7 @@ def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
             continue
         if isinstance(block, PositionRows | PoseRows):
             result[start.columns[block.session]] = True
-        if isinstance(block, TouchRows | SocketRows):
+        if isinstance(block, TouchRows | SocketRows | PlaneRows):
             for axis in range(3):
                 result[start.points_at + 3 * np.unique(block.point) + axis] = True
         if isinstance(block, TouchRows):

@@ -28,14 +28,14 @@ def of_points(rows: Rowed) -> Iterator[Cause]:
     points = rows.points()
     if len(points) == 1 and all(isinstance(block, AT_POINTS) for block in rows.blocks):
         yield Cause(f"all rows are {_where(rows)}", lambda: _at_second_point(rows))
-    elif points and rows.lengthless:
+    elif len(points) > 1 and rows.lengthless:
         pair = SpacingRows(np.array([points[:2]]), np.zeros(1), np.full((1, 1), LENGTH_SIGMA_MM))
         yield Cause(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
 
 
 def of_no_length(rows: Rowed) -> Iterator[Cause]:
     """No length where all rows are at one point, whose distance from another nobody can know."""
-    if len(rows.points()) == 1 and rows.lengthless:
+    if len(rows.points()) == 1 and rows.lengthless and all(isinstance(block, SocketRows) for block in rows.blocks):
         yield Cause(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
 
 
@@ -56,20 +56,25 @@ def _where(rows: Rowed) -> str:
 
 def _at_second_point(rows: Rowed) -> Floats:
     """Lines of the same rows at another point, with that point's own unknown place worked out of them."""
-    point, free = rows.points()[0], np.flatnonzero(rows.unknowns.free)
+    point = rows.points()[0]
     first = rows.state.points[point]
     away = APART * float(np.linalg.norm(first - rows.state.model.chain.base_now[:3, 3]))
-    found = [np.zeros((0, free.size))]
+    found = [np.zeros((0, int(np.count_nonzero(rows.unknowns.free))))]
     for direction in np.vstack([np.eye(3), -np.eye(3)]):
         there = replace(rows.state, points=np.where(np.arange(len(rows.state.points))[:, None] == point,
                                                     first + away * direction, rows.state.points))  # fmt: skip
         shifted = [_shifted(thinned(block), there, away * direction) for block in rows.blocks]
-        moves = lines(replace(rows.unknowns, start=there, free=np.ones_like(rows.unknowns.free)), shifted)
-        own = rows.state.points_at + 3 * point + np.arange(3)
-        tied = np.linalg.qr(moves[:, own])[0] if len(moves) > 3 else moves[:, :0]
-        moves[:, own] = 0.0
-        found.append((moves - tied @ (tied.T @ moves))[:, free])
+        found.append(lines_of_points_own(rows, there, shifted, point))
     return np.concatenate(found)
+
+
+def lines_of_points_own(rows: Rowed, there: State, blocks: list[Measured], point: int) -> Floats:
+    """How `blocks` move with the free unknowns (K, F) about `there`, the place of `point` itself worked out of them."""
+    moves = lines(replace(rows.unknowns, start=there, free=np.ones_like(rows.unknowns.free)), blocks)
+    own = rows.state.points_at + 3 * point + np.arange(3)
+    tied = np.linalg.qr(moves[:, own])[0] if len(moves) > 3 else moves[:, :0]
+    moves[:, own] = 0.0
+    return np.asarray((moves - tied @ (tied.T @ moves))[:, rows.unknowns.free])
 
 
 def _shifted(block: Measured, state: State, by: Floats) -> Measured:

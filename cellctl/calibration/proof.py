@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from cellctl.calibration.identify import OVERDETERMINED, Identification
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.rows import Measured, SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
 
-PER_SPHERE = 4
-PER_SOCKET = 2
-"""Touches that find a sphere's centre, and visits that find a socket, and show that they agree."""
+_AtPoints: TypeAlias = type[TouchRows | PlaneRows | SocketRows]
+
+_AT_LEAST: dict[_AtPoints, tuple[str, str, int]] = {
+    TouchRows: ("sphere", "touches", 4),
+    PlaneRows: ("plane", "touches", 4),
+    SocketRows: ("socket", "visits", 2),
+}
+"""What each kind is at, what its rows are called, and how many of them find its place and show that they agree."""
 
 TOO_NOISY = 10.0
 PER_SEEN = 5
@@ -68,7 +73,7 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
     if rows.size < needed:
         each = -(-needed // int(rows.numbers.max(initial=1)))
         return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]
-    rare = [*_rarely_visited(task, rows, held_out, TouchRows), *_rarely_visited(task, rows, held_out, SocketRows)]
+    rare = [words for kind in _AT_LEAST for words in _rarely_visited(task, rows, held_out, kind)]
     return [*rare, *_rarely_shown(task, rows, held_out), *_short_sessions(task, rows, held_out)]
 
 
@@ -85,13 +90,12 @@ def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
 
 
 def _at_points(block: Measured) -> bool:
-    return isinstance(block, TouchRows | SocketRows)
+    return isinstance(block, tuple(_AT_LEAST))
 
 
-def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: type[TouchRows | SocketRows]) -> list[str]:
+def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: _AtPoints) -> list[str]:
     """Points that judge without their place being known well enough: by the fit, or, unknown to it, by what judges."""
-    noun, least = ("sphere", PER_SPHERE) if kind is TouchRows else ("socket", PER_SOCKET)
-    visits = "touches" if kind is TouchRows else "visits"
+    noun, visits, least = _AT_LEAST[kind]
     of_fit, judging = _visits(task, rows, kind), _visits(task, held_out, kind)
     known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
     return [
@@ -125,7 +129,7 @@ def _shown(task: Task, rows: Mixture) -> tuple[Any, Any]:
     return np.bincount(shown[:, 0], minlength=len(task.datums)), 3 * points + 1 + 1  # one zero, one that can disagree
 
 
-def _visits(task: Task, rows: Mixture, kind: type[TouchRows | SocketRows]) -> Any:
+def _visits(task: Task, rows: Mixture, kind: _AtPoints) -> Any:
     """How many rows of `kind` each point (S,) has."""
     points = [block.point for block in rows.blocks if isinstance(block, kind)]
     visited = np.concatenate([np.zeros(0, int), *points]).astype(int)

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.datums import telling
 from cellctl.calibration.model import RobotModel
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows.planes import pole_of
 from cellctl.calibration.unknowns import PLACED, Group
 from cellctl.kinematics import Floats, SerialChain, pose
 
@@ -30,6 +31,9 @@ orientation hardly changes it is a loose one.
 """
 
 CENTRE_STEPS = 8
+
+CARRIED_MM = 30.0
+"""A part of the robot that is further from the tip than this shows from which side it touches."""
 
 
 def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group]) -> RobotModel:
@@ -47,8 +51,8 @@ def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset
 
 
 def fixed_points(models: Sequence[RobotModel], blocks: Sequence[Measured], rough: Floats) -> Floats:
-    """Spheres, anchors and sockets (S, 3), mm: where they roughly are, if that is known (`rough`, else NaN), or where
-    the first block that saw each wants it; those that none saw in the middle of what was.
+    """Spheres, anchors, sockets and poles of planes (S, 3), mm: where they roughly are, if that is known (`rough`, else
+    NaN), or where the first block that saw each wants it; those that none saw in the middle of what was.
     """
     points = rough.copy()
     for index in np.flatnonzero(np.isnan(points).any(axis=1)):
@@ -100,6 +104,19 @@ def sphere_centre(tips: Floats, reach: Any) -> Floats:
     across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
     found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]
     return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
+
+
+def plane_pole(tips: Floats, reach: Floats, frames: Floats) -> Floats:
+    """Pole (3,), mm, of the plane from which `tips` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
+    which they spread least, its normal towards what carries the tips: the last of the robot's `frames` (N, K, 3), mm,
+    that is not where the tip is.
+    """
+    away, arms = tips - tips.mean(axis=0), frames - tips[:, None]
+    carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
+    normal = np.linalg.eigh(away.T @ away)[1][:, 0]
+    if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
+        normal = -normal
+    return pole_of(normal, float(np.median(tips @ normal - reach)))
 
 
 def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Group]) -> SerialChain:
@@ -159,8 +176,11 @@ def _left(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> float
 def _point(models: Sequence[RobotModel], blocks: Sequence[Measured], index: int) -> Floats:
     """Where the first block that saw point `index` sees it (3,); NaN where none did."""
     for block in blocks:
-        if isinstance(block, TouchRows | SocketRows) and np.any(mine := telling(block, index)):
-            tips = models[block.session].tip(block.postures.pick(mine))
+        if isinstance(block, TouchRows | SocketRows | PlaneRows) and np.any(mine := telling(block, index)):
+            postures, model = block.postures.pick(mine), models[block.session]
+            tips = model.tip(postures)
+            if isinstance(block, PlaneRows):
+                return plane_pole(tips, block.reach[mine], model.chain.frames(postures.q)[..., :3, 3])
             return tips.mean(axis=0) if isinstance(block, SocketRows) else sphere_centre(tips, block.reach[mine])
     return np.full(3, np.nan)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.rows import SocketRows, TouchRows
+from cellctl.calibration.rows import PlaneRows, SocketRows, TouchRows
 
 
 def sampled(rows: Mixture, most: int) -> Any:
@@ -23,7 +23,9 @@ def sampled(rows: Mixture, most: int) -> Any:
     shares = _shared([len(block) for block in rows.blocks], most)
     for (block, mine, _), share in zip(rows.parts(), shares, strict=True):
         order = rng.permutation(len(block))
-        point = block.point[order] if isinstance(block, TouchRows | SocketRows) else np.zeros(len(block), int)
+        point = np.zeros(len(block), int)
+        if isinstance(block, TouchRows | SocketRows | PlaneRows):
+            point = block.point[order]
         points, sizes = np.unique(point, return_counts=True)
         for each, own in zip(points, _shared(sizes, share), strict=True):
             chosen.append(mine.start + order[point == each][:own])

@@ -14,7 +14,7 @@ from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.registration import fixed_points, on_instrument
-from cellctl.calibration.rows import PoseRows, PositionRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SpacingRows, TouchRows
 from cellctl.calibration.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
 from cellctl.kinematics import Bools, Floats
 
@@ -36,9 +36,10 @@ class Task:
     """What is identified, from what.
 
     model: nominal robot, or an older model. rows: everything measured, one block or several. points, rough: names of
-    spheres and sockets, and where they roughly are (S, 3), mm (NaN where not known). datums: names of instruments that
-    measure lengths from a zero that nobody knows. spacings: certified distances, or None. groups: what may change
-    besides what registers the robot to the measurement; None: geometry, tool, and all effects that the model has.
+    spheres, sockets and planes, and where they roughly are (S, 3), mm (of planes the poles; NaN where not known).
+    datums: names of instruments that measure lengths from a zero that nobody knows. spacings: certified distances, or
+    None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
+    effects that the model has.
     sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
 
     prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
@@ -129,8 +130,8 @@ class Task:
     def unknowns(self, start: State) -> Unknowns:
         """All parameters about `start`, all free, with what is known of them."""
         names = [session.name for session in self.sessions[1:]]
-        taught = Unknowns.of(start, self.points, self.tolerances, sessions=names, datums=self.datums)
-        flat = Unknowns.of(start, self.points, self.tolerances, flat=PLACED, sessions=names, datums=self.datums)
+        taught = Unknowns.of(start, self._point_names, self.tolerances, sessions=names, datums=self.datums)
+        flat = Unknowns.of(start, self._point_names, self.tolerances, flat=PLACED, sessions=names, datums=self.datums)
         seen = self._seen_by(taught, (PositionRows, PoseRows))
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))
@@ -174,6 +175,18 @@ class Task:
         points = fixed_points(models, rows.blocks, rough)
         state = State.of_sessions(models, own, points, np.zeros(len(self.datums)))
         return with_datums(state, rows.blocks) if self.datums else state
+
+    @property
+    def planes(self) -> frozenset[int]:
+        """Which of the points are planes."""
+        touched = [block.point for block in self.rows.blocks if isinstance(block, PlaneRows)]
+        return frozenset(int(index) for indices in touched for index in np.unique(indices))
+
+    @property
+    def _point_names(self) -> list[str]:
+        """What parameters of points are called after: the three of a plane are those of its pole."""
+        planes = self.planes
+        return [f"{name}_plane" if index in planes else name for index, name in enumerate(self.points)]
 
     def _somewhere(self) -> State:
         """A state of the right shape."""

@@ -20,6 +20,7 @@ _EFFECTS = (
     (re.compile(r"growth(\d+)"), "growth", "link"),
 )
 _WITH = " with "
+_PLANE = "_plane"
 _NUMBER = re.compile(r"\d+")
 _OF_AXIS = {"turn": "tilt of axis {} about its", "slide": "place of axis {} along its"}
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β"}
@@ -132,8 +133,13 @@ def _effects(names: Sequence[str]) -> list[str]:
 
 
 def _points(names: Sequence[str]) -> list[str]:
-    points = list(dict.fromkeys(name.rpartition("_")[0] for name in names if _is_point(name)))
-    return [f"centre{'' if len(points) == 1 else 's'} of {', '.join(points)}"] if points else []
+    found = list(dict.fromkeys(name.rpartition("_")[0] for name in names if _is_point(name)))
+    points = [name for name in found if not name.endswith(_PLANE)]
+    planes = [name.removesuffix(_PLANE) for name in found if name.endswith(_PLANE)]
+    return [
+        *([f"centre{'' if len(points) == 1 else 's'} of {', '.join(points)}"] if points else []),
+        *([f"plane{'' if len(planes) == 1 else 's'} {', '.join(planes)}"] if planes else []),
+    ]
 
 
 def _datums(names: Sequence[str]) -> list[str]:

@@ -24,7 +24,7 @@ def fit(
     robot: Annotated[Path, typer.Argument(help="Robot file: nominal link table, joints, base, tool.")],
     data: Annotated[Path, typer.Argument(help="Data set, CSV (docs/reference/data-sets.md).")],
     measure: Annotated[
-        str | None, typer.Option(help="Use rows of one kind: position|pose|sphere|socket|distance. Default: all.")
+        str | None, typer.Option(help="Use rows of one kind: position|pose|sphere|plane|socket|distance. Default: all.")
     ] = None,
     model: Annotated[
         str, typer.Option(help="auto, registration, geometry or zeros, and effects: geometry+compliance+backlash.")

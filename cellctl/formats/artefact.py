@@ -1,4 +1,4 @@
-"""Artefacts: the spheres that a robot touches, how large they are, roughly where, and what is certified about them."""
+"""Artefacts: the spheres and planes that a robot touches, how large, roughly where, and what is certified of them."""
 
 from __future__ import annotations
 
@@ -38,6 +38,14 @@ class Socket(BaseModel):
 
 
 @final
+class Plane(BaseModel):
+    """A plane that is touched by a tip; where it is, the rows find. The robot is on its side."""
+
+    model_config = _STRICT
+    id: Name
+
+
+@final
 class Distance(BaseModel):
     """A certified distance between two points (sphere centres, sockets), mm, and its standard deviation, mm."""
 
@@ -58,11 +66,12 @@ class Plate(BaseModel):
 
 @final
 class Artefact(BaseModel):
-    """Spheres, sockets and certified distances; tip_radius of what touches spheres, mm; the plate, where known."""
+    """Spheres, planes, sockets, certified distances; tip_radius of what touches, mm; the plate, where known."""
 
     model_config = _STRICT
     tip_radius: Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)] = 0.0
     spheres: list[Sphere] = []
+    planes: list[Plane] = []
     sockets: list[Socket] = []
     distances: list[Distance] = []
     plate: Plate | None = None
@@ -93,7 +102,7 @@ def load_artefact(path: Path) -> Artefact:
 def artefact_of(document: Document, at: Place) -> Artefact:
     """The artefact at `at` of a loaded document. Raises InputError with every mistake."""
     artefact = validated(document, Artefact, at)
-    problems = [] if artefact.spheres or artefact.sockets else [_nothing(document, at)]
+    problems = [] if artefact.points or artefact.planes else [_nothing(document, at)]
     problems += [*_doubles(document, artefact, at), *_above_plate(document, artefact, at)]
     problems += _distances(document, artefact, at)
     if problems:
@@ -102,12 +111,18 @@ def artefact_of(document: Document, at: Place) -> Artefact:
 
 
 def _nothing(document: Document, at: Place) -> Problem:
-    return document.problem((*at, "spheres"), "holds neither spheres nor sockets", "spheres: or sockets:", key=True)
+    return document.problem(
+        (*at, "spheres"), "holds neither spheres nor sockets nor planes", "spheres:, sockets: or planes:", key=True
+    )
 
 
 def _doubles(document: Document, artefact: Artefact, at: Place) -> list[Problem]:
-    points: dict[str, Sequence[Sphere | Socket]] = {"spheres": artefact.spheres, "sockets": artefact.sockets}
-    counts = Counter(point.id for point in artefact.points)
+    points: dict[str, Sequence[Sphere | Socket | Plane]] = {
+        "spheres": artefact.spheres,
+        "planes": artefact.planes,
+        "sockets": artefact.sockets,
+    }
+    counts = Counter(point.id for listed in points.values() for point in listed)
     return [
         document.problem((*at, kind, index, "id"), f"{kind.removesuffix('s')} '{point.id}' is there twice")
         for kind, listed in points.items()

@@ -15,7 +15,16 @@ from cellctl.formats.model_effects import EffectSettings, settings_of
 from cellctl.formats.robot import Number, RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import At, FitResult, Identification, MeasuredRegion, Prediction, RobotModel
+    from cellctl.calibration import (
+        At,
+        Estimate,
+        FitResult,
+        Identification,
+        MeasuredRegion,
+        Prediction,
+        RobotModel,
+        Task,
+    )
     from cellctl.kinematics import Bools, Floats, JointMap
 
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
@@ -48,6 +57,21 @@ class Centre(BaseModel):
     id: str
     xyz: list[Number]
     sigma: list[Number]
+
+
+@final
+class TouchedPlane(BaseModel):
+    """Where a plane turned out to be, in the measuring frame: normal · x = offset, the touching tool on the normal's
+    side; mm. sigma: 1 σ of its place along the normal in the middle of its touches, mm; tilt_sigma: of the normal, deg,
+    over both tilts.
+    """
+
+    model_config = _STRICT
+    id: str
+    normal: list[Number]
+    offset: Number
+    sigma: Number
+    tilt_sigma: Number
 
 
 @final
@@ -134,7 +158,7 @@ class ModelFile(BaseModel):
     robot: the nominal robot file. start: poses (4, 4) of base and tool from which their deviations count. effects: what
     bends, warms or plays besides, with its settings (None in files that knew the tool's bending alone). parameters: in
     the first session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors.
-    datums: zeros of instruments that measured lengths.
+    planes: those that were touched. datums: zeros of instruments that measured lengths.
     sessions: where there are several. outside_mm: 1 σ, 3-D, of what a prediction may be off by besides, far outside
     the joint region. figures: what the fit said of itself. provenance: SHA-256 of what it was made from.
     """
@@ -148,6 +172,7 @@ class ModelFile(BaseModel):
     parameters: list[Parameter]
     covariance: list[list[Number]]
     centres: list[Centre] = []
+    planes: list[TouchedPlane] = []
     datums: list[LengthZero] = []
     sessions: list[SessionPlace] = []
     joint_region: JointRegion
@@ -182,7 +207,8 @@ class ModelFile(BaseModel):
             effects=settings_of(model.effects),
             parameters=_parameters(result.identification),
             covariance=found.covariance[:count, :count].tolist(),
-            centres=_centres(measured.task.points, state.points, sigma[state.of_points].reshape(-1, 3)),
+            centres=_centres(measured.task, state.points, sigma[state.of_points].reshape(-1, 3)),
+            planes=_planes(measured.task, found),
             datums=_datums(measured.task.datums, state.datums, sigma[state.datums_at :]),
             sessions=_sessions(measured, result.identification),
             joint_region=JointRegion.of(result.region, robot.joint_map()),
@@ -269,7 +295,7 @@ class ModelFile(BaseModel):
     def frame_of_points(self) -> bool:
         """Whether the model's frame is that of the points that it was tied to, as no instrument measured."""
         base = [parameter for parameter in self.parameters if parameter.name.startswith("base_")]
-        return bool(self.centres) and not any(parameter.sigma > 0.0 for parameter in base)
+        return bool(self.centres or self.planes) and not any(parameter.sigma > 0.0 for parameter in base)
 
     def predict(self, readings: Floats, at: At | None = None) -> Prediction:
         """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with the conditions of each.
@@ -341,9 +367,25 @@ def _sessions(measured: Measurements, found: Identification) -> list[SessionPlac
     ]
 
 
-def _centres(spheres: tuple[str, ...], centres: Floats, sigma: Floats) -> list[Centre]:
-    rows = zip(spheres, centres.tolist(), sigma.tolist(), strict=True)
-    return [Centre(id=name, xyz=place, sigma=spread) for name, place, spread in rows]
+def _centres(task: Task, centres: Floats, sigma: Floats) -> list[Centre]:
+    rows = enumerate(zip(task.points, centres.tolist(), sigma.tolist(), strict=True))
+    planes = task.planes
+    return [Centre(id=name, xyz=place, sigma=spread) for at, (name, place, spread) in rows if at not in planes]
+
+
+def _planes(task: Task, found: Estimate) -> list[TouchedPlane]:
+    from cellctl.calibration import plane_estimates
+
+    return [
+        TouchedPlane(
+            id=task.points[plane.point],
+            normal=plane.normal.tolist(),
+            offset=plane.offset_mm,
+            sigma=plane.sigma_mm,
+            tilt_sigma=plane.tilt_sigma_deg,
+        )
+        for plane in plane_estimates(task, found)
+    ]
 
 
 def _datums(names: tuple[str, ...], values: Floats, sigma: Floats) -> list[LengthZero]:

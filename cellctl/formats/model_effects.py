@@ -111,8 +111,32 @@ class GrowthSettings(BaseModel):
         return Growth(self.joints, frozenset(self.points), self.expected)
 
 
+@final
+class DiscrepancySettings(BaseModel):
+    """Discrepancy: postures that it is expanded at, model angles, rad; its length, rad; expected: prior 1 σ, mm."""
+
+    model_config = _STRICT
+    kind: Literal["discrepancy"] = "discrepancy"
+    centres: Annotated[list[list[Number]], Field(min_length=1)]
+    length: Annotated[float, Field(gt=0.0)]
+    expected: Number
+
+    def effect(self) -> Effect:
+        """The effect with these settings. Raises ValueError for postures of unequal length, or two that are alike."""
+        import numpy as np
+
+        from cellctl.calibration import Discrepancy
+
+        return Discrepancy(np.array(self.centres), self.length, self.expected)
+
+
 EffectSettings: TypeAlias = Annotated[
-    DeflectionSettings | ComplianceSettings | HarmonicsSettings | BacklashSettings | GrowthSettings,
+    DeflectionSettings
+    | ComplianceSettings
+    | HarmonicsSettings
+    | BacklashSettings
+    | GrowthSettings
+    | DiscrepancySettings,
     Field(discriminator="kind"),
 ]
 
@@ -123,7 +147,7 @@ def settings_of(effects: Iterable[Effect]) -> list[EffectSettings]:
 
 
 def _settings(effect: Effect) -> EffectSettings:
-    from cellctl.calibration import Backlash, Growth, Harmonics, JointCompliance, ToolDeflection
+    from cellctl.calibration import Backlash, Discrepancy, Growth, Harmonics, JointCompliance, ToolDeflection
 
     match effect:
         case ToolDeflection():
@@ -143,5 +167,8 @@ def _settings(effect: Effect) -> EffectSettings:
             return BacklashSettings(joints=effect.joints, expected=effect.expected)
         case Growth():
             return GrowthSettings(joints=effect.joints, points=sorted(effect.points), expected=effect.expected)
+        case Discrepancy():
+            centres = effect.centres.tolist()
+            return DiscrepancySettings(centres=centres, length=effect.length_rad, expected=effect.expected)
         case _:
             raise TypeError(f"{type(effect).__name__} has no form in a model file")

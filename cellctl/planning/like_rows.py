@@ -8,7 +8,17 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.stats import qmc
 
-from cellctl.calibration import Measured, PoseRows, PositionRows, Postures, RobotModel, SocketRows, State, TouchRows
+from cellctl.calibration import (
+    Measured,
+    PlaneRows,
+    PoseRows,
+    PositionRows,
+    Postures,
+    RobotModel,
+    SocketRows,
+    State,
+    TouchRows,
+)
 from cellctl.kinematics import Bools, Floats
 
 WIDER_RAD, WIDER_SHARE = np.deg2rad(30.0), 0.25
@@ -74,6 +84,8 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
     q = room.spread(_TRIED * count)
     if isinstance(block, PositionRows | PoseRows):
         return _measuring(block, model, _as_before(postures, _within(model, room, q, count)))
+    if isinstance(block, PlaneRows):
+        return _on_planes(block, state, room, q[: 4 * count], count)
     return _visiting(block, state, room, q[: 4 * count], count)
 
 
@@ -111,6 +123,26 @@ def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats
     datum = _datums(block)[point[chosen]]
     reach = np.linalg.norm(away[chosen], axis=1) + np.append(state.datums, 0.0)[datum]
     return replace(block, at=at, point=point[chosen], sigma=sigma, reach=reach, datum=datum)
+
+
+def _on_planes(block: PlaneRows, state: State, room: Room, q: Floats, count: int) -> Measured:
+    """Rows on the block's planes between touches that there were, reached from postures q (M, n)."""
+    model, normals = state.models[block.session], block.normals(state)
+    tips = model.tip(block.postures) - block.residual(state) * normals
+    names, share = np.unique(block.point), _evenly(3, len(q))
+    of_plane = [np.flatnonzero(block.point == names[turn % len(names)]) for turn in range(len(q))]
+    first, second = (
+        np.array([rows[int(part * len(rows))] for rows, part in zip(of_plane, share[:, column], strict=True)])
+        for column in (0, 1)
+    )
+    goal = tips[first] + share[:, 2:] * (tips[second] - tips[first])
+    reached, arrived = led_to(model, q, goal)
+    least = float(_leaning(model, block.q, normals).min())
+    chosen = np.flatnonzero(arrived & room.holds(reached) & (_leaning(model, reached, normals[first]) >= least))[:count]
+    sigma = np.tile(np.median(block.sigma, axis=0), (len(chosen), 1))
+    there = block.pick(first[chosen])
+    there = replace(there, at=_as_before(block.postures, reached[chosen]), sigma=sigma)
+    return replace(there, reach=there.reach + there.residual(state)[:, 0])
 
 
 def _away(block: TouchRows, state: State, point: Floats) -> Floats:

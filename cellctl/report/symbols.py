@@ -20,6 +20,7 @@ _WORDS: Final[tuple[tuple[str, Callable[[re.Match[str]], str]], ...]] = (
     (r"harmonic(\d+)_([sc])(\d+)", lambda found: f"A{found[1]} {'sin' if found[2] == 's' else 'cos'} {found[3]}q"),
     (r"backlash(\d+)", lambda found: f"A{found[1]} half play"),
     (r"growth(\d+)", lambda found: f"link {found[1]} growth"),
+    (r"(.+)_plane_([xyz])", lambda found: f"plane {found[1]} {found[2].upper()}"),
     (r"(.+)_([xyz])", lambda found: f"{found[1]} {found[2].upper()}"),
 )
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from own_effects import JointErrors
 from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
@@ -62,7 +63,7 @@ def six_of(motion: Floats) -> Floats:
 @dataclass(frozen=True, eq=False)
 class OwnArm:
     """table (n, 5): theta, d, a, alpha, beta. hayati: numbers of links with beta in place of d. bend: c_t, 1/(N·m²);
-    sag_mm: how far a horizontal tool hangs down for c_t = 1.
+    sag_mm: how far a horizontal tool hangs down for c_t = 1. joint_errors: what its joints do besides, if anything.
     """
 
     table: Floats
@@ -71,6 +72,7 @@ class OwnArm:
     tool: Floats = field(default_factory=lambda: np.eye(4))
     bend: float = 0.0
     sag_mm: float = 0.0
+    joint_errors: JointErrors | None = None
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -84,16 +86,24 @@ class OwnArm:
 
     def flange(self, q: Floats) -> Floats:
         """Flange poses (N, 4, 4) at joint angles q (N, n)."""
+        if self.joint_errors is not None:
+            q = q + self.joint_errors.at(q, self._upright)
+        return self.base @ self._upright(q)[:, -1]
+
+    def _upright(self, q: Floats) -> Floats:
+        """The robot's base, z upwards, and the poses behind each of its joints in it (N, n + 1, 4, 4), at angles that
+        the joints have.
+        """
         cosines, sines = np.cos(q + self.table[:, 0]), np.sin(q + self.table[:, 0])
         joint = np.zeros((len(q), *self.table.shape[:1], 4, 4))
         joint[..., 0, 0], joint[..., 0, 1], joint[..., 1, 0], joint[..., 1, 1] = cosines, -sines, sines, cosines
         joint[..., 2, 2] = joint[..., 3, 3] = 1.0
-        reached = np.broadcast_to(self.base, (len(q), 4, 4))
+        reached = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
         for number, (_, d, a, alpha, beta) in enumerate(self.table.tolist()):
             behind = about_x(alpha) @ about_y(beta)
             behind[:3, 3] = a, 0.0, d
-            reached = reached @ (joint[:, number] @ behind)
-        return reached
+            reached.append(reached[-1] @ (joint[:, number] @ behind))
+        return np.stack(reached, axis=1)
 
     def poses(self, q: Floats) -> Floats:
         """Tool poses (N, 4, 4), with the shift by bending."""

@@ -16,7 +16,16 @@ from own_arm import Floats, OwnArm, kr5, pose_of, small_motion
 from scipy.spatial.transform import Rotation
 from simulated_setups import KR5_REGION, KR5_SIGNS, erroneous
 
-from cellctl.calibration import Estimate, PositionRows, RobotModel, SocketRows, SpacingRows, TouchRows, sigma_among
+from cellctl.calibration import (
+    Estimate,
+    PlaneRows,
+    PositionRows,
+    RobotModel,
+    SocketRows,
+    SpacingRows,
+    TouchRows,
+    sigma_among,
+)
 from cellctl.kinematics import Link, SerialChain
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -70,13 +79,28 @@ class Campaign:
             away /= np.linalg.norm(away, axis=1, keepdims=True)
             return np.asarray(centres[left] + (REACH + self.rng.normal(0.0, sigma, (len(left), 1))) * away)
 
-        q = self._standing(point, goals)
+        q = self.standing(point, goals)
         return TouchRows(q, point, np.full(count, REACH), np.full((count, 1), said or sigma))
+
+    def planes(self, count: int, planes: Floats, sigma: float, ball: float = 0.0, first: int = 0) -> PlaneRows:
+        """Touches in turn on planes (S, 6): a point of each, mm, in the robot's base, and its unit normal; by a ball of
+        radius `ball`, anywhere within 300 mm of the point, the flange on the side of the normal as in any real touch.
+        """
+        point = np.arange(count) % len(planes)
+
+        def goals(left: Indices) -> Floats:
+            place, normal = planes[left, :3], planes[left, 3:]
+            beside = self.rng.uniform(-300.0, 300.0, (len(left), 3))
+            beside -= np.sum(beside * normal, axis=1, keepdims=True) * normal
+            return np.asarray(place + beside + (ball + self.rng.normal(0.0, sigma, (len(left), 1))) * normal)
+
+        q = self.standing(point, goals, planes[:, 3:])
+        return PlaneRows(q, first + point, np.full(count, ball), np.full((count, 1), sigma))
 
     def sockets(self, count: int, places: Floats, sigma: float, first: int = 0, session: int = 0) -> SocketRows:
         """Visits in turn to sockets at `places` (S, 3), mm, in the robot's base, called `first`, `first` + 1, …"""
         point = np.arange(count) % len(places)
-        q = self._standing(point, lambda left: places[left] + self.rng.normal(0.0, sigma, (len(left), 3)))
+        q = self.standing(point, lambda left: places[left] + self.rng.normal(0.0, sigma, (len(left), 3)))
         return SocketRows(q, first + point, np.full((count, 3), sigma), session)
 
     def distances(self, count: int, anchor: Floats, sigma: float, point: int) -> TouchRows:
@@ -88,8 +112,10 @@ class Campaign:
     def _in_base(self, q: Floats) -> Floats:
         return replace(self.truth, base=np.eye(4)).points(q)
 
-    def _standing(self, point: Indices, goals: Callable[[Indices], Floats]) -> Floats:
-        """Angles (N, 6) that put the tool at `goals(point)` (in the robot's base), the wrist anyhow."""
+    def standing(self, point: Indices, goals: Callable[[Indices], Floats], sides: Floats | None = None) -> Floats:
+        """Angles (N, 6) that put the tool at `goals(point)` (in the robot's base), the wrist anyhow, the flange on the
+        side (S, 3) of each point where that matters.
+        """
         arm, q, left = replace(self.truth, base=np.eye(4)), np.zeros((len(point), 6)), np.arange(len(point))
         while left.size:
             goal = goals(point[left])
@@ -98,6 +124,8 @@ class Campaign:
             found = arm.reaching(goal, start)
             good = np.linalg.norm(arm.points(found) - goal, axis=1) < 1e-9
             good &= (np.abs(found[:, :3] - start[:, :3]) < 1.5).all(axis=1)
+            if sides is not None:
+                good &= np.sum((arm.flange(found)[:, :3, 3] - goal) * sides[point[left]], axis=1) > 50.0
             q[left[good]] = found[good]
             left = left[~good]
         return q

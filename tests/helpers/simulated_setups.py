@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 from own_arm import Floats, OwnArm, kr5, pose_of, small_motion, ur10
+from own_effects import JointErrors
 from own_posterior import OwnPrior
 from own_rows import OwnPoses, OwnPositions, OwnRows, OwnTouches, between
 from scipy.spatial.transform import Rotation
@@ -51,15 +52,15 @@ class Draw:
     told: OwnPrior = PRIOR
 
 
-def sph(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
+def sph(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
     """50 touches on three spheres by a KR5 that stands where it stands; its tool is taught, the centres are unknown.
 
-    added: errors (mm, rad) beyond those that the prior draws; so below.
+    added: errors (mm, rad) beyond those that the prior draws; besides: errors that no model here has; so below.
     """
     rng = np.random.default_rng([seed, 1])
     nominal = kr5()
     names = (*nominal.link_names, "tool_x", "tool_y", "tool_z", "tool_deflection")
-    truth = erroneous(rng, nominal, names, added)
+    truth = replace(erroneous(rng, nominal, names, added), joint_errors=besides)
     centres = SPHERES + rng.normal(0.0, 3.0, SPHERES.shape)
     sphere = np.arange(ROWS) % len(SPHERES)
     q = _touching(rng, truth, centres[sphere])
@@ -70,18 +71,19 @@ def sph(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
     return Draw(nominal, truth, nominal, rows, free, ("S",), asked, centres, SPHERES)
 
 
-def positions(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
+def positions(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
     """50 points of a reflector on a UR10."""
     rng = np.random.default_rng([seed, 2])
     q = _within(rng, UR10_REGION, ROWS)
-    return seen_by_tracker(rng, ur10(), q, _within(rng, UR10_REGION, ASKED), added=added)
+    return seen_by_tracker(rng, ur10(), q, _within(rng, UR10_REGION, ASKED), added=added, besides=besides)
 
 
-def poses(seed: int, added: Mapping[str, float] = NOTHING) -> Draw:
+def poses(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
     """50 poses of a target on a KR5."""
     rng = np.random.default_rng([seed, 3])
     q = _within(rng, KR5_REGION, ROWS)
-    return seen_by_tracker(rng, kr5(), q, _within(rng, KR5_REGION, ASKED), added=added, whole_poses=True)
+    asked = _within(rng, KR5_REGION, ASKED)
+    return seen_by_tracker(rng, kr5(), q, asked, added=added, besides=besides, whole_poses=True)
 
 
 SETUPS: dict[str, Callable[..., Draw]] = {"SPH": sph, "positions": positions, "poses": poses}
@@ -109,12 +111,14 @@ def seen_by_tracker(
     asked: Floats,
     *,
     added: Mapping[str, float] = NOTHING,
+    besides: JointErrors | None = None,
     whole_poses: bool = False,
 ) -> Draw:
     """What a tracker that stands anywhere sees of a target anywhere on the flange of a robot with errors."""
     place = pose_of(Rotation.random(random_state=rng), rng.uniform(-2000.0, 2000.0, 3))
     target = nominal.tool @ small_motion(np.concatenate([rng.uniform(-60, 60, 3), rng.uniform(-0.5, 0.5, 3)]))
-    truth = replace(erroneous(rng, nominal, nominal.link_names, added), base=place, tool=target)
+    truth = erroneous(rng, nominal, nominal.link_names, added)
+    truth = replace(truth, base=place, tool=target, joint_errors=besides)
     roughly = [small_motion(rng.normal(0.0, [3.0] * 3 + [0.003] * 3)) for _ in range(2)]
     rough = replace(nominal, base=place @ roughly[0], tool=target @ roughly[1])
     xyz = truth.points(q) + rng.normal(0.0, SIGMA_MM, (len(q), 3))

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import qmc
 
-from cellctl.formats import ModelFile
+from cellctl.formats import ModelFile, RobotFile
 from cellctl.kinematics import Floats, inverse
 
 LOW, HIGH = np.array([650.0, -500.0, 50.0]), np.array([1350.0, 500.0, 700.0])
@@ -22,7 +22,11 @@ LOW, HIGH = np.array([650.0, -500.0, 50.0]), np.array([1350.0, 500.0, 700.0])
 
 def workspace(model: ModelFile, count: int) -> Floats:
     """Joint readings (count, 6), deg, quasi-random over the workspace, within the joint limits."""
-    robot = model.robot
+    return workspace_of(model.robot, count)
+
+
+def workspace_of(robot: RobotFile, count: int) -> Floats:
+    """The same for the nominal robot of a robot file."""
     chain, joints, limits = robot.chain(), robot.joint_map(), robot.limits()
     samples = qmc.Sobol(6, seed=7).random(4 * count)
     tips = LOW + samples[:, :3] * (HIGH - LOW)

@@ -38,7 +38,7 @@ from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.mistakes.table import metres, other_convention
 from cellctl.calibration.mistakes.turns import other_turns
 from cellctl.calibration.progress import Progress, silent
-from cellctl.calibration.rows import PoseRows, PositionRows, TouchRows
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats, JointMap
 
@@ -56,6 +56,9 @@ BETTER = 4.0
 
 EQUAL = 1.5
 """Suppositions that leave up to this many times what the best one leaves are as good: nothing in these rows decides."""
+
+FLAT = 0.05
+"""Touches on planes whose least extent is smaller than this share of their greatest lie in one plane."""
 
 SAME_DEG = 2.0
 """Offsets nearer than this to each other are one."""
@@ -209,11 +212,22 @@ def _screened(supposed: Iterable[Supposition], nominal: Misfit) -> list[Supposit
     sized = []
     for one in supposed:
         size = misfit(one.case.thinned(SCREEN), rounds=2).size
-        if size < nominal.size / 2.0:
+        if size < nominal.size / 2.0 and not _flat(one.case):
             sized.append((size, one))
     steps = steps_of(np.array([size for size, _ in sized]))
     order = sorted(range(len(sized)), key=lambda place: (steps[place], sized[place][1].oddity, place))
     return [sized[place][1] for place in order[:PROMISING]]
+
+
+def _flat(case: Case) -> bool:
+    """Whether nothing but planes was touched, and all touches lie in one: a robot that only moves in a plane touches
+    any planes, and would explain everything.
+    """
+    if case.task.rows.kinds != {PlaneRows}:
+        return False
+    tips = np.concatenate([case.task.model.tip(block.postures) for block in case.task.rows.blocks])
+    extents = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
+    return bool(extents[-1] < FLAT * extents[0])
 
 
 def _equally_good(right: list[tuple[Supposition, Misfit]]) -> list[tuple[Supposition, Misfit]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.misfit import CORE
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.unknowns import PLACED
 from cellctl.kinematics import Floats
 
@@ -45,9 +45,11 @@ def _sizes(case: Case, sign: Floats, offset: Floats) -> Floats:
 def _squares(case: Case, block: Measured, q: Floats) -> Floats:
     """Squared distances (C, K) of a block's nearest rows."""
     chain = case.task.model.chain
-    if isinstance(block, TouchRows | SocketRows):
+    if isinstance(block, TouchRows | SocketRows | PlaneRows):
         tips = chain.forward(q)[..., :3, 3]
-        if isinstance(block, SocketRows):
+        if isinstance(block, PlaneRows):
+            found = [_of_plane(tips[:, block.point == index]) for index in np.unique(block.point)]
+        elif isinstance(block, SocketRows):
             found = [_of_socket(tips[:, block.point == index]) for index in np.unique(block.point)]
         else:
             pairs = np.column_stack([block.point, block.datum])
@@ -63,6 +65,13 @@ def _squares(case: Case, block: Measured, q: Floats) -> Floats:
 def _of_socket(tips: Floats) -> Floats:
     """Squared distances (C, N) from a socket, where `tips` (C, N, 3) want it."""
     return np.asarray(np.sum((tips - tips.mean(axis=1, keepdims=True)) ** 2, axis=-1))
+
+
+def _of_plane(tips: Floats) -> Floats:
+    """Squared distances (C, N) from a plane, where `tips` (C, N, 3), of balls of one size, want it."""
+    away = tips - tips.mean(axis=1, keepdims=True)
+    normal = np.linalg.eigh(np.matmul(away.swapaxes(1, 2), away))[1][..., :1]
+    return np.asarray(np.matmul(away, normal)[..., 0] ** 2)
 
 
 def _of_point(tips: Floats, reach: Floats, shifted: bool) -> Floats:

@@ -19,7 +19,7 @@ from cellctl.calibration.identify import Identification, Weights, identify, iden
 from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
 from cellctl.calibration.mistakes.second_centres import with_best_centres
 from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.rows import SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Bools
 
@@ -136,7 +136,7 @@ def _sample(rows: Mixture) -> Any:
     """Which rows (N,) foretell the distances: of instruments, which may hold thousands, and of points as many."""
     owner = np.concatenate(
         [
-            block.point if isinstance(block, TouchRows | SocketRows) else np.full(len(block), -1 - number)
+            block.point if isinstance(block, TouchRows | SocketRows | PlaneRows) else np.full(len(block), -1 - number)
             for number, block in enumerate(rows.blocks)
         ]
     )

@@ -84,6 +84,12 @@ def rough_places(points: Points, artefact: Artefact | None) -> Floats | None:
     return np.array([centre or [math.nan] * 3 for centre in centres], float)
 
 
+def refuse_planes(planes: Sequence[str], said: Sequence[Spacing]) -> None:
+    """Raise InputError where a distance that somebody `said` is to one of the `planes`."""
+    for name in dict.fromkeys(name for each in said for name in each.between if name in planes):
+        raise InputError(Problem("--spacing", 0, 0, f"'{name}' is a plane", "name spheres, sockets or anchors"))
+
+
 def _named(points: Points, said: Iterable[Spacing]) -> list[Spacing]:
     wanted = list(said)
     names = {name for name, _ in points.keys}

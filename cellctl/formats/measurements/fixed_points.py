@@ -1,4 +1,4 @@
-"""Rows that tie the tool to a fixed point whose place nobody knows: touches, sockets, ball-bars and draw-wires."""
+"""Rows that tie the tool to something fixed at an unknown place: touches, sockets, ball-bars and draw-wires."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cellctl.formats.measurements.sigmas import distance_sigma, place_sigma
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import Postures, SocketRows, TouchRows
+    from cellctl.calibration import PlaneRows, Postures, SocketRows, TouchRows
     from cellctl.kinematics import Floats
 
 AGREE_MM = 1e-3
@@ -87,6 +87,53 @@ class Sockets:
         from cellctl.calibration import SocketRows
 
         return SocketRows(at, points, self.sigma[rows], session)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Touches on planes. names (N): of the plane, empty where a row is none; reach (N,), sigma (N, 1), mm."""
+
+    names: Sequence[str]
+    reach: Floats
+    sigma: Floats
+
+    @classmethod
+    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
+        """Touches at `rows`: by tip radius plus drift. A plane that the artefact has as a point, or not at all where it
+        has planes, is rejected.
+        """
+        import numpy as np
+
+        names, known = sieve.data.texts("plane"), [plane.id for plane in artefact.planes] if artefact else []
+        points = {point.id for point in artefact.points} if artefact else set()
+        drift = sieve.numbers("drift", missing=0.0, rows=rows)
+        for row in rows:
+            if not names[row]:
+                sieve.reject(row, "plane is missing")
+            elif names[row] in points:
+                sieve.reject(row, f"'{names[row]}' is a point in the artefact, and no plane")
+            elif known and names[row] not in known:
+                sieve.reject(row, f"plane '{names[row]}' is not in the artefact")
+        reach = np.array(_tip_radii(sieve, artefact, rows)) + np.array(drift)
+        return cls(names, reach, distance_sigma(sieve, robot, rows))
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any) -> PlaneRows:
+        """Those at `rows`, on the planes of numbers `points`, for the estimator."""
+        from cellctl.calibration import PlaneRows
+
+        return PlaneRows(at, points, self.reach[rows], self.sigma[rows], session)
+
+
+def reject_point_names(sieve: Sieve, kinds: Sequence[str], names: Sequence[str]) -> None:
+    """Reject the touches on a plane of a name that another row has for a point: the two cannot be the same thing."""
+    first: dict[str, int] = {}
+    for row, (kind, name) in enumerate(zip(kinds, names, strict=True)):
+        if kind != "plane":
+            first.setdefault(name, row)
+    for row, (kind, name) in enumerate(zip(kinds, names, strict=True)):
+        if kind == "plane" and name in first:
+            sieve.reject(row, f"'{name}' is a plane here and a point in line {sieve.data.lines[first[name]]}")
 
 
 def _touched(sieve: Sieve, artefact: Artefact | None, names: list[str], rows: Collection[int]) -> list[float]:

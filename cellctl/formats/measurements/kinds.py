@@ -10,7 +10,7 @@ from cellctl.formats.artefact import Artefact
 from cellctl.formats.columns import Sieve
 from cellctl.formats.dataset import DataSet
 
-Kind: TypeAlias = Literal["sphere", "socket", "distance", "pose", "position"]
+Kind: TypeAlias = Literal["sphere", "plane", "socket", "distance", "pose", "position"]
 """What a row measures; distance: from an unknown fixed point (ball-bar, draw-wire)."""
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -18,6 +18,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 NOUNS = {
     "sphere": "touches",
+    "plane": "plane touches",
     "socket": "socket visits",
     "distance": "distances",
     "pose": "poses",
@@ -26,6 +27,7 @@ NOUNS = {
 
 _ONE = {
     "sphere": "a touch",
+    "plane": "a touch on a plane",
     "socket": "a socket visit",
     "distance": "a distance",
     "pose": "a pose",
@@ -37,6 +39,7 @@ ABC = ("A", "B", "C")
 QUATERNION = ("QW", "QX", "QY", "QZ")
 _NEEDED: dict[Kind, tuple[str, ...]] = {
     "sphere": ("sphere",),
+    "plane": ("plane",),
     "socket": ("socket",),
     "distance": ("anchor", "distance"),
     "pose": PLACE,

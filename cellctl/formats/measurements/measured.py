@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias, final
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.columns import Sieve, joint_readings
 from cellctl.formats.dataset import DataSet, Rejected
-from cellctl.formats.measurements.certified import Spacing, known_spacings, rough_places, spacing_rows
+from cellctl.formats.measurements.certified import Spacing, known_spacings, refuse_planes, rough_places, spacing_rows
 from cellctl.formats.measurements.conditions import Conditions
-from cellctl.formats.measurements.fixed_points import Reaches, Sockets
+from cellctl.formats.measurements.fixed_points import Planes, Reaches, Sockets, reject_point_names
 from cellctl.formats.measurements.instrument import Poses, Positions
 from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, check_columns, kinds_of, reject_zeros
 from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cellctl.calibration import Measured, RobotModel, Session, Task, Tolerances
     from cellctl.kinematics import Floats
 
-_Reading: TypeAlias = Positions | Poses | Reaches | Sockets
+_Reading: TypeAlias = Positions | Poses | Reaches | Planes | Sockets
 
 
 @final
@@ -110,13 +110,15 @@ def measurements(
     conditions = Conditions(sieve, robot, readings)
     rows = _Rows(conditions, _read(sieve, robot, kinds, artefact), kinds, session_names(sieve), own)
     sets = _sets(sieve)
+    reject_point_names(sieve, kinds, [name for name, _ in rows.points()])
     reject_copies(sieve, readings, sieve.kept())
     reject_lone_zeros(sieve, rows.zeros(), sieve.kept())
     known = known_spacings(artefact if use_distances else None, spacings)
     reject_lone(sieve, rows.points(), kinds, Counter(name for each in known for name in each.between), sieve.kept())
     found = rows.arranged(sieve.kept())
+    refuse_planes([name for row, (name, _) in enumerate(rows.points()) if kinds[row] == "plane"], spacings)
     at, points = conditions.at(found.order), found.points
-    touched = any(kinds[row] == "sphere" for row in found.order)
+    touched = any(kinds[row] in ("sphere", "plane") for row in found.order)
     given = {
         "points": points.names,
         "datums": found.datums,
@@ -203,7 +205,7 @@ class _Rows:
 
     def _point(self, row: int) -> str:
         part = self.parts[self.kinds[row]]
-        return part.names[row] if isinstance(part, Reaches | Sockets) else ""
+        return part.names[row] if isinstance(part, Reaches | Planes | Sockets) else ""
 
     def _zero(self, row: int) -> str:
         part = self.parts[self.kinds[row]]
@@ -225,6 +227,7 @@ def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artef
     """The columns of each kind that there is."""
     readers: dict[Kind, Callable[[set[int]], _Reading]] = {
         "sphere": lambda rows: Reaches.of_touches(sieve, robot, rows, artefact),
+        "plane": lambda rows: Planes.of(sieve, robot, rows, artefact),
         "socket": lambda rows: Sockets.of(sieve, robot, rows),
         "distance": lambda rows: Reaches.of_distances(sieve, robot, rows),
         "pose": lambda rows: Poses.of(sieve, robot, rows),

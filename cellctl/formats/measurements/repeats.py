@@ -14,10 +14,10 @@ from cellctl.formats.measurements.sigmas import OF_DISTANCE, OF_ROTATION, SIGMAS
 if TYPE_CHECKING:
     from cellctl.kinematics import Floats
 
-POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "socket": "socket", "distance": "anchor"}
+POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "plane": "plane", "socket": "socket", "distance": "anchor"}
 """The column that names a row's point, for each kind that has one."""
 
-_NAMES = ("sphere", "socket", "anchor", "zero", "session", "time")
+_NAMES = ("sphere", "plane", "socket", "anchor", "zero", "session", "time")
 _NUMBERS = (
     *PLACE, *ABC, *QUATERNION, "radius", "tip_radius", "drift", "distance", *SIGMAS, OF_ROTATION, OF_DISTANCE,
     "temperature", "payload",

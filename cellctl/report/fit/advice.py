@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration import Measured, SocketRows, TouchRows
+from cellctl.calibration import Measured, PlaneRows, SocketRows, TouchRows
 from cellctl.calibration.shape import shape_columns
 from cellctl.kinematics import Floats
 from cellctl.planning.like_rows import rows_like
@@ -93,7 +93,7 @@ def _alike(sigma: float, advised: Advice) -> str:
 
 
 def _what(story: FitStory, row: Measured) -> str:
-    if isinstance(row, TouchRows | SocketRows):
+    if isinstance(row, TouchRows | SocketRows | PlaneRows):
         return str(story.task.points[int(row.point[0])])
     return ""
 

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from cellctl.calibration import ErrorFigures, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration import ErrorFigures, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import fixed, with_sigma
 from cellctl.report.words import mean_with_uncertainty
 
 Section = dict[str, Any]
 
-_KINDS = {PositionRows: "positions", PoseRows: "poses", TouchRows: "distances", SocketRows: "socket visits"}
-_SINGULAR = {PositionRows: "position", PoseRows: "pose", TouchRows: "distance", SocketRows: "socket visit"}
+_SINGULAR = {
+    PositionRows: "position",
+    PoseRows: "pose",
+    TouchRows: "distance",
+    PlaneRows: "plane touch",
+    SocketRows: "socket visit",
+}
+_KINDS = {**{kind: f"{noun}s" for kind, noun in _SINGULAR.items()}, PlaneRows: "plane touches"}
 
 
 def head(story: FitStory) -> Section:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cellctl.calibration import PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.kinematics import Floats
 from cellctl.report.fit.story import FitStory
 
@@ -60,7 +60,9 @@ def _length(story: FitStory) -> Iterator[str]:
     kinds = story.task.rows.kinds
     if kinds & {PositionRows, PoseRows} or story.task.spacings is not None:
         return
-    if kinds == {SocketRows}:
+    if kinds == {PlaneRows}:
+        yield "No length was measured: the robot's scale is its table's. Touch a sphere, or measure a distance."
+    elif kinds <= {SocketRows, PlaneRows}:
         yield "No length was measured: the robot's scale is its table's. Certify a distance between two sockets."
     elif kinds == {TouchRows} or kinds == {TouchRows, SocketRows}:
         yield (
@@ -72,14 +74,14 @@ def _length(story: FitStory) -> Iterator[str]:
 def _rarely_visited(story: FitStory) -> Iterator[str]:
     blocks = story.task.rows.pick(story.used).blocks
     for block in blocks:
-        if not isinstance(block, TouchRows) or not len(block):
+        if not isinstance(block, TouchRows | PlaneRows) or not len(block):
             continue
         counts = np.bincount(block.point, minlength=len(story.task.points))
         rare = [name for name, count in zip(story.task.points, counts, strict=True) if 0 < count < _PER_POINT]
         if rare:
-            yield f"Fewer than {_PER_POINT} touches on {', '.join(rare)}: its centre takes up three of them."
+            yield f"Fewer than {_PER_POINT} touches on {', '.join(rare)}: its place takes up three of them."
     kinds = story.task.rows.kinds
-    if kinds <= {TouchRows, SocketRows} and len(story.task.points) == 1:
+    if kinds <= {TouchRows, SocketRows, PlaneRows} and len(story.task.points) == 1:
         yield f"All rows are at {story.task.points[0]}: a second place, far off, shows what one cannot."
 
 

@@ -35,6 +35,7 @@ def parameters(story: FitStory) -> Section:
         "held": held(story),
         "placements": places.placements(story),
         "points": points,
+        "planes": places.planes(story),
         "datums": places.datums(story),
         "many_points": len(points) > places.MANY,
     }

@@ -1,4 +1,4 @@
-"""Where things turned out to be: base and tool where an instrument had to say it, spheres, sockets, lengths' zeros."""
+"""Where things are: base and tool where an instrument had to tell it, spheres, sockets, planes, lengths' zeros."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cellctl.calibration import plane_estimates
 from cellctl.kinematics import Floats, abc_from_rotation
 from cellctl.report.fit.story import FitStory
 from cellctl.report.fit.table import found_anew
@@ -30,6 +31,23 @@ def points(story: FitStory) -> list[Section]:
             "sigma": [significant(float(value)) if visits[index] else "" for value in sigma[index]],
         }
         for index, name in enumerate(story.task.points)
+        if index not in story.task.planes
+    ]
+
+
+def planes(story: FitStory) -> list[Section]:
+    """Each plane with its σ; those that no row of the fit touched say so."""
+    visits = _counts(story, "point", len(story.task.points))
+    return [
+        {
+            "name": story.task.points[plane.point],
+            "visits": int(visits[plane.point]),
+            "normal": [fixed(float(value), 5) for value in plane.normal],
+            "offset": fixed(plane.offset_mm, 3),
+            "sigma": significant(plane.sigma_mm),
+            "tilt": significant(plane.tilt_sigma_deg),
+        }
+        for plane in plane_estimates(story.task, story.found)
     ]
 
 

@@ -50,9 +50,10 @@ def by_joint(story: FitStory, rows: Residuals) -> Section:
 
 def by_place(story: FitStory, rows: Residuals) -> Section:
     """Where in space: maps of spheres for distances, views of the volume for points."""
-    touches = rows.pick(rows.distances)
+    on_spheres = rows.distances & ~np.isin(rows.point, list(story.task.planes))
+    touches = rows.pick(on_spheres)
     mapped = bool(len(touches)) and len(np.unique(touches.point)) <= SPHERES
-    others = rows.pick(~rows.distances) if mapped else rows
+    others = rows.pick(~on_spheres) if mapped else rows
     one_frame = all(name != "base" for session in story.task.sessions[1:] for name in session.own)
     counted = int((~others.outlying).sum())
     return {

@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration import Estimate, Measured, Mixture, PoseRows, SocketRows, State, TouchRows
+from cellctl.calibration import Estimate, Measured, Mixture, PlaneRows, PoseRows, State, TouchRows
 from cellctl.calibration.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.report.fit.story import FitStory
@@ -147,17 +147,17 @@ def _block(block: Measured, states: tuple[State, State], sure: _Sure | None) -> 
     vectors = [_vectors(block, state) for state in states]
     ways = model.chain.tool_jacobian(block.q)[:, :3]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1.0)
-    distance = isinstance(block, TouchRows)
+    distance = isinstance(block, TouchRows | PlaneRows)
     none = np.full((len(block), 3), np.nan)
     return {
         "session": np.full(len(block), block.session),
-        "point": block.point if isinstance(block, TouchRows | SocketRows) else np.full(len(block), -1),
+        "point": getattr(block, "point", np.full(len(block), -1)),
         "tips": tips,
         "at_base": tips @ (back := inverse_pose(model.chain.base_now))[:3, :3].T + back[:3, 3],
         "before": vectors[0],
         "after": vectors[1],
         "signed": np.stack([block.residual(state)[:, 0] if distance else none[:, 0] for state in states]),
-        "normals": _normals(block, states[1]) if isinstance(block, TouchRows) else none,
+        "normals": _normals(block, states[1]) if isinstance(block, TouchRows | PlaneRows) else none,
         "turned": block.residual(states[1])[:, 3:] if isinstance(block, PoseRows) else none,
         "joined": np.stack([np.einsum("nr,nrj->nj", vector, ways) for vector in vectors]),
         "scaled": _scaled(block, states[1], sure),
@@ -166,10 +166,12 @@ def _block(block: Measured, states: tuple[State, State], sure: _Sure | None) -> 
 
 def _vectors(block: Measured, state: State) -> Floats:
     residual = block.residual(state)
-    return residual * _normals(block, state) if isinstance(block, TouchRows) else residual[:, :3]
+    return residual * _normals(block, state) if isinstance(block, TouchRows | PlaneRows) else residual[:, :3]
 
 
-def _normals(block: TouchRows, state: State) -> Floats:
+def _normals(block: TouchRows | PlaneRows, state: State) -> Floats:
+    if isinstance(block, PlaneRows):
+        return block.normals(state)
     away = state.models[block.session].tip(block.postures) - state.points[block.point]
     return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))
 

@@ -1,0 +1,107 @@
+"""The tool at fixed points whose places are unknown: touches on spheres, ball-bars, draw-wires, sockets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.postures import At
+from cellctl.calibration.rows.kind import RowsAtJoints, with_points
+from cellctl.calibration.unknowns import State
+from cellctl.kinematics import Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class TouchRows(RowsAtJoints):
+    """Distances from an unknown point: touches on a sphere, a ball-bar about its socket, a draw-wire from its outlet.
+
+    at (N): postures; point (N,): index of the point (a sphere's centre); reach (N,): measured distance, mm (for a touch
+    sphere radius + tip radius); sigma (N, 1), mm, along the line between. datum (N,): index of what the reach is longer
+    by than the distance, as its instrument's zero is not known; -1: nothing. None: nothing in any row.
+    """
+
+    at: At
+    point: Any
+    reach: Floats
+    sigma: Floats
+    session: int = 0
+    datum: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.datum is None:
+            object.__setattr__(self, "datum", np.full(len(self), -1))
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """One distance."""
+        return ("distance",)
+
+    def residual(self, state: State) -> Floats:
+        """The tool's distance from the point less the measured one (N, 1), mm."""
+        away = self._model(state).tip(self.postures) - state.points[self.point]
+        return np.asarray(np.linalg.norm(away, axis=-1) - self.lengths(state))[:, None]
+
+    def jacobian(self, state: State) -> Floats:
+        """(N, 1, P): the tip's motion along the line between, less the point's; 1 for the row's datum."""
+        model = self._model(state)
+        away = model.tip(self.postures) - state.points[self.point]
+        normal = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+        along = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
+        result = with_points(along, -normal[:, None], self.point, state, self.session)
+        unsure = np.flatnonzero(self.datum >= 0)
+        result[unsure, 0, state.datums_at + self.datum[unsure]] = 1.0
+        return result
+
+    def errors(self, state: State) -> Floats:
+        """Difference from the measured distance (N,), mm: of a touch, the distance to the sphere's surface."""
+        return np.abs(self.residual(state)[:, 0])
+
+    def pick(self, which: Any) -> Self:
+        """The rows at an index array or mask."""
+        parts = {name: getattr(self, name)[which] for name in ("point", "reach", "sigma", "datum")}
+        return replace(self, at=self.postures.pick(which), **parts)
+
+    def lengths(self, state: State) -> Floats:
+        """The distances (N,) that were measured, mm: what was shown less the datums that `state` has."""
+        return np.asarray(self.reach - np.append(state.datums, 0.0)[self.datum])  # -1: the last one, nothing
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SocketRows(RowsAtJoints):
+    """The tool at an unknown point, again and again: a ball held in a socket, a tip in a cone.
+
+    at (N): postures; point (N,): index of the socket; sigma (N, 3), mm.
+    """
+
+    at: At
+    point: Any
+    sigma: Floats
+    session: int = 0
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Three coordinates."""
+        return ("socket",) * 3
+
+    def residual(self, state: State) -> Floats:
+        """The tool's place less the socket's (N, 3), mm."""
+        return np.asarray(self._model(state).tip(self.postures) - state.points[self.point])
+
+    def jacobian(self, state: State) -> Floats:
+        """(N, 3, P)."""
+        columns = self._model(state).jacobian(self.postures)[:, :3]
+        turned = np.broadcast_to(-np.eye(3), (len(self), 3, 3))
+        return with_points(columns, turned, self.point, state, self.session)
+
+    def errors(self, state: State) -> Floats:
+        """3-D distance (N,) from the socket, mm."""
+        return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
+
+    def pick(self, which: Any) -> Self:
+        """The rows at an index array or mask."""
+        return replace(self, at=self.postures.pick(which), point=self.point[which], sigma=self.sigma[which])
