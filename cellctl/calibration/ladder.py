@@ -14,7 +14,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.cross_validation import Folded
-from cellctl.calibration.effects import EFFECTS, Effect
+from cellctl.calibration.effects import EFFECTS, Effect, Harmonics
 from cellctl.calibration.evidence import Factor
 from cellctl.calibration.folds import end_folds, random_folds
 from cellctl.calibration.identify import Weights, certain, identify_kept, nominal_start
@@ -28,8 +28,11 @@ from cellctl.kinematics import Bools, Floats
 JUDGING = 1000
 """Rows that a term is judged by, at most: more would not change what they say, only take longer."""
 
-WORTH = 0.005
+WORTH = 0.01
 """A gain of a smaller share of the distance before is not worth a term, however significant it is."""
+
+SHOWN = 0.5
+"""A band of a joint's harmonics that moves the rows by less than this share of their noise is left out."""
 
 WORTH_ENDS = 0.1
 """The same for a model with fewer terms, at the ends of the joint ranges, whose errors are few and of one kind."""
@@ -160,9 +163,25 @@ class _Ladder:
         """The task of a model."""
         if not model.groups:
             return replace(self.task, groups=frozenset())
-        kept = [effect for effect in self.candidates if effect.group in model.groups]
+        kept = [self._with_what_shows(effect, model) for effect in self.candidates if effect.group in model.groups]
         effects = sorted([*self.task.model.effects, *kept], key=lambda each: EFFECTS.index(each.group))
         return replace(self.task.with_effects(tuple(effects)), groups=None)
+
+    def _with_what_shows(self, effect: Effect, model: _Model) -> Effect:
+        """Harmonics without the bands that are too small for any row to show, at their size, in the noise."""
+        if not isinstance(effect, Harmonics):
+            return effect
+        system = self.folded.system
+        squares = sum(np.diag(n.square) * np.exp(-2.0 * model.logs.get(f, 0.0)) for f, n in system.numbers.items())
+        shown = np.asarray(squares) / sum(normal.count for normal in system.numbers.values())
+        place = {name: number for number, (name, _) in enumerate(system.loose)}
+        large = {
+            band
+            for band in dict.fromkeys(effect.bands)
+            if np.sum(shown[system.groups == place[band]]) * np.exp(2.0 * model.logs.get((band, 0), 0.0)) > SHOWN**2
+        }
+        waves = dict.fromkeys(wave for wave, band in zip(effect.waves, effect.bands[::2], strict=True) if band in large)
+        return Harmonics(effect.joints, orders=(), ripple=tuple(waves), expected=effect.expected)
 
     def weights(self, model: _Model) -> Weights:
         """Its noise and prior scales."""
