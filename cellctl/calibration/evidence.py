@@ -232,11 +232,11 @@ class System:
 
     def gain(self, factor: Factor, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
         """By how much the evidence rises if `factor` is there, compared with its least scale; all logarithms then. But
-        for it and the noise they stay as in `logs`.
+        for it and noise that is larger than stated they stay as in `logs`.
         """
         without = {**logs, factor: float(np.log(SCALES[0]))}
-        fixed = {name: value for name, value in logs.items() if name not in self.numbers}
-        noise = {name: logs.get(name, 0.0) for name in self.numbers}
+        noise = {name: value for name, value in logs.items() if name in self.numbers and value > 0.0}
+        fixed = {name: value for name, value in logs.items() if name not in noise}
         best, tuned = self._tuned({**noise, factor: 0.0}, (), fixed)
         return best - self.evidence(without)[0], {**fixed, **tuned}
 

@@ -13,7 +13,7 @@ from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimate import Estimate, seen_at_start
 from cellctl.calibration.heldout import held_out_rows, nominal_errors
-from cellctl.calibration.identify import Identification, certain, identify, noisier, rows_together
+from cellctl.calibration.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.measured_region import MeasuredRegion, informed
 from cellctl.calibration.mixture import Mixture
@@ -68,9 +68,9 @@ class FitResult:
     foreseen_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
+    reliability: Reliability
     region: MeasuredRegion
     ladder: tuple[Step, ...] = ()
-    inflation: float = 1.0
     prior: ErrorFigures | None = None
     prior_errors: Floats | None = None
     against: Baseline = "nominal"
@@ -141,12 +141,11 @@ class _Fitted:
 
     @classmethod
     def _with_reliability(cls, task: Task, found: Identification, ladder: tuple[Step, ...]) -> Self:
-        reliability = Reliability.of(task, found)
-        return cls(task, noisier(task, found, reliability.inside), reliability, ladder)
+        return cls(task, found, Reliability.of(task, found), ladder)
 
     def held_out(self, test: Any) -> HeldOut:
         """The rows at `test` as this predicts them."""
-        return held_out_rows(self.task, self.identification, self.task.rows.pick(test), self.reliability.region)
+        return held_out_rows(self.task, self.identification, self.task.rows.pick(test), self.reliability)
 
 
 def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
@@ -194,8 +193,8 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         nominal_errors=nominal,
         test_errors=held_out.identified,
         ladder=whole.ladder,
+        reliability=whole.reliability,
         region=region,
-        inflation=whole.reliability.inside,
         prior=None if prior is None else ErrorFigures.of(prior),
         prior_errors=prior,
         against=judgement.against,

@@ -14,10 +14,10 @@ import numpy as np
 
 from cellctl.calibration.estimate import Estimate, estimate
 from cellctl.calibration.identify import Identification, registered
-from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
 from cellctl.calibration.predict import foresee
+from cellctl.calibration.reliability import Reliability
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import State, Unknowns
@@ -25,10 +25,8 @@ from cellctl.calibration.verdict import HeldOut
 from cellctl.kinematics import Bools, Floats
 
 
-def held_out_rows(task: Task, by: Identification, rows: Mixture, region: MeasuredRegion) -> HeldOut:
-    """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`, whose rows
-    are in `region`.
-    """
+def held_out_rows(task: Task, by: Identification, rows: Mixture, reliability: Reliability) -> HeldOut:
+    """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`."""
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
     nominal, identified = _both_settled(task, by, rows, unseen)
@@ -37,7 +35,15 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture, region: Measure
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
     foreseen = [
-        foresee(identified, covariance, block, hidden=own, taken=taken, doubted=region.sigma(block.q) / np.sqrt(3.0))
+        foresee(
+            identified,
+            covariance,
+            block,
+            hidden=own,
+            taken=taken,
+            doubted=reliability.region.sigma(block.q) / np.sqrt(3.0),
+            tails=reliability.tails,
+        )
         for block, own in zip(noisy.blocks, hidden, strict=True)
         if len(block)
     ]

@@ -152,7 +152,10 @@ def identify(
         if not back.any():
             break
         kept = kept | back
-        nominal, weighed = identify_kept(task, rows.pick(kept), weighed.weights)
+        inliers = rows.pick(kept)
+        nominal, weighed = identify_kept(task, inliers, weighed.weights)
+        if unexpected(weighed.found, inliers.noisier(weighed.weights.noise)):
+            nominal, weighed = identify_kept(task, inliers)
     return Identification(
         nominal=nominal,
         identified=weighed.found,
@@ -162,16 +165,6 @@ def identify(
         outliers=tuple(chosen[~kept].tolist()),
         apart=apart,
     )
-
-
-def noisier(task: Task, found: Identification, factor: float) -> Identification:
-    """`found` with noise larger by `factor`, and as uncertain as that makes it."""
-    if factor == 1.0:
-        return found
-    noise, identified = found.noise * factor, found.identified
-    blocks = [*task.rows.pick(list(found.used)).noisier(noise).blocks, *certain(task)]
-    covariance = covariance_of(identified, identified.unknowns, blocks)
-    return replace(found, identified=replace(identified, covariance=covariance), noise=noise)
 
 
 def _with_discrepancy(task: Task, rows: Mixture, weighed: Weighed) -> tuple[Task, Weights] | None:
@@ -234,7 +227,7 @@ def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
 
 def registered(task: Task, rows: Mixture) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
-    plain = task if task.prior is not None else without_functions(task)
+    plain = without_functions(task)
     unknowns = plain.unknowns(plain.start(rows))
     unknowns = unknowns.masked(plain.registration(unknowns))
     blocks = [*rows.blocks, *certain(task)]
@@ -296,6 +289,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
     if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
     start = _starts(task, _registered_on_closest(task, rows), rows)[0]
+    start = start.masked(~start.among(FUNCTIONS))  # hundreds of amounts that hide no outlier stay as they were
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
     before = None
     for _ in range(ROUNDS):

@@ -31,18 +31,22 @@ class MeasuredRegion:
 
     lower, upper (n,): least and greatest model angles, rad. spread: a Gaussian process over the postures; the share of
     its variance that these leave at another posture is how far that is outside. None in models from before it was
-    kept: there it is `doubt`. outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left.
+    kept: there it is `doubt`. within: that share at the rows themselves, on average: it is in their noise already.
+    outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left.
     """
 
     lower: Floats
     upper: Floats
     outside_mm: float = 0.0
     spread: Discrepancy | None = None
+    within: float = 0.0
 
     @classmethod
     def of(cls, angles: Floats, outside_mm: float = 0.0) -> Self:
         """The region of rows at angles (N, n), rad."""
-        return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, Discrepancy.over(angles))
+        spread = Discrepancy.over(angles)
+        within = float(spread.remainder(angles).mean())
+        return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, spread, within)
 
     def with_angles(self, angles: Floats) -> MeasuredRegion:
         """The region of this one and of rows at angles (N, n), rad."""
@@ -57,7 +61,8 @@ class MeasuredRegion:
         """1 σ (N,), 3-D, mm, at angles q (N, n), rad, besides the model's own."""
         if self.spread is None:
             return self.outside_mm * doubt(self.lower, self.upper, q)
-        return self.outside_mm * np.sqrt(self.spread.remainder(q))
+        beyond = np.maximum(self.spread.remainder(q) - self.within, 0.0) / (1.0 - self.within)
+        return self.outside_mm * np.sqrt(beyond)
 
 
 def informed(found: Estimate) -> bool:

@@ -23,14 +23,16 @@ ROWS_AT_LEAST = 10
 
 
 def without_functions(task: Task) -> Task:
-    """`task` without harmonics and discrepancy."""
+    """`task` without harmonics and discrepancy; as it is where they belong to a prior model."""
+    if task.prior is not None:
+        return task
     return task.with_effects(tuple(effect for effect in task.model.effects if effect.group not in FUNCTIONS))
 
 
 def may_lack(task: Task) -> bool:
-    """Whether a discrepancy is looked for: of an identified robot that nothing was known of beforehand."""
+    """Whether a discrepancy is looked for: of a robot whose geometry is identified, and of which nothing was known."""
     there = any(isinstance(effect, Discrepancy) for effect in task.model.effects)
-    return task.prior is None and bool(task.freed) and not there
+    return task.prior is None and task.groups is None and not there
 
 
 def with_discrepancy(task: Task, rows: Mixture) -> Task:

@@ -66,13 +66,15 @@ def foresee(
     hidden: Floats | None = None,
     taken: Floats | None = None,
     doubted: Floats | None = None,
+    tails: float = 1.0,
 ) -> Foreseen:
     """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
 
     hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
     these very rows (a socket's place, a new session's base), and therefore cannot show in them. taken (H, P): what it
     took up of each parameter, over all rows: that cannot show in them either. doubted (N,): 1 σ of each row, mm, for
-    what the model never saw; on each axis the same.
+    what the model never saw; on each axis the same. tails: by how much noise is wider for the chance of an error than
+    its σ says, where it has more large errors than a normal distribution.
     """
     variance, chance = np.empty(len(rows)), np.empty(len(rows))
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
@@ -92,7 +94,8 @@ def foresee(
             own_doubt = lengths * doubted[part, None] / block.sigma
             spread = spread + (own_doubt**2)[:, :, None] * np.eye(residual.shape[1])
         spread = spread + np.matmul(moved, np.swapaxes(lines, -1, -2))
-        squared = np.einsum("nk,nk->n", residual, np.linalg.solve(spread, residual[..., None])[..., 0])
+        wider = spread + (tails**2 - 1.0) * np.eye(residual.shape[1])
+        squared = np.einsum("nk,nk->n", residual, np.linalg.solve(wider, residual[..., None])[..., 0])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)
         chance[part] = chi2.sf(squared, residual.shape[1])

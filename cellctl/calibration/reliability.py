@@ -25,7 +25,7 @@ UNLIKELY = 0.1
 """So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
 
 ROWS_AT_LEAST = 20
-MOST_INFLATION = 3.0
+WIDEST = 3.0
 
 OUTSIDE = 0.5
 """A posture of which the measured ones leave more than this share of the variance is outside."""
@@ -36,11 +36,11 @@ STEPS = 24
 @final
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """inside: by how much noise is larger than the evidence has it, so that 95 % of held-out rows of the fit are in
-    their 95 % regions; 1 where they are anyway. region: what to add outside the measured joints.
+    """tails: by how much noise has to be wider than its σ for 95 % of held-out rows of the fit to be in their 95 %
+    regions; 1 where they are anyway. region: what to add outside the measured joints.
     """
 
-    inside: float
+    tails: float
     region: MeasuredRegion
 
     @classmethod
@@ -50,13 +50,13 @@ class Reliability:
         if task.region is not None:  # what a prior model is worth outside, it says itself
             return cls(1.0, task.region.with_angles(used.q))
         most = float(np.sqrt(np.mean(used.errors(found.nominal.state) ** 2) / _axes(used)))
-        inside, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
+        tails, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
         in_space = float(np.sqrt(3.0) * np.hypot(outside, _own_discrepancy(found)))
-        return cls(inside, MeasuredRegion.of(used.q, in_space))
+        return cls(tails, MeasuredRegion.of(used.q, in_space))
 
 
 def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tuple[float, float]:
-    """What noise has to be multiplied by inside; 1 σ on each axis outside, mm, at most `most`."""
+    """What noise has to be multiplied by for 95 % regions; 1 σ on each axis outside, mm, at most `most`."""
     rows = used.pick(np.sort(np.random.default_rng(len(used)).permutation(len(used))[:JUDGING]))
     at_random, at_ends = random_folds(rows.q), end_folds(rows.q)
     unknowns = found.identified.unknowns
@@ -66,16 +66,15 @@ def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tu
     logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
     everything = np.ones(int(unknowns.free.sum()), bool)
     inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs)
-    inside = _noise_inflation(inner, folded.noise(logs)[inner.rows])
+    tails = _tails(inner, folded.noise(logs)[inner.rows])
     if not at_ends:
-        return inside, most
+        return tails, most
     outer = replace(folded, folds=folded.folds[len(at_random) :])
     ends = outer.predicted(everything, logs, OF_EACH_END)
     share = _left_by_the_others(rows.q, outer, OF_EACH_END)
     sigma = folded.mm[ends.rows]
     per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
-    added = (inside**2 - 1.0) * folded.noise(logs)[ends.rows] ** 2
-    return inside, _outside(ends, share, per_mm, most, added)
+    return tails, _outside(ends, share, per_mm, most)
 
 
 def mostly_outside(measured: Floats, predicted: Floats) -> bool:
@@ -101,7 +100,7 @@ def _squares(residual: Floats, covariance: Floats) -> Floats:
     return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
 
 
-def _noise_inflation(predicted: Predicted, noise: Floats) -> float:
+def _tails(predicted: Predicted, noise: Floats) -> float:
     """What the noise (N, k), 1 σ, has to be multiplied by for 95 % of the rows to be in their 95 % regions; 1 where
     hardly fewer are.
     """
@@ -117,8 +116,8 @@ def _noise_inflation(predicted: Predicted, noise: Floats) -> float:
 
     if binom.cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
         return 1.0
-    enough = (each for each in np.arange(1.0, MOST_INFLATION, 0.02) if inside(float(each)) >= 0.95 * len(residual))
-    return float(next(enough, MOST_INFLATION))
+    enough = (each for each in np.arange(1.0, WIDEST, 0.02) if inside(float(each)) >= 0.95 * len(residual))
+    return float(next(enough, WIDEST))
 
 
 def _left_by_the_others(q: Floats, outer: Folded, most: int) -> Floats:
@@ -131,15 +130,12 @@ def _left_by_the_others(q: Floats, outer: Folded, most: int) -> Floats:
     return np.concatenate(shares)
 
 
-def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float, noise: Floats) -> float:
-    """1 σ on each axis, mm, outside: that under which the rows at the ends are most probable, `most` at most; noise
-    (N, k): variance besides.
-    """
+def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> float:
+    """1 σ on each axis, mm, outside: that under which the rows at the ends are most probable, `most` at most."""
     known = ~ends.placed & (share > 0.0)
     if not known.any():
         return most
-    residual = ends.residual[known]
-    covariance = ends.covariance[known] + noise[known, :, None] * np.eye(noise.shape[1])
+    residual, covariance = ends.residual[known], ends.covariance[known]
     added = (share[known, None] * per_mm[known] ** 2)[:, :, None] * np.eye(residual.shape[1])
     best, chosen = -np.inf, most
     for tried in most * np.append(0.0, np.geomspace(0.01, 1.0, STEPS)):

@@ -106,6 +106,7 @@ class JointRegion(BaseModel):
 
     postures: readings, deg, spread over those of the fit, and how far apart two of them share 60 % of a smooth error
     (length, deg): how far outside other postures are follows from these. None in files from before they were kept.
+    within: the share of such an error that they leave open at the rows of the fit.
     """
 
     model_config = _STRICT
@@ -113,6 +114,7 @@ class JointRegion(BaseModel):
     max: list[Number]
     postures: list[list[Number]] | None = None
     length: Number | None = None
+    within: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
     @classmethod
     def of(cls, region: MeasuredRegion, joints: JointMap) -> JointRegion:
@@ -126,6 +128,7 @@ class JointRegion(BaseModel):
             max=both.max(axis=0).tolist(),
             postures=joints.readings(spread.centres).tolist() if spread else None,
             length=float(np.rad2deg(spread.length_rad)) if spread else None,
+            within=region.within,
         )
 
     def measured(self, joints: JointMap, outside_mm: float = 0.0) -> MeasuredRegion:
@@ -137,7 +140,7 @@ class JointRegion(BaseModel):
         both, spread = joints.model(np.array([self.min, self.max])), None
         if self.postures and self.length:
             spread = Discrepancy(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
-        return MeasuredRegion(both.min(axis=0), both.max(axis=0), outside_mm, spread)
+        return MeasuredRegion(both.min(axis=0), both.max(axis=0), outside_mm, spread, self.within)
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the region (N,)."""

@@ -99,5 +99,5 @@ def test_what_bends_under_the_weight_is_found_with_its_size(as_it_hangs):
 
 def test_auto_finds_out_that_a_robot_on_a_wall_bends_under_its_weight(data):
     steps = {step.model: step for step in fitted(data, "wall", "auto").ladder}
-    assert steps["compliance"].kept
-    assert steps["compliance"].gain_mm > 0.05
+    assert steps["geometry+compliance"].kept
+    assert steps["geometry+compliance"].gain_mm > 0.05

@@ -86,7 +86,7 @@ def deviations_between(names: Sequence[str], start: OwnArm, arm: OwnArm, start_a
     values["tool_deflection"] = arm.bend - start.bend
     away = centres - start_at
     values |= {f"S{s + 1}_{axis}": row[i] for s, row in enumerate(away) for i, axis in enumerate("xyz")}
-    return np.array([values[name] for name in names])
+    return np.array([0.0 if name.startswith("discrepancy") else values[name] for name in names])
 
 
 def _entries(arm: OwnArm) -> Floats:

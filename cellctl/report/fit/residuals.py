@@ -189,4 +189,4 @@ def _chances(story: FitStory, held_out: Any) -> Floats:
     if not len(held_out):
         return np.zeros(0)
     rows: Mixture = story.task.rows.pick(held_out)
-    return held_out_rows(story.task, story.result.identification, rows, story.result.region).chance
+    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).chance
