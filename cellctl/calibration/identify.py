@@ -151,11 +151,11 @@ def identify(
         back = ~kept & (weighed.chances(rows) >= WILD)
         if not back.any():
             break
-        kept = kept | back
-        inliers = rows.pick(kept)
-        nominal, weighed = identify_kept(task, inliers, weighed.weights)
-        if unexpected(weighed.found, inliers.noisier(weighed.weights.noise)):
-            nominal, weighed = identify_kept(task, inliers)
+        inliers = rows.pick(kept | back)
+        wider_nominal, with_them = identify_kept(task, inliers, weighed.weights)
+        if unexpected(with_them.found, inliers.noisier(weighed.weights.noise)):
+            break  # they are no rows that only a poorer model did not explain
+        kept, nominal, weighed = kept | back, wider_nominal, with_them
     return Identification(
         nominal=nominal,
         identified=weighed.found,

@@ -31,7 +31,7 @@ JUDGING = 1000
 WORTH = 0.01
 """A gain of a smaller share of the distance before is not worth a term, however significant it is."""
 
-SHOWN = 0.5
+SHOWN = 0.25
 """A band of a joint's harmonics that moves the rows by less than this share of their noise is left out."""
 
 WORTH_ENDS = 0.1
