@@ -41,7 +41,7 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture, reliability: Re
             block,
             hidden=own,
             taken=taken,
-            doubted=reliability.region.sigma(block.q) / np.sqrt(3.0),
+            doubted=reliability.region.outside(block.q) / np.sqrt(3.0),
             tails=reliability.tails,
         )
         for block, own in zip(noisy.blocks, hidden, strict=True)

@@ -32,7 +32,8 @@ class MeasuredRegion:
     lower, upper (n,): least and greatest model angles, rad. spread: a Gaussian process over the postures; the share of
     its variance that these leave at another posture is how far that is outside. None in models from before it was
     kept: there it is `doubt`. within: that share at the rows themselves, on average: it is in their noise already.
-    outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left.
+    outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left. scatter_mm: by how much the rows
+    scatter beyond their stated σ, 1 σ, 3-D, mm: errors of the robot that change too fast for the model to follow.
     """
 
     lower: Floats
@@ -40,25 +41,30 @@ class MeasuredRegion:
     outside_mm: float = 0.0
     spread: Discrepancy | None = None
     within: float = 0.0
+    scatter_mm: float = 0.0
 
     @classmethod
-    def of(cls, angles: Floats, outside_mm: float = 0.0) -> Self:
+    def of(cls, angles: Floats, outside_mm: float = 0.0, scatter_mm: float = 0.0) -> Self:
         """The region of rows at angles (N, n), rad."""
         spread = Discrepancy.over(angles)
         within = float(spread.remainder(angles).mean())
-        return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, spread, within)
+        return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, spread, within, scatter_mm)
 
     def with_angles(self, angles: Floats) -> MeasuredRegion:
         """The region of this one and of rows at angles (N, n), rad."""
         if self.spread is None:
             both = np.vstack([angles, self.lower, self.upper])
             return MeasuredRegion(both.min(axis=0), both.max(axis=0), self.outside_mm)
-        joined = MeasuredRegion.of(np.vstack([angles, self.spread.centres]), self.outside_mm)
+        joined = MeasuredRegion.of(np.vstack([angles, self.spread.centres]), self.outside_mm, self.scatter_mm)
         lower, upper = np.minimum(joined.lower, self.lower), np.maximum(joined.upper, self.upper)
         return replace(joined, lower=lower, upper=upper)
 
     def sigma(self, q: Floats) -> Floats:
-        """1 σ (N,), 3-D, mm, at angles q (N, n), rad, besides the model's own."""
+        """1 σ (N,), 3-D, mm, of a prediction at angles q (N, n), rad, besides the model's own."""
+        return np.asarray(np.hypot(self.scatter_mm, self.outside(q)))
+
+    def outside(self, q: Floats) -> Floats:
+        """The part of `sigma` (N,) that grows with the distance from the rows."""
         if self.spread is None:
             return self.outside_mm * doubt(self.lower, self.upper, q)
         beyond = np.maximum(self.spread.remainder(q) - self.within, 0.0) / (1.0 - self.within)

@@ -131,7 +131,7 @@ class JointRegion(BaseModel):
             within=region.within,
         )
 
-    def measured(self, joints: JointMap, outside_mm: float = 0.0) -> MeasuredRegion:
+    def measured(self, joints: JointMap, outside_mm: float = 0.0, scatter_mm: float = 0.0) -> MeasuredRegion:
         """The region in model angles."""
         import numpy as np
 
@@ -140,7 +140,7 @@ class JointRegion(BaseModel):
         both, spread = joints.model(np.array([self.min, self.max])), None
         if self.postures and self.length:
             spread = Discrepancy(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
-        return MeasuredRegion(both.min(axis=0), both.max(axis=0), outside_mm, spread, self.within)
+        return MeasuredRegion(both.min(axis=0), both.max(axis=0), outside_mm, spread, self.within, scatter_mm)
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the region (N,)."""
@@ -163,7 +163,8 @@ class ModelFile(BaseModel):
     the first session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors.
     planes: those that were touched. datums: zeros of instruments that measured lengths.
     sessions: where there are several. outside_mm: 1 σ, 3-D, of what a prediction may be off by besides, far outside
-    the joint region. figures: what the fit said of itself. provenance: SHA-256 of what it was made from.
+    the joint region; scatter_mm: of errors too fast for the model to follow. figures: what the fit said of itself.
+    provenance: SHA-256 of what it was made from.
     """
 
     model_config = _STRICT
@@ -180,6 +181,7 @@ class ModelFile(BaseModel):
     sessions: list[SessionPlace] = []
     joint_region: JointRegion
     outside_mm: Number = 0.0
+    scatter_mm: Number = 0.0
     figures: dict[str, Any]
     provenance: dict[str, str]
 
@@ -216,6 +218,7 @@ class ModelFile(BaseModel):
             sessions=_sessions(measured, result.identification),
             joint_region=JointRegion.of(result.region, robot.joint_map()),
             outside_mm=result.region.outside_mm,
+            scatter_mm=result.region.scatter_mm,
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},
         )
@@ -334,7 +337,7 @@ class ModelFile(BaseModel):
     def _doubt(self, readings: Floats) -> Floats:
         """1 σ (N,), 3-D, mm, of what the model never saw."""
         joints = self.robot.joint_map()
-        return self.joint_region.measured(joints, self.outside_mm).sigma(joints.model(readings))
+        return self.joint_region.measured(joints, self.outside_mm, self.scatter_mm).sigma(joints.model(readings))
 
 
 def _parameters(found: Identification) -> list[Parameter]:

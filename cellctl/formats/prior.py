@@ -47,7 +47,7 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
         groups=groups,
         candidates=None,
         nominal=measured.task.model,
-        region=prior.joint_region.measured(prior.robot.joint_map(), prior.outside_mm),
+        region=prior.joint_region.measured(prior.robot.joint_map(), prior.outside_mm, prior.scatter_mm),
     )
     return replace(measured, task=task)
 

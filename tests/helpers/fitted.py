@@ -28,6 +28,7 @@ from cellctl.calibration import (
     identify,
     predict,
 )
+from cellctl.calibration.reliability import Reliability
 from cellctl.kinematics import Link, SerialChain
 
 TORCH_M = 0.4103
@@ -49,6 +50,23 @@ class Fitted:
     converged: bool
     loosened: Mapping[str, float]
     identification: Identification
+    task: Task
+
+    @property
+    def discrepant(self) -> bool:
+        """Whether the rows showed that the model lacks something."""
+        return any(name.startswith("discrepancy") for name in self.unknown.names)
+
+    def columns(self, q: Floats) -> Floats:
+        """How cellctl's tool centre points at q (N, n), rad, move with the free parameters (N, 3, F), mm per unit."""
+        best = self.identification.identified
+        whole = np.zeros((len(q), 3, len(best.unknowns.names)))
+        whole[:, :, best.state.columns[0]] = best.state.model.jacobian(q)[:, :3]
+        return whole[..., np.diag(best.covariance) > 0.0]
+
+    def besides(self, q: Floats) -> Floats:
+        """1 σ (N,) on each axis, mm, that cellctl adds to its covariance at q (N, n), rad."""
+        return Reliability.of(self.task, self.identification).region.sigma(q) / np.sqrt(3.0)
 
     def predicted(self, q: Floats) -> tuple[Floats, Floats]:
         """Tool centre points (N, 3) and their 1 σ (N,), mm, as cellctl predicts them."""
@@ -60,7 +78,8 @@ class Fitted:
 
 def fitted(draw: Draw) -> Fitted:
     """`draw`'s rows through `identify`, with the prior that its truth is from."""
-    done = identify(task_of(draw))
+    task = task_of(draw)
+    done = identify(task)
     best = done.identified
     free = np.flatnonzero(np.diag(best.covariance) > 0.0)
     model, chain = best.state.model, best.state.model.chain
@@ -77,6 +96,7 @@ def fitted(draw: Draw) -> Fitted:
         converged=best.converged,
         loosened=dict(done.loosened),
         identification=done,
+        task=task,
     )
 
 

@@ -58,10 +58,15 @@ def honesty(draw: Draw, *, compared: bool = True) -> Honesty:
     names, start, arm = fit.unknown.names, fit.unknown.start, fit.unknown.arm(fit.found)
     truth = deviations_between(names, start, draw.truth, fit.unknown.centres, draw.centres)
     nees = squared(fit.found - truth, fit.covariance)
-    columns = fit.unknown.columns(fit.found, draw.asked)
-    error = arm.points(draw.asked) - draw.truth.points(draw.asked)
-    places = np.array([squared(e, c @ fit.covariance @ c.T) for e, c in zip(error, columns, strict=True)])
-    volume = Volume.of(draw, arm, columns, fit.covariance)
+    if fit.discrepant:  # the own arm knows of none
+        columns, points, besides = fit.columns(draw.asked), fit.predicted(draw.asked)[0], fit.besides(draw.asked)
+    else:
+        columns, points = fit.unknown.columns(fit.found, draw.asked), arm.points(draw.asked)
+        besides = np.zeros(len(points))
+    error = points - draw.truth.points(draw.asked)
+    each = zip(error, columns, besides, strict=True)
+    places = np.array([squared(e, c @ fit.covariance @ c.T + s**2 * np.eye(3)) for e, c, s in each])
+    volume = Volume.of(draw, arm, columns, fit.covariance, besides)
     scipy_rms, off_scipy = _against_scipy(draw, fit, volume) if compared else (np.nan, np.nan)
     return Honesty(
         nees=nees,
@@ -164,10 +169,13 @@ class Volume:
     factor: Floats
 
     @classmethod
-    def of(cls, draw: Draw, arm: OwnArm, columns: Floats, covariance: Floats) -> Volume:
+    def of(cls, draw: Draw, arm: OwnArm, columns: Floats, covariance: Floats, besides: Floats) -> Volume:
+        """besides (M,): 1 σ on each axis of each point, mm, apart from what the parameters do."""
         together = rigid_motions(arm.points(draw.asked)) if len(draw.centres) else np.zeros((3 * len(columns), 0))
         root = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
         spread = columns.reshape(-1, columns.shape[-1]) @ root
+        if besides.any():
+            spread = np.hstack([spread, np.diag(np.repeat(besides, 3))])
         return cls(together, spread - together @ (together.T @ spread))
 
     def rms_of(self, error: Floats) -> float:
