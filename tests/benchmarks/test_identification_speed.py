@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from side_by_side import median, race, side
+from real_rows import DATA, save_real_rows
 from textbook_rows import save_rows
 
 HERE = Path(__file__).parent
@@ -20,10 +21,12 @@ def compare(with_pybotics, tell, tmp_path):
     """Both on the same rows; a line in the table; what both said."""
 
     def run(count, scatter, promised, rounds=3):
-        rows = save_rows(tmp_path / "rows.npz", count, scatter=scatter)
+        save = save_real_rows if scatter is None else lambda path, of: save_rows(path, of, scatter=scatter)
+        rows = save(tmp_path / "rows.npz", count)
         with side(OURS, rows) as ours, side([*with_pybotics, str(HERE / "pybotics_fits.py")], rows) as theirs:
             found = race(ours, theirs, rounds, near=NEAR)
-        what = f"identify from {count} positions, scatter {scatter:.0f} σ"
+        kind = "measured on a real UR10" if scatter is None else f"scatter {scatter:.0f} σ"
+        what = f"identify from {count} positions, {kind}"
         tell(what, words(found.ours), f"pybotics {words(found.theirs)}", f"{found.ratio:.0f} ×", f"≥ {promised} ×")
         return found
 
@@ -62,3 +65,12 @@ def test_five_hundred_positions_are_identified_twenty_times_as_fast_as_by_pyboti
     found = compare(500, scatter, 20)
     assert reach_the_same(found)
     assert found.ratio >= 20
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not DATA.exists(), reason=f"the UR10 measurements are not at {DATA}")
+@pytest.mark.parametrize("count", [40, 50])
+def test_few_positions_of_a_real_robot_are_identified_ten_times_as_fast_as_by_pybotics(compare, count):
+    found = compare(count, None, 10)
+    assert reach_the_same(found)
+    assert found.ratio >= 10
