@@ -67,7 +67,7 @@ def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
     them, grow as long as that makes the rows more probable. thorough: no wild row hides another (`unsurprised`).
     """
     found = Belonging.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
-    if found.strained.any():
+    if _there(linear, found.noise).sum() > 1 and found.strained.any():
         found = _as_scattered(linear, found, thorough=thorough)
     while True:
         noisier = max(_noisier(linear, found), key=lambda each: each.weight, default=found)

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from side_by_side import median, race, side
 from real_rows import DATA, save_real_rows
+from side_by_side import median, race, side
 from textbook_rows import save_rows
 
 HERE = Path(__file__).parent
