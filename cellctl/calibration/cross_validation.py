@@ -81,13 +81,16 @@ class Folded:
         """The same rows with other folds."""
         return replace(self, folds=tuple((test, _normals(self.linear, test)) for test in folds))
 
-    def predicted(self, kept: Bools, logs: Mapping[Factor, float], most: int | None = None) -> Predicted:
+    def predicted(
+        self, kept: Bools, logs: Mapping[Factor, float], most: int | None = None, *, again: bool = False
+    ) -> Predicted:
         """Each fold's rows as the others predict them with the unknowns `kept` (F,) alone, and these logarithms of
-        noise and prior scales. most: rows of each fold that are looked at.
+        noise and prior scales. most: rows of each fold that are looked at. again: the others find noise and scales
+        again, without the fold, from there.
         """
         at = np.flatnonzero(kept)
         system = self.system.restricted(kept)
-        return Predicted.joined([self._fold(system, at, test, own, logs, most) for test, own in self.folds])
+        return Predicted.joined([self._fold(system, at, test, own, logs, most, again) for test, own in self.folds])
 
     def noise(self, logs: Mapping[Factor, float]) -> Floats:
         """The scale of each number's σ (N, k); 0 where a row has fewer numbers."""
@@ -104,9 +107,13 @@ class Folded:
         own: Mapping[Factor, Normal],
         logs: Mapping[Factor, float],
         most: int | None,
+        again: bool,
     ) -> Predicted:
         left = {f: n.without(own[f].restricted(at)) if f in own else n for f, n in system.numbers.items()}
-        square, pull = replace(system, numbers=left).posterior(logs)
+        others = replace(system, numbers=left)
+        if again:
+            logs, _ = others.tuned(logs)
+        square, pull = others.posterior(logs)
         root = cho_factor(square, lower=True, check_finite=False)
         x = -cho_solve(root, pull, check_finite=False)
         shown = test if most is None else test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]

@@ -27,6 +27,9 @@ UNLIKELY = 0.1
 ROWS_AT_LEAST = 20
 WIDEST = 3.0
 
+FEW = 250
+"""Of so few rows each fold has a say in noise and prior scales: they are found without it."""
+
 OUTSIDE = 0.5
 """A posture of which the measured ones leave more than this share of the variance is outside."""
 
@@ -65,7 +68,7 @@ def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tu
     folded = Folded.of(unknowns, found.identified.deviations, rows, certain(task), every, registering)
     logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
     everything = np.ones(int(unknowns.free.sum()), bool)
-    inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs)
+    inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs, again=len(rows) <= FEW)
     tails = _tails(inner, folded.noise(logs)[inner.rows])
     if not at_ends:
         return tails, most
