@@ -16,6 +16,7 @@ import numpy as np
 
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.identify import Identification, Weights, identify, identify_kept
+from cellctl.calibration.ladder import climb
 from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
 from cellctl.calibration.mistakes.second_centres import with_best_centres
 from cellctl.calibration.mixture import Mixture
@@ -95,7 +96,11 @@ def denied_spacings(task: Task) -> tuple[DeniedSpacing | DeniedScale, ...]:
     if task.spacings is None or not len(task.spacings) or task.rows.size < 2 * task.registering:
         return ()
     try:
-        return _denied(task, task.spacings)
+        found = _denied(task, task.spacings)
+        if not found or not task.candidates:
+            return found
+        climbed = climb(replace(task, spacings=None), task.rows.pick(_sample(task.rows)))  # a term may be missing
+        return _denied(climbed.task, task.spacings)
     except np.linalg.LinAlgError:
         return ()
 
