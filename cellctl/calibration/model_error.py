@@ -28,9 +28,9 @@ def without_functions(task: Task) -> Task:
 
 
 def may_lack(task: Task) -> bool:
-    """Whether a discrepancy is looked for: of an identified robot that nothing was known of beforehand."""
+    """Whether a discrepancy is looked for: where geometry and effects are all free, and nothing was known of them."""
     there = any(isinstance(effect, Discrepancy) for effect in task.model.effects)
-    return task.prior is None and bool(task.freed) and not there
+    return task.prior is None and task.groups is None and not there
 
 
 def with_discrepancy(task: Task, rows: Mixture) -> Task:
