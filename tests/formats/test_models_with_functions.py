@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from cellctl.calibration import Split, fit, predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
+from cellctl.formats.fit_findings import wide
 
 ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
 LOW, HIGH = elbow_arm.LOWER, elbow_arm.UPPER
@@ -34,8 +35,13 @@ def measured_and_fitted(terms):
 
 
 @pytest.fixture(scope="module")
-def model():
-    return ModelFile.of(ROBOT, *measured_and_fitted("geometry"))
+def fitted():
+    return measured_and_fitted("geometry")
+
+
+@pytest.fixture(scope="module")
+def model(fitted):
+    return ModelFile.of(ROBOT, *fitted)
 
 
 def test_harmonics_and_a_discrepancy_come_back_from_a_file_as_they_were_fitted(tmp_path):
@@ -55,6 +61,14 @@ def test_harmonics_and_a_discrepancy_come_back_from_a_file_as_they_were_fitted(t
     outside = fitted[1].region.sigma(q)
     assert_allclose(again.predict(readings).sigma_mm, np.hypot(own.sigma_mm, outside), rtol=1e-9)
     assert outside.max() > 0.0
+
+
+def test_coefficients_of_a_random_function_are_not_named_as_parameters_far_from_the_robot_file(fitted):
+    result = fitted[1]
+    found = result.identification.identified
+    coefficients = found.deviations[np.array(found.unknowns.groups) == "discrepancy"]
+    assert np.abs(coefficients).max() > 3.0 * 0.1
+    assert wide(result) == []
 
 
 def test_outside_the_measured_region_sigma_is_larger_and_is_that_of_the_errors_there(model):
