@@ -25,6 +25,7 @@ from cellctl.calibration.ladder import Step
 from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model import RobotModel
+from cellctl.calibration.model_error import FUNCTIONS
 from cellctl.calibration.moved import MOVED
 from cellctl.calibration.observability import Hidden, Observability, observability
 from cellctl.calibration.planes import PlaneEstimate, plane_estimates
@@ -62,6 +63,7 @@ __all__ = [
     "DEFLECTION",
     "DOWN",
     "EFFECTS",
+    "FUNCTIONS",
     "MOVED",
     "STANDARD_GRAVITY",
     "At",

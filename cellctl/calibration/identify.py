@@ -147,7 +147,8 @@ def identify(
     if wider is not None:
         task, weights = wider
         nominal, weighed = identify_kept(task, inliers, weights)
-    while not kept.all() and any(effect.group in FUNCTIONS for effect in task.model.effects):
+    wider_than_kept = together is not None or any(effect.group in FUNCTIONS for effect in task.model.effects)
+    while wider_than_kept and not kept.all():
         back = ~kept & (weighed.chances(rows) >= WILD)
         if not back.any():
             break

@@ -48,7 +48,7 @@ def predict(
         to_stdout(text)
     if extrapolated:
         seen = f"{extrapolated} of {len(readings)} rows lie outside the joints of the fit (seen = 0)"
-        typer.echo(f"cellctl: {seen}: their σ is wider by what nominal was wrong by", err=True)
+        typer.echo(f"cellctl: {seen}: their σ is wider by what the model may be wrong by there", err=True)
     for words in _unsaid(identified, at):
         typer.echo(f"cellctl: {words}", err=True)
 

@@ -49,13 +49,18 @@ def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, An
 
 
 def wide(result: FitResult) -> list[dict[str, Any]]:
-    """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ."""
+    """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ; coefficients of
+    random functions are none.
+    """
     import numpy as np
+
+    from cellctl.calibration import FUNCTIONS
 
     found = result.identification.identified
     unknowns, model = found.unknowns, found.state.model
     sigma, tolerances = np.sqrt(np.diag(found.covariance)), result.identification.nominal.unknowns.sigma
     lengths = {"mm": 1000.0, "rad": 1.0}  # of a thousand millimetres or a radian nothing was known
+    others = {"base", *FUNCTIONS}
     return [
         {"name": name, "value": value, "unit": unit, "sigma": float(after), "tolerance": float(before)}
         for name, value, unit, group, is_free, before, after in zip(
@@ -68,7 +73,7 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
             sigma,
             strict=False,
         )
-        if is_free and group != "base" and before < lengths.get(unit, np.inf) and abs(value) > WIDE * before
+        if is_free and group not in others and before < lengths.get(unit, np.inf) and abs(value) > WIDE * before
     ]
 
 

@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.formats.measurements import Measurements, nominal_model
-from cellctl.formats.model_checks import GREATEST, check_covariance, check_sigmas, of_this_format
-from cellctl.formats.model_effects import EffectSettings, settings_of
+from cellctl.formats.model_checks import GREATEST, check_covariance, check_postures, check_sigmas, of_this_format
+from cellctl.formats.model_effects import DiscrepancySettings, EffectSettings, settings_of
 from cellctl.formats.robot import Number, RobotFile
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class JointRegion(BaseModel):
     min: list[Number]
     max: list[Number]
     postures: list[list[Number]] | None = None
-    length: Number | None = None
+    length: Annotated[Number, Field(gt=0.0)] | None = None
     within: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
     @classmethod
@@ -257,6 +257,9 @@ class ModelFile(BaseModel):
 
         bends = self.effects is None and bool(self.parameters) and self.parameters[-1].name == "tool_deflection"
         nominal = nominal_model(self.robot, deflection=bends)
+        for settings in self.effects or ():
+            if isinstance(settings, DiscrepancySettings):
+                check_postures(settings.centres, self.robot.n, "discrepancy")
         if self.effects is not None:
             nominal = nominal.with_effects(tuple(settings.effect() for settings in self.effects))
         if set(self.start) != {"base", "tool"}:
@@ -296,6 +299,7 @@ class ModelFile(BaseModel):
             raise ValueError("its joint region is not that of its robot")
         if any(low > high for low, high in zip(lower, upper, strict=True)) or self.outside_mm < 0.0:
             raise ValueError("its joint region is upside down, or the doubt outside it below 0")
+        check_postures(self.joint_region.postures, self.robot.n, "joint region")
 
     @property
     def frame_of_points(self) -> bool:

@@ -25,6 +25,12 @@ def of_this_format(content: Any, ours: str) -> Any:
     return content
 
 
+def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what: str) -> None:
+    """Refuse postures (M, n), if there are any, that have another number of joints than the robot; what: whose."""
+    if any(len(posture) != joints for posture in postures or ()):
+        raise ValueError(f"the postures of its {what} are not those of its robot")
+
+
 def check_covariance(covariance: Floats) -> None:
     """Refuse a covariance (P, P) that is not symmetric, or has a variance below 0 along any combination."""
     import numpy as np

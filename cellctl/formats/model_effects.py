@@ -122,7 +122,7 @@ class DiscrepancySettings(BaseModel):
     expected: Number
 
     def effect(self) -> Effect:
-        """The effect with these settings. Raises ValueError for postures of unequal length, or two that are alike."""
+        """The effect with these settings. Raises ValueError for postures of unequal length."""
         import numpy as np
 
         from cellctl.calibration import Discrepancy

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self, final
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
-from cellctl.formats.model import JointRegion
 from cellctl.formats.robot import Number, Tool
 
 if TYPE_CHECKING:
@@ -45,6 +44,15 @@ class TableSource(BaseModel):
     run: str | None
     model_sha256: _Sha256
     method: _Name
+
+
+@final
+class TableRegion(BaseModel):
+    """Least and greatest controller reading of each joint within which a table's model holds, deg."""
+
+    model_config = _STRICT
+    min: list[Number]
+    max: list[Number]
 
 
 @final
@@ -87,7 +95,7 @@ class TableFile(BaseModel):
     tool: Tool
     payload: _Size
     source: TableSource
-    joint_region: JointRegion
+    joint_region: TableRegion
     rows: Annotated[list[Row], Field(min_length=1)]
 
     @classmethod
@@ -99,7 +107,7 @@ class TableFile(BaseModel):
         simulated: bool,
         tool: Tool,
         source: TableSource,
-        joint_region: JointRegion,
+        joint_region: TableRegion,
         created: str,
     ) -> Self:
         """A table of `rows`, with its id; the payload is the tool's mass."""

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from cellctl.files import sha256_of
 from cellctl.formats.measurements import nominal_model
-from cellctl.formats.model import REGION_MARGIN_DEG, JointRegion, ModelFile
-from cellctl.formats.table import JOINT_DECIMALS, TableFile, TableRobot, TableSource, table_rows
+from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
+from cellctl.formats.table import JOINT_DECIMALS, TableFile, TableRegion, TableRobot, TableSource, table_rows
 
 if TYPE_CHECKING:
     from cellctl.compensation import Compensated
@@ -45,13 +45,13 @@ def usual_postures(model: ModelFile, targets: Floats) -> Floats:
     return joints.readings(postures(nominal_chain(model), targets, ends[0], ends[1]))
 
 
-def valid_region(model: ModelFile) -> JointRegion:
+def valid_region(model: ModelFile) -> TableRegion:
     """Readings within which `model` counts as seen, and a joint's limits, deg."""
     rows = zip(model.joint_region.min, model.joint_region.max, model.robot.joints, strict=True)
     ends = [
         (max(low - REGION_MARGIN_DEG, joint.min), min(high + REGION_MARGIN_DEG, joint.max)) for low, high, joint in rows
     ]
-    return JointRegion(min=[low for low, _ in ends], max=[high for _, high in ends])
+    return TableRegion(min=[low for low, _ in ends], max=[high for _, high in ends])
 
 
 def target_sigma(model: ModelFile, readings: Floats) -> Floats:

@@ -1,13 +1,25 @@
 """The estimator against SciPy's optimum of the same posterior by finite differences; noise and registration."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration import PoseRows, PositionRows, Split, Task, fit, identify, predict
+from cellctl.calibration import (
+    PoseRows,
+    PositionRows,
+    Split,
+    State,
+    Task,
+    Tolerances,
+    Unknowns,
+    estimate,
+    fit,
+    identify,
+    predict,
+)
 from cellctl.formats import nominal_model
 
 INSTRUMENT = Rotation.from_euler("ZYX", [120, 5, -8], degrees=True)
@@ -130,3 +142,61 @@ def test_rows_all_alike_see_next_to_nothing_and_stay_finite(position_task):
     assert found.observability.rank <= 3
     assert np.isfinite(found.identification.identified.covariance).all()
     assert found.verdict == "no better"
+
+
+def test_a_step_by_singular_values_leaves_the_solution_where_it_is_and_has_its_covariance(position_task):
+    """The estimator folds rows into triangles by QR; here the same equations are solved whole, by SVD."""
+    found = identify(position_task)
+    fitted, noisy = found.identified, position_task.rows.noisier(found.noise).only
+    free, scale = np.flatnonzero(fitted.unknowns.free), fitted.unknowns.sigma[fitted.unknowns.free]
+    lines = noisy.jacobian(fitted.state)[..., free] * scale / noisy.sigma[..., None]
+    pins = np.zeros((0, free.size)) if fitted.unknowns.pinned is None else fitted.unknowns.pinned[:, free]
+    assert not len(pins)
+    whole = np.vstack([lines.reshape(-1, free.size), np.eye(free.size)])
+    right = np.concatenate([(noisy.residual(fitted.state) / noisy.sigma).ravel(), fitted.deviations[free] / scale])
+    left, singular, turned = np.linalg.svd(whole, full_matrices=False)
+    covariance = (turned.T / singular**2) @ turned
+    sigma = np.sqrt(np.diag(covariance))
+    assert singular[0] > 1e4 * singular[-1]
+    assert np.abs(turned.T @ (left.T @ right / singular) / sigma).max() < 1e-4
+    posterior = fitted.covariance[np.ix_(free, free)] / np.outer(scale, scale)
+    np.testing.assert_allclose(posterior / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-6)
+
+
+@dataclass(frozen=True)
+class LinearRows:
+    """Rows A x − b of the parameters' deviations x, of 1 σ each."""
+
+    lines: np.ndarray
+    right: np.ndarray
+    quantities = ("position",)
+
+    @property
+    def sigma(self):
+        return np.ones((len(self.right), 1))
+
+    def residual(self, state):
+        return (self.lines @ state.model.deviations - self.right)[:, None]
+
+    def jacobian(self, state):
+        return self.lines[:, None, :]
+
+    def __len__(self):
+        return len(self.right)
+
+
+def test_linear_rows_whose_parameters_are_seen_a_million_times_better_one_than_another_are_solved_in_one_step(kr5):
+    rng, model = np.random.default_rng(3), nominal_model(kr5, deflection=False)
+    unknowns = Unknowns.of(State.alone(model), (), Tolerances())
+    count = len(unknowns.names)
+    left, _ = np.linalg.qr(rng.normal(size=(200, count)))
+    right, _ = np.linalg.qr(rng.normal(size=(count, count)))
+    lines = left * np.geomspace(1e6, 1.0, count) @ right.T / unknowns.sigma
+    rows = LinearRows(lines, lines @ (unknowns.sigma * rng.normal(size=count)) + rng.normal(size=200))
+    found = estimate(unknowns, [rows])
+    whole = np.vstack([lines * unknowns.sigma, np.eye(count)])
+    best = np.linalg.lstsq(whole, np.concatenate([rows.right, np.zeros(count)]), rcond=None)[0]  # by SVD
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert found.iterations == 2  # the second one finds that nothing is left to gain
+    assert found.converged
+    np.testing.assert_allclose(found.deviations / sigma, best * unknowns.sigma / sigma, atol=1e-6)

@@ -21,8 +21,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import Mailbox, Outcome, State
 from cellctl.formats import RobotFile, TableFile
-from cellctl.formats.model import JointRegion
-from cellctl.formats.table import Row, TableRobot, TableSource
+from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
 from cellctl.journal import RunState, StepStarted, fold, read_journal
 
 pytestmark = pytest.mark.campaign
@@ -60,7 +59,7 @@ def table_for(serial: str, shift: float) -> TableFile:
         simulated=True,
         tool=robot.tool,
         source=TableSource(run=None, model_sha256="0" * 64, method="pseudo-target"),
-        joint_region=JointRegion(min=[-170.0] * 6, max=[170.0] * 6),
+        joint_region=TableRegion(min=[-170.0] * 6, max=[170.0] * 6),
         created="2026-01-01T00:00:00Z",
     )
 

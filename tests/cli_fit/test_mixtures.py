@@ -124,7 +124,7 @@ def test_each_session_has_its_own_base_unless_told_otherwise(fitted, tmp_path):
     first, second = (np.array(place.base) for place in sessions)
     turn = np.linalg.inv(first) @ second
     assert np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) == pytest.approx(-70.0, abs=0.01)
-    shared = fitted(text, "--model", "geometry", "--own", "none", code=1)
+    shared = fitted(text, "--model", "geometry", "--own", "none", "--no-check", code=1)
     assert shared["test"]["mean"] > 100.0
 
 
@@ -236,10 +236,11 @@ def test_auto_keeps_what_pays_and_says_what_it_tried(fitted, capsys):
     result = fitted(csv_text(grown(np.random.default_rng(7), 120)))
     steps = {step["model"]: step for step in result["ladder"]}
     assert steps["geometry"]["kept"]
-    assert steps["growth"]["kept"]
-    assert "backlash" not in steps
+    assert steps["geometry+growth"]["kept"]
+    assert steps["geometry"]["error_mm"] - steps["geometry+growth"]["error_mm"] > 0.05
+    assert not any("backlash" in model for model in steps)
     assert "growth" in result["model"]
-    assert "growth: kept" in capsys.readouterr().out
+    assert "geometry+growth: kept" in capsys.readouterr().out
 
 
 def test_a_models_effects_come_back_from_its_file(fitted, tmp_path):

@@ -128,8 +128,10 @@ def test_terms_of_a_model_may_come_in_any_order():
     assert ModelTerms.parse("registration").groups() == frozenset()
 
 
-def test_doubt_grows_with_the_square_of_the_distance_from_the_joints_seen_in_halves_of_their_span():
+def test_a_model_file_without_postures_doubts_by_the_square_of_the_distance_in_halves_of_the_measured_span():
     region = JointRegion(min=[-40.0, 10.0], max=[40.0, 10.0])
     readings = np.array([[0.0, 10.0], [41.0, 10.0], [60.0, 10.0], [200.0, 10.0], [60.0, 15.0]])
-    np.testing.assert_allclose(region.doubt(readings), [0.0, 0.0, 0.25, 1.0, math.hypot(0.25, 0.25)])
+    joints = ROBOT.joint_map()
+    sigma = region.measured(joints, outside_mm=2.0).sigma(joints.model(readings))
+    np.testing.assert_allclose(sigma, [0.0, 0.0, 0.5, 2.0, 2.0 * math.hypot(0.25, 0.25)])
     assert region.inside(readings).tolist() == [True, True, False, False, False]

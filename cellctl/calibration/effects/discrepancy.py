@@ -90,7 +90,7 @@ class Discrepancy:
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
         """Ψ (N, 3, 3M): φ of each centre, on each axis."""
         basis = self._basis(at.q)
-        return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, -1))
+        return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, 3 * basis.shape[1]))
 
     def remainder(self, q: Floats) -> Floats:
         """The share (N,) of the prior variance at q (N, n), rad, that the centres leave: 0 at them, 1 far away."""

@@ -89,7 +89,7 @@ class Harmonics:
         """Each wave turns its own joint."""
         joints, orders = np.array(self.waves, int).reshape(-1, 2).T
         phase = at.q[:, joints - 1] * orders
-        values = np.stack([np.sin(phase), np.cos(phase) - 1.0], axis=-1).reshape(len(at), -1)
+        values = np.stack([np.sin(phase), np.cos(phase) - 1.0], axis=-1).reshape(len(at), 2 * len(joints))
         return OwnTurns(np.repeat(joints - 1, 2), values)
 
     def shifts(self, nominal: SerialChain, at: Postures) -> None:

@@ -17,7 +17,7 @@ def wobble(six_joints, angles, joint, **values):
     effect = Harmonics(6)
     amounts = np.array([values.get(name.removeprefix(f"harmonic{joint}_"), 0.0) for name in effect.parameters])
     amounts *= [name.startswith(f"harmonic{joint}_") for name in effect.parameters]
-    turned = effect.turns(six_joints.chain(), Postures(q)) @ amounts
+    turned = effect.turns(six_joints.chain(), Postures(q)).total(amounts, 6)
     assert not np.delete(turned, joint - 1, axis=1).any()
     return turned[:, joint - 1]
 
@@ -59,14 +59,57 @@ def test_four_waves_and_the_joint_zero_can_be_told_apart_over_a_turn(six_joints)
     assert np.linalg.cond(np.stack([np.ones(TURN.size), *waves], axis=1)) < 10.0
 
 
-def test_a_ripple_is_a_wave_of_one_joint_alone(six_joints):
-    effect = Harmonics(6, ripple=((4, 17), (1, 2)))
+def test_a_single_wave_of_one_joint_can_be_named_beside_the_orders_of_all(six_joints):
+    effect = Harmonics(6, orders=(1, 2), ripple=((4, 17), (1, 2)))
     assert effect.parameters[:4] == ("harmonic1_s1", "harmonic1_c1", "harmonic1_s2", "harmonic1_c2")
     assert effect.parameters[-2:] == ("harmonic4_s17", "harmonic4_c17")
     assert len(effect.parameters) == 26
     q = np.zeros((TURN.size, 6))
     q[:, 3] = TURN
     amounts = np.array([2e-4 * (name == "harmonic4_s17") for name in effect.parameters])
-    turned = effect.turns(six_joints.chain(), Postures(q)) @ amounts
+    turned = effect.turns(six_joints.chain(), Postures(q)).total(amounts, 6)
     assert_allclose(turned[:, 3], 2e-4 * np.sin(17 * TURN), atol=1e-15)
     assert not np.delete(turned, 3, axis=1).any()
+
+
+def test_every_joint_has_48_waves_and_each_octave_of_them_is_expected_to_do_one_minute_of_arc(six_joints):
+    effect = Harmonics(6)
+    assert effect.waves == tuple((joint, order) for joint in range(1, 7) for order in range(1, 49))
+    bands = [[1, 2], [3, 4, 5], list(range(6, 12)), list(range(12, 24)), list(range(24, 49))]
+    for joint, orders in [(joint, orders) for joint in range(1, 7) for orders in bands]:
+        names = [f"harmonic{joint}_{part}{order}" for order in orders for part in "sc"]
+        mine = [effect.parameters.index(name) for name in names]
+        (band,) = {effect.bands[place] for place in mine}
+        assert effect.bands.count(band) == len(mine)
+        # the mean square of a wave over a turn is half its amplitude's: E Σ (s² + c²) / 2 = 2e-4²
+        assert np.sqrt(np.sum(effect.sigma[mine] ** 2) / 2.0) == pytest.approx(2e-4)
+
+
+def test_each_waves_turns_are_the_same_dense_in_total_and_as_columns(six_joints, rng):
+    effect, chain, at = Harmonics(6), six_joints.chain(), Postures(rng.uniform(-3.0, 3.0, (5, 6)))
+    turns, amounts = effect.turns(chain, at), rng.normal(0.0, effect.sigma)
+    arms = chain.tool_jacobian(at.q)
+    assert_allclose(turns.total(amounts, 6), turns.dense(6) @ amounts, atol=1e-15)
+    assert_allclose(turns.columns(arms), arms @ turns.dense(6), atol=1e-9)
+
+
+def test_where_a_joint_was_not_measured_the_variance_of_its_fast_waves_is_the_priors_again(six_joints):
+    """Measured over a quarter of a turn at every 1.5°, to 1e-6 rad: there any shape is known, elsewhere none."""
+    effect, chain = Harmonics(6), six_joints.chain()
+    measured, far = np.radians(np.arange(-60.0, 30.0, 1.5)), np.radians(np.arange(120.0, 200.0, 3.0))
+
+    def lines(angles, orders):
+        q = np.zeros((angles.size, 6))
+        q[:, 2] = angles
+        names = [f"harmonic3_{part}{order}" for order in orders for part in "sc"]
+        mine = [effect.parameters.index(name) for name in names]
+        return effect.turns(chain, Postures(q)).dense(6)[:, 2, mine] * effect.sigma[mine]
+
+    def variances(angles, orders):
+        seen, at = lines(measured, orders) / 1e-6, lines(angles, orders)
+        posterior = np.linalg.inv(seen.T @ seen + np.eye(seen.shape[1]))
+        return np.einsum("nk,kl,nl->n", at, posterior, at)
+
+    for orders in (range(12, 24), range(24, 49)):
+        assert variances(measured[2:-2], orders).max() < 1e-3 * 2e-4**2
+        assert variances(far, orders).min() > 0.75 * 2e-4**2
