@@ -102,6 +102,7 @@ class FitResult:
             "test": asdict(self.test) if self.n_test else dict.fromkeys(asdict(self.test)),
             "predicted_test_rms": self.predicted_test_rms if self.n_test else None,
             "coverage_95": self.coverage_95 if self.n_test else None,
+            "tails": self.reliability.tails,
             "predicted_volumetric_rms": self.predicted_volumetric_rms,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
