@@ -25,8 +25,8 @@ _LEVELS = np.array([0.15, 0.3, 0.5, 0.7, 0.85, 0.95])
 
 
 def correlation(story: FitStory) -> tuple[list[str], Floats]:
-    """Symbols (F,) and correlation matrix (F, F) of the free parameters of the robot, its places among them, coefficients of
-    random functions not.
+    """Symbols (F,) and correlation matrix (F, F) of the free parameters of the robot, its places among them.
+    Coefficients of random functions are left out.
     """
     unknowns, covariance = story.found.unknowns, story.found.covariance
     places = np.arange(len(unknowns.names)) >= story.found.state.points_at
