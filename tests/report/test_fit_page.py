@@ -120,8 +120,10 @@ def test_effects_have_symbols_and_units_of_their_own():
     chain = task.model.chain
     effects = (JointCompliance.of(chain, True), Harmonics(6), Backlash(6), Growth.of(chain))
     page = checked(fit_page(told(task.with_effects(effects))))
-    for words in ("A2 sag by link 3, x", "A2 sag by payload", "µrad/(N·m)", "A3 sin 2q", "A4 half play", "µm/(m·K)"):
+    for words in ("A2 sag by link 3, x", "A2 sag by payload", "µrad/(N·m)", "A4 half play", "µm/(m·K)"):
         assert words in page.text
+    assert "Not listed: 576 coefficients of harmonics" in page.text
+    assert "A3 sin" not in page.text.partition("Identified parameters")[2].partition("What the rows could not see")[0]
     assert "Coming: the sense in which each joint last turns" in page.text
 
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from cellctl.calibration import FUNCTIONS
 from cellctl.kinematics import Floats
 from cellctl.report.drawing import DIVERGING, svg_of
 from cellctl.report.fit.story import FitStory
@@ -24,10 +25,12 @@ _LEVELS = np.array([0.15, 0.3, 0.5, 0.7, 0.85, 0.95])
 
 
 def correlation(story: FitStory) -> tuple[list[str], Floats]:
-    """Symbols (F,) and correlation matrix (F, F) of the free parameters of the robot, its places among them."""
+    """Symbols (F,) and correlation matrix (F, F) of the free parameters of the robot, its places among them.
+    Coefficients of random functions are left out.
+    """
     unknowns, covariance = story.found.unknowns, story.found.covariance
     places = np.arange(len(unknowns.names)) >= story.found.state.points_at
-    free = np.flatnonzero(unknowns.free & ~places & (np.diag(covariance) > 0.0))
+    free = np.flatnonzero(unknowns.free & ~unknowns.among(FUNCTIONS) & ~places & (np.diag(covariance) > 0.0))
     sigma = np.sqrt(np.diag(covariance)[free])
     return [symbol(unknowns.names[index]) for index in free], covariance[np.ix_(free, free)] / np.outer(sigma, sigma)
 

@@ -8,7 +8,7 @@ from cellctl.report.fit import correlation as correlations
 from cellctl.report.fit import places
 from cellctl.report.fit.region import RegionSigma, figures, region_picture
 from cellctl.report.fit.story import FitStory
-from cellctl.report.fit.table import groups, held
+from cellctl.report.fit.table import coefficients, groups, held
 from cellctl.report.numbers import percent
 from cellctl.report.words import Reason, reasons
 
@@ -33,6 +33,7 @@ def parameters(story: FitStory) -> Section:
         ],
         "any_wide": any(line.wide for group in shown for line in group.lines),
         "held": held(story),
+        "coefficients": coefficients(story),
         "placements": places.placements(story),
         "points": points,
         "planes": places.planes(story),

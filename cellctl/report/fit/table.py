@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration import Unknowns
+from cellctl.calibration import FUNCTIONS, Unknowns
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import DASH, MINUS, fixed, significant, with_sigma
@@ -24,7 +24,6 @@ _TITLES = {
     "links": "Links",
     "deflection": "Bending of the tool",
     "compliance": "Joints under weight",
-    "harmonics": "Waves of the joints",
     "backlash": "Play",
     "growth": "Growth with temperature",
 }
@@ -86,15 +85,28 @@ def found_anew(story: FitStory) -> Bools:
 
 
 def groups(story: FitStory) -> list[Group]:
-    """The free parameters of the robot in its first session, by kind; what had no tolerance is left to the places."""
+    """The free parameters of the robot in its first session, by kind; what had no tolerance is left to the places.
+    Coefficients of random functions are none (`coefficients`).
+    """
     unknowns = story.found.unknowns
-    shown = unknowns.free & ~found_anew(story) & (np.arange(len(unknowns.names)) < unknowns.robot)
+    shown = (
+        unknowns.free
+        & ~unknowns.among(FUNCTIONS)
+        & ~found_anew(story)
+        & (np.arange(len(unknowns.names)) < unknowns.robot)
+    )
     kinds = dict.fromkeys(unknowns.groups[index] for index in np.flatnonzero(shown))
     lines = {kind: [int(index) for index in np.flatnonzero(shown) if unknowns.groups[index] == kind] for kind in kinds}
     ordered = sorted(kinds, key=lambda kind: list(_TITLES).index(kind) if kind in _TITLES else len(_TITLES))
     return [
         Group(_TITLES.get(kind, kind), tuple(_line(story, int(index)) for index in lines[kind])) for kind in ordered
     ]
+
+
+def coefficients(story: FitStory) -> dict[str, int]:
+    """How many coefficients each random function has."""
+    groups = story.found.unknowns.groups
+    return {group: groups.count(group) for group in sorted(FUNCTIONS & set(groups))}
 
 
 def held(story: FitStory) -> list[str]:
