@@ -1,4 +1,4 @@
-"""Noise is raised where held-out rows of the fit are too often outside their 95 % regions, and nowhere else."""
+"""95 % regions are wider where held-out rows of the fit are too often outside them, and nowhere else."""
 
 import numpy as np
 import pytest
@@ -32,14 +32,14 @@ def test_rows_with_heavier_tails_than_the_normal_distribution_get_wider_regions(
     """
     rng = np.random.default_rng([seed, 41])
     result = fitted(rng, rng.choice([1.0, 1.8], FIT + HELD_OUT, p=[0.7, 0.3]))
-    assert result.inflation > 1.05
+    assert result.reliability.tails > 1.05
     assert 0.92 < result.coverage_95 < 0.97
 
 
 def test_rows_as_noisy_as_stated_are_left_as_they_are(fitted):
     rng = np.random.default_rng(42)
     result = fitted(rng, np.ones(FIT + HELD_OUT))
-    assert result.inflation == 1.0
+    assert result.reliability.tails == 1.0
     np.testing.assert_array_equal(result.identification.noise, np.ones(3))
     assert 0.92 < result.coverage_95 < 0.97
 
@@ -47,5 +47,5 @@ def test_rows_as_noisy_as_stated_are_left_as_they_are(fitted):
 def test_a_noise_that_is_larger_by_one_factor_is_found_as_such_and_not_raised_again(fitted):
     rng = np.random.default_rng(43)
     result = fitted(rng, np.full(FIT + HELD_OUT, 3.0))
-    assert result.inflation == 1.0
+    assert result.reliability.tails == 1.0
     np.testing.assert_allclose(result.identification.noise, 3.0, rtol=0.1)

@@ -21,8 +21,7 @@ from cellctl.devices import (
 )
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
-from cellctl.formats.model import JointRegion
-from cellctl.formats.table import Row, TableRobot, TableSource
+from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
 from procedures.steps.proof import PushInputs, push
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
 
@@ -109,7 +108,7 @@ def table_in(folder: Path, **changes: Any) -> str:
         "simulated": True,
         "tool": ROBOT.tool,
         "source": TableSource(run="run", model_sha256="0" * 64, method="pseudo-target"),
-        "joint_region": JointRegion(min=[-100.0] * 6, max=[100.0] * 6),
+        "joint_region": TableRegion(min=[-100.0] * 6, max=[100.0] * 6),
         "created": "2026-01-01T00:00:00Z",
         **changes,
     }
@@ -159,7 +158,7 @@ def test_a_pushed_table_is_verified_and_active(tmp_path: Path) -> None:
         ({"simulated": False}, "SIM-1", "simulator"),
         ({"robot": TableRobot(serial="SIM-1", name="another robot")}, "SIM-1", "another robot"),
         ({"tool": ROBOT.tool.model_copy(update={"xyz": [1.0, 2.0, 3.0]})}, "SIM-1", "tool"),
-        ({"joint_region": JointRegion(min=[-100.0] * 6, max=[90.5] * 6)}, "SIM-1", "row 2"),
+        ({"joint_region": TableRegion(min=[-100.0] * 6, max=[90.5] * 6)}, "SIM-1", "row 2"),
     ],
 )
 def test_what_does_not_fit_is_refused_and_the_controller_hears_nothing(
