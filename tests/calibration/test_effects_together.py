@@ -46,7 +46,7 @@ def chain_of(rng, convention, joints):
 def effects_of(chain, down=DOWN):
     """All five effects, with a ripple of twelve waves per turn of joint 1."""
     bend, compliance = ToolDeflection(0.4, 15.0, down=down), JointCompliance.of(chain, load_known=True, down=down)
-    harmonics = Harmonics(chain.n, ripple=((1, 12),))
+    harmonics = Harmonics(chain.n, orders=(1, 2), ripple=((1, 12),))
     return (bend, compliance, harmonics, Backlash(chain.n), Growth.of(chain))
 
 

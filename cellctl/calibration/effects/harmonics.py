@@ -34,8 +34,8 @@ class Harmonics:
     joint about 0: its amounts share the variance. `harmonic{j}_s{m}`, `…_c{m}`, rad.
 
     All waves of a band together are a random function of the joint's angle (a Gaussian process with a flat spectrum
-    over the band): where the joint was measured they fit whatever shape it has; where it was not they cancel, and the
-    variance is the prior's again. No wave has to be chosen.
+    over the band): where the joint was measured they fit whatever shape it has. Where it was not, fast bands cancel,
+    and their variance is the prior's again; slow ones go on, within their prior. No wave has to be chosen.
     The cosines are counted from the model angle 0, where all waves are nothing: `theta{j}` stays what it is without
     them, the error at that angle (with cos mq alone it would become the mean over a turn).
     Of the first joint that leans (2, mostly) the once-per-turn pair is the same as its own weight's,
