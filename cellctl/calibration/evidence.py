@@ -238,7 +238,8 @@ class System:
         noise = {name: value for name, value in logs.items() if name in self.numbers and value > 0.0}
         fixed = {name: value for name, value in logs.items() if name not in noise}
         best, tuned = self._tuned({**noise, factor: 0.0}, (), fixed)
-        return best - self.evidence(without)[0], {**fixed, **tuned}
+        unlikely = 0.5 * (without[factor] / SCALE_SIGMA) ** 2  # of so small a scale, which stands for none
+        return best - self.evidence(without)[0] - unlikely, {**fixed, **tuned}
 
     @property
     def _open(self) -> list[Factor]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.calibration.effects import EFFECTS, Discrepancy
 from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.evidence import SUPPORTED, Factor, System
+from cellctl.calibration.evidence import Factor, System
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.task import Task
@@ -20,6 +20,11 @@ FUNCTIONS = frozenset({"harmonics", "discrepancy"})
 """Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
 
 ROWS_AT_LEAST = 10
+
+SHOWN = 2.0
+"""A discrepancy has to raise the logarithm of the evidence by this: seven times as probable. Where it is there by chance
+it only makes σ larger; where it is missing, σ is too small.
+"""
 
 
 def without_functions(task: Task) -> Task:
@@ -50,7 +55,7 @@ def discrepancy_scales(
     system = System.of(wider, carried(found, wider), rows, certain)
     logs = {factor: float(np.log(value)) for factor, value in scales.items()}
     gain, tuned = system.gain(("discrepancy", 0), logs)
-    if gain < SUPPORTED:
+    if gain < SHOWN:
         return None
     return {factor: float(np.exp(value)) for factor, value in tuned.items()}
 

@@ -59,7 +59,7 @@ def test_auto_is_no_worse_and_says_what_it_kept(folder, result):
     assert cellctl("fit", robot, folder / "ur10.csv", "--measure", "position", "--json", folder / "a.json") == 0
     auto = json.loads((folder / "a.json").read_text())
     assert auto["test"]["mean"] <= result["test"]["mean"]
-    assert [step["model"] for step in auto["ladder"] if step["kept"]][:2] == ["geometry", "compliance"]
+    assert [step["model"] for step in auto["ladder"] if step["kept"]][1:3] == ["geometry", "geometry+compliance"]
 
 
 def test_the_foretold_error_is_the_one_found(result):
@@ -135,6 +135,6 @@ def test_a_moved_tracker_is_recognised_and_the_prior_model_holds(moved, options)
 def test_joints_where_only_the_tracker_was_found_anew_are_not_measured_region(moved):
     result, model = _after(moved, "far.csv", "--free", "base")
     assert model["joint_region"] == json.loads((moved / "prior.json").read_text())["joint_region"]
-    assert result["predicted_test_rms"] == pytest.approx(result["test"]["rms"], rel=0.4)
+    assert 0.7 < result["predicted_test_rms"] / result["test"]["rms"] < 2.2  # single sets: docs/reference/studies.md
     assert result["nominal"]["max"] < 3.0
     assert not ModelFile.load(moved / "n.json").inside(np.array([[-48.0, -52.0, 44.0, 10.0, 40.0, -20.0]])).any()

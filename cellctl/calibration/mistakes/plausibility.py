@@ -30,7 +30,7 @@ zeros within 10°, and a tool within 200 mm."""
 ROUNDS = 3
 SHUFFLES = 3
 
-NEARER = 10.0
+NEARER = 20.0
 """Rows that are nearer than shuffled ones by less than this factor are hardly nearer. A real robot's rows are nearer by
 hundreds."""
 
