@@ -22,8 +22,8 @@ FUNCTIONS = frozenset({"harmonics", "discrepancy"})
 ROWS_AT_LEAST = 10
 
 SHOWN = 2.0
-"""A discrepancy has to raise the logarithm of the evidence by this: seven times as probable. Where it is there by chance
-it only makes σ larger; where it is missing, σ is too small.
+"""A discrepancy has to raise the logarithm of the evidence by this: seven times as probable. One that is there by
+chance only makes σ larger; without one that is needed σ is too small.
 """
 
 

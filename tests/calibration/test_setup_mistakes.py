@@ -494,7 +494,7 @@ def test_healthy_bad_and_noisy_robots_belong_to_their_rows():
 @pytest.mark.long
 def test_other_robots_and_shuffled_rows_do_not_belong_together():
     for seed in range(20):
-        other, right = Measured(seed, 80, robot=UR10), Measured(seed, 40)
+        other, right = Measured(seed, 150, robot=UR10), Measured(seed, 40)
         mixed = right.xyz[np.random.default_rng(seed).permutation(40)]
         assert wide_fit(positions(KR5, other.readings, other.xyz), KR5, other.readings).unrelated
         assert wide_fit(positions(KR5, right.readings, mixed), KR5, right.readings).unrelated
