@@ -157,11 +157,12 @@ def identify(
         if unexpected(with_them.found, inliers.noisier(weighed.weights.noise)):
             break  # they are no rows that only a poorer model did not explain
         kept, nominal, weighed = kept | back, wider_nominal, with_them
+    there = {*weighed.found.unknowns.scaled_with, *weighed.found.unknowns.groups}
     return Identification(
         nominal=nominal,
         identified=weighed.found,
         noise=weighed.weights.noise,
-        loosened=weighed.weights.loosened,
+        loosened={name: factor for name, factor in weighed.weights.loosened.items() if name in there},
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
         apart=apart,

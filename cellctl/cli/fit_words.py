@@ -79,7 +79,7 @@ def _steps(report: dict[str, Any]) -> Iterator[str]:
     for step in report["ladder"]:
         kept = "kept" if step["kept"] else "left out"
         gain = (
-            f" ({step['gain_mm']:+.2g} ± {step['standard_error_mm']:.2g} mm less)" if step["standard_error_mm"] else ""
+            f" (gain {step['gain_mm']:.2g} ± {step['standard_error_mm']:.2g} mm)" if step["standard_error_mm"] else ""
         )
         yield f"  {step['model']}: {kept}: {step['error_mm']:.3f} mm in cross-validation{gain}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cellctl.calibration import ErrorFigures, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.evidence import estimated
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import fixed, with_sigma
 from cellctl.report.words import mean_with_uncertainty
@@ -100,8 +101,9 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
 
 def _widened(story: FitStory) -> str:
     """Which groups of parameters deviate more than was stated, and by which factor."""
-    factors = story.result.identification.loosened.items()
-    words = [f"{group} {factor:.1f} times as wide as stated, say the rows" for group, factor in factors if factor > 1.0]
+    sizes = estimated(story.found.unknowns)  # of effects: their scale is estimated anyway
+    factors = {name: by for name, by in story.result.identification.loosened.items() if name not in sizes and by > 1.0}
+    words = [f"{group} {factor:.1f} times as wide as stated, say the rows" for group, factor in factors.items()]
     return ", ".join(words)
 
 
