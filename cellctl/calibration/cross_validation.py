@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cellctl.calibration.evidence import Factor, Normal, System
+from cellctl.calibration.folds import evenly
 from cellctl.calibration.linear import Linear
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Rows
@@ -116,7 +117,7 @@ class Folded:
         square, pull = others.posterior(logs)
         root = cho_factor(square, lower=True, check_finite=False)
         x = -cho_solve(root, pull, check_finite=False)
-        shown = test if most is None else test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]
+        shown = evenly(test, most)
         columns = self.linear.columns[shown][..., at]
         residual = self.linear.away[shown] + columns @ x
         flat = columns.reshape(-1, len(at))

@@ -8,6 +8,9 @@ import numpy as np
 
 from cellctl.kinematics import Floats
 
+JUDGING = 1000
+"""Rows that are cross-validated, at most: more would not change what they say, only take longer."""
+
 FOLDS = 5
 SAME_RAD = 1e-3
 """Rows whose joints are this close are repeats: they judge together, or one would be judged by the other."""
@@ -20,6 +23,16 @@ END_AT_MOST = 0.45
 
 MOVED_RAD = 0.2
 """A joint that moved less has no ends."""
+
+
+def judging(count: int) -> Any:
+    """Indices of at most `JUDGING` of so many rows, the same ones each time."""
+    return np.sort(np.random.default_rng(count).permutation(count)[:JUDGING])
+
+
+def evenly(test: Any, most: int | None) -> Any:
+    """At most so many of the rows of a fold, evenly; all where `most` is None."""
+    return test if most is None else test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]
 
 
 def random_folds(q: Floats) -> list[Any]:

@@ -54,6 +54,7 @@ INVISIBLE = 100.0
 tolerances leave 10 mm of it open."""
 
 FEW_SCALES = 5
+"""With more prior scales than this, as of the bands of harmonics, it is enough to know each roughly."""
 
 SEARCHED = 3000
 """Rows among which those that belong together are searched for; more are judged by what a sample of these foresees."""
@@ -147,8 +148,8 @@ def identify(
     if wider is not None:
         task, weights = wider
         nominal, weighed = identify_kept(task, inliers, weights)
-    wider_than_kept = together is not None or any(effect.group in FUNCTIONS for effect in task.model.effects)
-    while wider_than_kept and not kept.all():
+    may_come_back = together is not None or any(effect.group in FUNCTIONS for effect in task.model.effects)
+    while may_come_back and not kept.all():
         back = ~kept & (weighed.chances(rows) >= WILD)
         if not back.any():
             break

@@ -14,9 +14,9 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.cross_validation import Folded
-from cellctl.calibration.effects import EFFECTS, Effect, Harmonics
+from cellctl.calibration.effects import EFFECTS, Effect, Harmonics, in_order
 from cellctl.calibration.evidence import Factor
-from cellctl.calibration.folds import end_folds, random_folds
+from cellctl.calibration.folds import end_folds, judging, random_folds
 from cellctl.calibration.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model_error import carried
@@ -24,9 +24,6 @@ from cellctl.calibration.progress import Progress, silent
 from cellctl.calibration.task import Task
 from cellctl.calibration.unknowns import GEOMETRY, Group
 from cellctl.kinematics import Bools, Floats
-
-JUDGING = 1000
-"""Rows that a term is judged by, at most: more would not change what they say, only take longer."""
 
 WORTH = 0.01
 """A gain of a smaller share of the distance before is not worth a term, however significant it is."""
@@ -81,7 +78,7 @@ def climb(task: Task, rows: Mixture, progress: Progress = silent, *, outside: bo
 
     outside: whether most predictions are wanted outside the measured joints.
     """
-    rows = rows.pick(_some(len(rows)))
+    rows = rows.pick(judging(len(rows)))
     ladder = _Ladder.of(replace(task, candidates=None), task.candidates or (), rows)
     nominal = ladder.tried((), {})
     geometry = ladder.tried((GEOMETRY,), nominal.logs)
@@ -164,8 +161,7 @@ class _Ladder:
         if not model.groups:
             return replace(self.task, groups=frozenset())
         kept = [self._with_what_shows(effect, model) for effect in self.candidates if effect.group in model.groups]
-        effects = sorted([*self.task.model.effects, *kept], key=lambda each: EFFECTS.index(each.group))
-        return replace(self.task.with_effects(tuple(effects)), groups=None)
+        return replace(self.task.with_effects(in_order([*self.task.model.effects, *kept])), groups=None)
 
     def _with_what_shows(self, effect: Effect, model: _Model) -> Effect:
         """Harmonics without the bands that are too small for any row to show, at their size, in the noise."""
@@ -192,8 +188,3 @@ class _Ladder:
         added = {effect.group for effect in self.candidates}
         mine = ~np.isin(self.groups, list(added - set(groups)))
         return np.asarray(mine if GEOMETRY in groups else self.registering)
-
-
-def _some(count: int) -> Any:
-    """At most `JUDGING` of so many rows, the same ones each time."""
-    return np.sort(np.random.default_rng(count).permutation(count)[:JUDGING])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.effects import EFFECTS, Discrepancy
+from cellctl.calibration.effects import Discrepancy, in_order
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.evidence import Factor, System
 from cellctl.calibration.mixture import Mixture
@@ -42,8 +42,7 @@ def may_lack(task: Task) -> bool:
 
 def with_discrepancy(task: Task, rows: Mixture) -> Task:
     """`task` whose model has a discrepancy over the postures of `rows`."""
-    effects = (*task.model.effects, Discrepancy.over(rows.q))
-    return task.with_effects(tuple(sorted(effects, key=lambda each: EFFECTS.index(each.group))))
+    return task.with_effects(in_order([*task.model.effects, Discrepancy.over(rows.q)]))
 
 
 def discrepancy_scales(

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self, final
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self, final
 
 import numpy as np
 from scipy.stats import binom, chi2
 
 from cellctl.calibration.cross_validation import Folded, Predicted
 from cellctl.calibration.effects import Discrepancy
-from cellctl.calibration.folds import end_folds, random_folds
+from cellctl.calibration.folds import end_folds, evenly, judging, random_folds
 from cellctl.calibration.identify import Identification, Weights, certain
 from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 
-JUDGING = 1000
-"""Rows that σ is judged by, at most; and of each end of a joint's range."""
 OF_EACH_END = 60
+"""Rows of each end of a joint's range that are looked at, at most."""
 
 UNLIKELY = 0.1
 """So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
@@ -60,21 +60,19 @@ class Reliability:
 
 def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tuple[float, float]:
     """What noise has to be multiplied by for 95 % regions; 1 σ on each axis outside, mm, at most `most`."""
-    rows = used.pick(np.sort(np.random.default_rng(len(used)).permutation(len(used))[:JUDGING]))
-    at_random, at_ends = random_folds(rows.q), end_folds(rows.q)
-    unknowns = found.identified.unknowns
+    rows = used.pick(judging(len(used)))
+    unknowns, deviations = found.identified.unknowns, found.identified.deviations
     registering = task.registration(unknowns)
-    every = [*at_random, *at_ends]
-    folded = Folded.of(unknowns, found.identified.deviations, rows, certain(task), every, registering)
+    folded = Folded.of(unknowns, deviations, rows, certain(task), random_folds(rows.q), registering)
     logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
     everything = np.ones(int(unknowns.free.sum()), bool)
-    inner = replace(folded, folds=folded.folds[: len(at_random)]).predicted(everything, logs, again=len(rows) <= FEW)
+    inner = folded.predicted(everything, logs, again=len(rows) <= FEW)
     tails = _tails(inner, folded.noise(logs)[inner.rows])
+    at_ends = end_folds(rows.q)
     if not at_ends:
         return tails, most
-    outer = replace(folded, folds=folded.folds[len(at_random) :])
-    ends = outer.predicted(everything, logs, OF_EACH_END)
-    share = _left_by_the_others(rows.q, outer, OF_EACH_END)
+    ends = folded.with_folds(at_ends).predicted(everything, logs, OF_EACH_END)
+    share = _left_by_the_others(rows.q, at_ends)
     sigma = folded.mm[ends.rows]
     per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
     return tails, _outside(ends, share, per_mm, most)
@@ -136,14 +134,11 @@ def _tails(predicted: Predicted, noise: Floats) -> float:
     return float(next(enough, WIDEST))
 
 
-def _left_by_the_others(q: Floats, outer: Folded, most: int) -> Floats:
+def _left_by_the_others(q: Floats, folds: Sequence[Any]) -> Floats:
     """The share of variance (M,) that the other rows leave at the rows of each fold that are looked at."""
-    shares = []
-    for test, _ in outer.folds:
-        shown = test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]
-        others = np.delete(np.arange(len(q)), test)
-        shares.append(Discrepancy.over(q[others]).remainder(q[shown]))
-    return np.concatenate(shares)
+    others = [np.delete(np.arange(len(q)), test) for test in folds]
+    pairs = zip(folds, others, strict=True)
+    return np.concatenate([Discrepancy.over(q[rest]).remainder(q[evenly(test, OF_EACH_END)]) for test, rest in pairs])
 
 
 def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> float:
