@@ -15,11 +15,11 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from sims import parent
 from sims.cell import CellError, SimCell, Simulate, read_cell
-from sims.contact_loop import ContactLoop
 from sims.control import ControlPort, RsiTarget
 from sims.faults import Faults
 from sims.kernel import Kernel, Mode
 from sims.memory import BadMemory, Memory, sole_user
+from sims.scene.contact_loop import ContactLoop
 from sims.timefile import TimeFile
 from sims.wires import Wire
 

@@ -7,27 +7,27 @@ from typing import TextIO, final
 from urllib.parse import parse_qs, urlsplit
 
 from sims.cell import SimCell
-from sims.contact_loop import ContactLoop
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.krc.contact_log import ContactLog
 from sims.krc.currents import MotorCurrents
 from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.eki_messages import print_ident
 from sims.krc.eki_server import EkiServer
 from sims.krc.ethernet_config import BadConfig, EthernetConfig, read_config
 from sims.krc.program import Program
-from sims.krc.robot import Robot
 from sims.krc.rsi_link import RsiLink
 from sims.krc.rsi_session import RsiContext
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, LateCounter
-from sims.krc.stance import Stance, stance_of
 from sims.krc.table_desk import TableDesk
 from sims.krc.table_memory import tables_of, told_tables
 from sims.krc.tables import Tables
 from sims.krc.telegram import TelegramFormat, Value
 from sims.memory import Memory
+from sims.scene.arm import MovingArm
+from sims.scene.contact_log import ContactLog
+from sims.scene.contact_loop import ContactLoop
+from sims.scene.stance import Stance, stance_of
 from sims.wires import Wire
 from sims.world.world import World
 
@@ -80,7 +80,7 @@ def start(
     memory.recall("ageing", world.ageing.recall)
     log = ContactLog(truth_log)
     stance = memory.recall("robot", lambda told: stance_of(told, len(joints))) or _first_stance(cell)
-    robot = Robot(kernel, world, loop, log, stance, speeds)
+    robot = MovingArm(kernel, world, loop, log, stance, speeds)
     currents = MotorCurrents(kernel, robot, world, cell.robot.tool.mass)
     late = LateCounter(settings.timeout_cycles, settings.counter)
     draw = random.Random(f"{cell.simulate.seed} controller")
@@ -112,7 +112,7 @@ def start(
     return KrcServers(eki, context.link)
 
 
-def _save_on_the_way(kernel: Kernel, robot: Robot, memory: Memory) -> None:
+def _save_on_the_way(kernel: Kernel, robot: MovingArm, memory: Memory) -> None:
     """Remember the robot every half second of T while it moves: whoever comes back finds it on its way."""
 
     def save() -> None:
@@ -124,7 +124,7 @@ def _save_on_the_way(kernel: Kernel, robot: Robot, memory: Memory) -> None:
 
 
 def _subscribe(
-    faults: Faults, loop: ContactLoop, world: World, robot: Robot, program: Program, eki: EkiServer, memory: Memory
+    faults: Faults, loop: ContactLoop, world: World, robot: MovingArm, program: Program, eki: EkiServer, memory: Memory
 ) -> None:
     """A touch that is over has worn the tip; a jump shortens it; a restart takes the program and its channel down."""
 
@@ -164,7 +164,7 @@ def _config(cell: SimCell) -> EthernetConfig:
     return read_config(cell.folder / named[0])
 
 
-def _values(robot: Robot, world: World, currents: MotorCurrents, late: LateCounter) -> dict[str, Value]:
+def _values(robot: MovingArm, world: World, currents: MotorCurrents, late: LateCounter) -> dict[str, Value]:
     """What each tag shows that is not zero. Under correction only the actual values move: the program stands still."""
     return {
         "RIst": lambda: world.shown_pose(robot.readings()),

@@ -8,13 +8,13 @@ from enum import StrEnum
 from typing import final
 
 from sims.kernel import Event
-from sims.krc.contact_log import ContactLog
 from sims.krc.eki_fields import Unreadable
 from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_command
-from sims.krc.motions import Joints
 from sims.krc.rsi_session import MS, RsiContext, RsiSession
 from sims.krc.table_desk import TableDesk
 from sims.memory import Memory
+from sims.scene.contact_log import ContactLog
+from sims.scene.motions import Joints
 
 LEAST_PERCENT = 0.01
 """Slower, a move would take days: to the PC it looks as if it never ended."""

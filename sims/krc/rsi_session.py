@@ -11,13 +11,13 @@ from sims.faults import Faults
 from sims.kernel import Event, Kernel
 from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.ethernet_config import EthernetConfig
-from sims.krc.motions import Cycle, Joints
 from sims.krc.reply import Reply, read_reply
-from sims.krc.robot import Robot
 from sims.krc.rsi_link import RsiLink
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, EthernetOutputs, LateCounter
 from sims.krc.telegram import TelegramFormat
+from sims.scene.arm import MovingArm
+from sims.scene.motions import Cycle, Joints
 
 MS = 1_000_000
 LATE = "KSS29002 Signal flow (running): Object ETHERNET1 returns error RSIBad"
@@ -34,7 +34,7 @@ class RsiContext:
     """What stays the same from one RSI_ON to the next. `limits`: lowest and highest reading of each axis, degrees."""
 
     kernel: Kernel
-    robot: Robot
+    robot: MovingArm
     link: RsiLink
     faults: Faults
     config: EthernetConfig

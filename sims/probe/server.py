@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import final
 
 from sims.cell import SimCell
-from sims.contact_loop import ContactLoop
 from sims.faults import Faults
 from sims.kernel import Event, Hold, Kernel
 from sims.probe.circuit import Circuit
@@ -15,6 +14,7 @@ from sims.probe.firmware import Firmware
 from sims.probe.lines import HostLine, parse_host_line
 from sims.probe.terminal import Terminal
 from sims.probe.wire import Receiver, Transmitter
+from sims.scene.contact_loop import ContactLoop
 from sims.wires import Wire
 
 REBOOT_NS = 300_000_000

@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 
 from sims.cell import ERRORS, read_cell
-from sims.contact_loop import ContactLoop
 from sims.faults import Faults, read_fault
 from sims.kernel import Kernel
 from sims.krc import start
+from sims.scene.contact_loop import ContactLoop
 from sims.world import World
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")

@@ -2,11 +2,11 @@
 
 import pytest
 
-from sims.contact_loop import ContactLoop
 from sims.faults import Faults, read_fault
 from sims.kernel import Kernel
 from sims.probe.circuit import Circuit
 from sims.probe.firmware import Level, level_of
+from sims.scene.contact_loop import ContactLoop
 
 MS = 1_000_000
 

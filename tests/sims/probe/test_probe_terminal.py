@@ -9,9 +9,9 @@ import pytest
 
 from sims import probe
 from sims.cell import read_cell
-from sims.contact_loop import ContactLoop
 from sims.faults import Faults, read_fault
 from sims.kernel import Kernel
+from sims.scene.contact_loop import ContactLoop
 
 MS = 1_000_000
 PATIENCE_S = 90

@@ -8,11 +8,11 @@ from functools import partial
 from math import radians
 from typing import final
 
-from sims.contact_loop import ContactLoop
 from sims.kernel import Event, Kernel
-from sims.krc.contact_log import ContactLog
-from sims.krc.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
-from sims.krc.stance import Stance
+from sims.scene.contact_log import ContactLog
+from sims.scene.contact_loop import ContactLoop
+from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
+from sims.scene.stance import Stance
 from sims.world.crossings import crossings
 from sims.world.screws import Vector
 from sims.world.world import World
@@ -28,7 +28,7 @@ Then = Callable[[], object]
 
 
 @final
-class Robot:
+class MovingArm:
     """Follows one motion after another; looks 10 ms ahead for contact, and opens and closes the loop at the exact time.
 
     `on_collision` is called where a point-to-point motion pushes the tip over 3 mm deep into a sphere. In a search the
