@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from sims.cell import RsiSettings
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
 from sims.krc.drive_monitor import DriveMonitor
@@ -26,6 +25,21 @@ _SETTLED_DEG = 2e-4
 _SETTLED_DEG_S = 1e-2
 
 Ended = Callable[[str], object]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RsiSettings:
+    """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset).
+
+    `mode`: what the controller's program passes to RSI_ON, absolute or relative.
+    """
+
+    cycle_ms: int
+    precision: int
+    timeout_cycles: int
+    counter: str
+    mode: str
 
 
 @final
