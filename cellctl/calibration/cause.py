@@ -10,8 +10,8 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration.elsewhere import lines, thinned
+from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, SpacingRows, TouchRows
-from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.kinematics import Floats, rotation_vector
 
 AT_POINTS = TouchRows | SocketRows

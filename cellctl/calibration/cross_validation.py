@@ -17,8 +17,8 @@ from cellctl.calibration.evidence import Factor, Normal, System
 from cellctl.calibration.folds import evenly
 from cellctl.calibration.linear import Linear
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
 
 

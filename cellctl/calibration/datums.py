@@ -13,8 +13,8 @@ from typing import Any, final
 
 import numpy as np
 
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
 EVEN = 1000.0

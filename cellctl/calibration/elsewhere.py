@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.estimate import linearised
-from cellctl.calibration.model import RobotModel
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, Rows, SocketRows, TouchRows
-from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.kinematics import Bools, Floats
 
 ROWS = 60

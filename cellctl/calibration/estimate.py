@@ -15,8 +15,8 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.kinematics import Floats
 
 BLOCK = 2048

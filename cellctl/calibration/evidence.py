@@ -19,8 +19,8 @@ from scipy.linalg.lapack import dpotri
 
 from cellctl.calibration.estimate import Estimate, linearised, pins
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
-from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0

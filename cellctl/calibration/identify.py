@@ -12,6 +12,7 @@ from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen
 from cellctl.calibration.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.linear import Linear
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
 from cellctl.calibration.model_error import (
     FUNCTIONS,
     ROWS_AT_LEAST,
@@ -26,7 +27,6 @@ from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.sample import sampled
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import PLACED, Group, State, Unknowns
 from cellctl.calibration.valleys import tools, undecided
 from cellctl.calibration.wild import WILD
 from cellctl.kinematics import Bools, Floats

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 from cellctl.calibration.estimate import held_beforehand, linearised
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Bools, Floats
 
 

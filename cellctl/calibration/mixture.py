@@ -9,8 +9,8 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Floats
 
 

@@ -11,9 +11,9 @@ from cellctl.calibration.effects import Discrepancy, in_order
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.evidence import Factor, System
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import Unknowns
 from cellctl.kinematics import Floats
 
 FUNCTIONS = frozenset({"harmonics", "discrepancy"})

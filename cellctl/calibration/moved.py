@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import State
 
 MOVED = 4.0
 """A prior model whose errors fall by this factor when it is registered has been set up anew: drift does less."""

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.cause import Cause, Rowed
 from cellctl.calibration.elsewhere import brought, thinned
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.point_causes import LENGTHLESS, lines_of_points_own
 from cellctl.calibration.rows import Measured, PlaneRows
 from cellctl.calibration.rows.planes import planes_of, pole_of
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
 STEP_MM = 200.0

@@ -9,8 +9,8 @@ import numpy as np
 
 from cellctl.calibration.cause import AT_POINTS, MOVED_RAD, Cause, Rowed
 from cellctl.calibration.elsewhere import brought, lines, thinned
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, SocketRows, SpacingRows, TouchRows
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Floats
 
 SPHERE_MM = 150.0

@@ -8,10 +8,10 @@ from typing import final
 import numpy as np
 from scipy.stats import chi2
 
-from cellctl.calibration.model import RobotModel
-from cellctl.calibration.postures import At, Postures
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
 BLOCK = 4096

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.datums import telling
-from cellctl.calibration.model import RobotModel
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import PLACED, Group
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.rows.planes import pole_of
-from cellctl.calibration.unknowns import PLACED, Group
 from cellctl.kinematics import Floats, SerialChain, pose
 
 STEPS = 4

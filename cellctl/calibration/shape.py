@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration.model import RobotModel
-from cellctl.calibration.postures import At, Postures
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.kinematics import Floats
 
 POINTS = 256

@@ -12,10 +12,10 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration.estimate import estimate
-from cellctl.calibration.model import RobotModel
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.registration import sphere_centre
 from cellctl.calibration.rows import TouchRows
-from cellctl.calibration.unknowns import State, Tolerances, Unknowns
 from cellctl.kinematics import Floats
 
 

@@ -13,8 +13,8 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
 TOOL = ("tool_x", "tool_y", "tool_z")

@@ -13,9 +13,9 @@ import numpy as np
 
 from cellctl.calibration.estimate import Estimate, linearised
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.tool_search import TOOL, Touched
-from cellctl.calibration.unknowns import State, Unknowns
 from cellctl.kinematics import Floats
 
 IMPROBABLE = 0.01

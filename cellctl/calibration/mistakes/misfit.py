@@ -10,9 +10,9 @@ import numpy as np
 
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows
 from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Floats
 
 CORE = 0.6

@@ -10,7 +10,7 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.calibration.effects import Effect, Harmonics
-from cellctl.calibration.model import RobotModel
+from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.kinematics import Bools, Floats, SerialChain
 
 Group: TypeAlias = str

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration.effects import Effect, OwnTurns
-from cellctl.calibration.postures import At, Postures
+from cellctl.calibration.model.postures import At, Postures
 from cellctl.kinematics import Bools, Floats, SerialChain
 
 _Cause: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
