@@ -23,7 +23,6 @@ from cellctl.calibration.fit import FitResult, fit
 from cellctl.calibration.identify import Identification, identify
 from cellctl.calibration.ladder import Step
 from cellctl.calibration.measured_region import MeasuredRegion
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
@@ -44,6 +43,7 @@ from cellctl.calibration.rows import (
     SpacingRows,
     TouchRows,
 )
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere

@@ -16,9 +16,9 @@ from scipy.linalg import cho_factor, cho_solve
 from cellctl.calibration.evidence import Factor, Normal, System
 from cellctl.calibration.folds import evenly
 from cellctl.calibration.linear import Linear
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
 

@@ -18,9 +18,9 @@ import numpy as np
 from scipy.linalg.lapack import dpotri
 
 from cellctl.calibration.estimate import Estimate, linearised, pins
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0

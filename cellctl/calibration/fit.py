@@ -16,13 +16,13 @@ from cellctl.calibration.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.measured_region import MeasuredRegion, informed
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model_error import FUNCTIONS
 from cellctl.calibration.moved import Placing, placing
 from cellctl.calibration.observability import Observability, observability
 from cellctl.calibration.progress import Progress, part_of, silent
 from cellctl.calibration.proof import doubts, sigma_doubts
 from cellctl.calibration.reliability import Reliability, mostly_outside
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task

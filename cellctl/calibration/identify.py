@@ -11,7 +11,6 @@ import numpy as np
 from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.linear import Linear
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
 from cellctl.calibration.model_error import (
     FUNCTIONS,
@@ -25,6 +24,7 @@ from cellctl.calibration.model_error import (
 from cellctl.calibration.outliers import OUTLYING, belonging
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.sample import sampled
 from cellctl.calibration.task import Task
 from cellctl.calibration.valleys import tools, undecided

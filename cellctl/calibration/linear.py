@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from cellctl.calibration.estimate import held_beforehand, linearised
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from cellctl.calibration.effects import Discrepancy, in_order
 from cellctl.calibration.estimate import Estimate
 from cellctl.calibration.evidence import Factor, System
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 

@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows, PositionRows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.task import Task
 
 MOVED = 4.0

@@ -7,8 +7,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cellctl.calibration.identify import OVERDETERMINED, Identification
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.split import Split
 from cellctl.calibration.task import Task
 

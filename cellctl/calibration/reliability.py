@@ -14,7 +14,7 @@ from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.folds import end_folds, evenly, judging, random_folds
 from cellctl.calibration.identify import Identification, Weights, certain
 from cellctl.calibration.measured_region import MeasuredRegion
-from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import PlaneRows, SocketRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
 
 
 def sampled(rows: Mixture, most: int) -> Any:

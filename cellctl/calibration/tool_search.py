@@ -12,9 +12,9 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
 TOOL = ("tool_x", "tool_y", "tool_z")

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.calibration.estimate import Estimate, linearised
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.tool_search import TOOL, Touched
 from cellctl.kinematics import Floats
 

@@ -19,8 +19,8 @@ from cellctl.calibration.identify import Identification, Weights, identify, iden
 from cellctl.calibration.ladder import climb
 from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
 from cellctl.calibration.mistakes.second_centres import with_best_centres
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.task import Task
 from cellctl.kinematics import Bools
 
