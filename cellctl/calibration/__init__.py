@@ -18,20 +18,21 @@ from cellctl.calibration.effects import (
     JointCompliance,
     ToolDeflection,
 )
-from cellctl.calibration.estimate import Estimate, estimate
+from cellctl.calibration.estimation.estimate import Estimate, estimate
+from cellctl.calibration.estimation.identify import Identification, identify
+from cellctl.calibration.estimation.moved import MOVED
+from cellctl.calibration.estimation.progress import Progress
+from cellctl.calibration.estimation.task import Session, Task
 from cellctl.calibration.fit import FitResult, fit
-from cellctl.calibration.identify import Identification, identify
 from cellctl.calibration.ladder import Step
 from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
 from cellctl.calibration.model_error import FUNCTIONS
-from cellctl.calibration.moved import MOVED
 from cellctl.calibration.observability import Hidden, Observability, observability
 from cellctl.calibration.planes import PlaneEstimate, plane_estimates
 from cellctl.calibration.predict import Prediction, predict
-from cellctl.calibration.progress import Progress
 from cellctl.calibration.region import doubt
 from cellctl.calibration.rows import (
     Measured,
@@ -47,7 +48,6 @@ from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere
-from cellctl.calibration.task import Session, Task
 from cellctl.calibration.verdict import (
     Baseline,
     ErrorFigures,

@@ -13,9 +13,9 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cellctl.calibration.evidence import Factor, Normal, System
+from cellctl.calibration.estimation.evidence import Factor, Normal, System
+from cellctl.calibration.estimation.linear import Linear
 from cellctl.calibration.folds import evenly
-from cellctl.calibration.linear import Linear
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture

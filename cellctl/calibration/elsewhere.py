@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.estimate import linearised
+from cellctl.calibration.estimation.estimate import linearised
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns

@@ -11,21 +11,21 @@ import numpy as np
 from cellctl.calibration.cause import Rowed
 from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.elsewhere import in_their_sockets
-from cellctl.calibration.estimate import Estimate, seen_at_start
+from cellctl.calibration.estimation.estimate import Estimate, seen_at_start
+from cellctl.calibration.estimation.identify import Identification, certain, identify, rows_together
+from cellctl.calibration.estimation.moved import Placing, placing
+from cellctl.calibration.estimation.progress import Progress, part_of, silent
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.heldout import held_out_rows, nominal_errors
-from cellctl.calibration.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.measured_region import MeasuredRegion, informed
 from cellctl.calibration.model_error import FUNCTIONS
-from cellctl.calibration.moved import Placing, placing
 from cellctl.calibration.observability import Observability, observability
-from cellctl.calibration.progress import Progress, part_of, silent
 from cellctl.calibration.proof import doubts, sigma_doubts
 from cellctl.calibration.reliability import Reliability, mostly_outside
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.split import Split
-from cellctl.calibration.task import Task
 from cellctl.calibration.verdict import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.kinematics import Floats
 

@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.identify import Identification, registered
+from cellctl.calibration.estimation.estimate import Estimate, estimate
+from cellctl.calibration.estimation.identify import Identification, registered
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.reliability import Reliability
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.task import Task
 from cellctl.calibration.verdict import HeldOut
 from cellctl.kinematics import Bools, Floats
 

@@ -9,7 +9,7 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.calibration.effects import Discrepancy
-from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.region import doubt
 from cellctl.kinematics import Floats
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.effects import Discrepancy, in_order
-from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.evidence import Factor, System
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.estimation.evidence import Factor, System
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 
 FUNCTIONS = frozenset({"harmonics", "discrepancy"})

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from cellctl.calibration.cause import Rowed
 from cellctl.calibration.causes import any_posture, causes
-from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.model.unknowns import Group, Unknowns
 from cellctl.calibration.words import alike, of_an_effect, of_the_arm, phrases
 from cellctl.kinematics import Bools, Floats

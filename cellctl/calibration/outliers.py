@@ -14,7 +14,7 @@ from typing import Self, final
 
 import numpy as np
 
-from cellctl.calibration.linear import Linear
+from cellctl.calibration.estimation.linear import Linear
 from cellctl.calibration.wild import unsurprised
 from cellctl.kinematics import Bools, Floats
 

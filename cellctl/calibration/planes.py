@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import PlaneRows
 from cellctl.calibration.rows.planes import by_pole, planes_of
-from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 
 

@@ -6,11 +6,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cellctl.calibration.identify import OVERDETERMINED, Identification
+from cellctl.calibration.estimation.identify import OVERDETERMINED, Identification
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.split import Split
-from cellctl.calibration.task import Task
 
 _AtPoints: TypeAlias = type[TouchRows | PlaneRows | SocketRows]
 

@@ -11,11 +11,11 @@ from scipy.stats import binom, chi2
 
 from cellctl.calibration.cross_validation import Folded, Predicted
 from cellctl.calibration.effects import Discrepancy
+from cellctl.calibration.estimation.identify import Identification, Weights, certain
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.folds import end_folds, evenly, judging, random_folds
-from cellctl.calibration.identify import Identification, Weights, certain
 from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats
 
 OF_EACH_END = 60

@@ -11,10 +11,10 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration.estimate import estimate
+from cellctl.calibration.estimation.estimate import estimate
+from cellctl.calibration.estimation.registration import sphere_centre
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
-from cellctl.calibration.registration import sphere_centre
 from cellctl.calibration.rows import TouchRows
 from cellctl.kinematics import Floats
 

@@ -15,7 +15,7 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.stats import chi2
 
-from cellctl.calibration.linear import Linear
+from cellctl.calibration.estimation.linear import Linear
 from cellctl.kinematics import Bools, Floats
 
 WILD = 1e-5

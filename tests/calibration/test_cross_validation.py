@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 
 from cellctl.calibration import PositionRows, Task, estimate
 from cellctl.calibration.cross_validation import Folded
+from cellctl.calibration.estimation.identify import nominal_start
 from cellctl.calibration.folds import random_folds
-from cellctl.calibration.identify import nominal_start
 from cellctl.formats import nominal_model
 
 SIGMA, ROWS = 0.02, 60

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, estimate
+from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.task import Task
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.estimation.task import Task
 from cellctl.kinematics import Floats
 
 

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, linearised
+from cellctl.calibration.estimation.estimate import Estimate, linearised
+from cellctl.calibration.estimation.tool_search import TOOL, Touched
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.tool_search import TOOL, Touched
 from cellctl.kinematics import Floats
 
 IMPROBABLE = 0.01

@@ -10,7 +10,7 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.stats import chi2
 
-from cellctl.calibration.estimate import held_beforehand, linearised
+from cellctl.calibration.estimation.estimate import held_beforehand, linearised
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture

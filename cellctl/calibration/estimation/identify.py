@@ -8,9 +8,11 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
-from cellctl.calibration.evidence import Factor, estimated, factors, unexpected
-from cellctl.calibration.linear import Linear
+from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
+from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
+from cellctl.calibration.estimation.linear import Linear
+from cellctl.calibration.estimation.local_optima import tools, undecided
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
 from cellctl.calibration.model_error import (
     FUNCTIONS,
@@ -26,8 +28,6 @@ from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.sample import sampled
-from cellctl.calibration.task import Task
-from cellctl.calibration.valleys import tools, undecided
 from cellctl.calibration.wild import WILD
 from cellctl.kinematics import Bools, Floats
 

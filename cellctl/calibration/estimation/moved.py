@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.task import Task
 
 MOVED = 4.0
 """A prior model whose errors fall by this factor when it is registered has been set up anew: drift does less."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration.datums import telling
+from cellctl.calibration.estimation.datums import telling
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import PLACED, Group
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows

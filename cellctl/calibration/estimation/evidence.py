@@ -17,7 +17,7 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 from scipy.linalg.lapack import dpotri
 
-from cellctl.calibration.estimate import Estimate, linearised, pins
+from cellctl.calibration.estimation.estimate import Estimate, linearised, pins
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
 from cellctl.calibration.rows.row_blocks import Mixture
