@@ -30,7 +30,7 @@ from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
 from cellctl.calibration.model_error import FUNCTIONS
-from cellctl.calibration.observability import Hidden, Observability, observability
+from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
 from cellctl.calibration.planes import PlaneEstimate, plane_estimates
 from cellctl.calibration.predict import Prediction, predict
 from cellctl.calibration.region import doubt

@@ -8,9 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.cause import Rowed
 from cellctl.calibration.effects import EFFECTS
-from cellctl.calibration.elsewhere import in_their_sockets
 from cellctl.calibration.estimation.estimate import Estimate, seen_at_start
 from cellctl.calibration.estimation.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.estimation.moved import Placing, placing
@@ -20,7 +18,9 @@ from cellctl.calibration.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.ladder import Step, climb
 from cellctl.calibration.measured_region import MeasuredRegion, informed
 from cellctl.calibration.model_error import FUNCTIONS
-from cellctl.calibration.observability import Observability, observability
+from cellctl.calibration.observability.other_postures import in_their_sockets
+from cellctl.calibration.observability.reason import Rowed
+from cellctl.calibration.observability.unobservable import Observability, observability
 from cellctl.calibration.proof import doubts, sigma_doubts
 from cellctl.calibration.reliability import Reliability, mostly_outside
 from cellctl.calibration.rows.row_blocks import Mixture

@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from cellctl.calibration.cause import MOVED_RAD, Cause, Rowed
-from cellctl.calibration.elsewhere import moved, under
-from cellctl.calibration.plane_causes import of_planes
-from cellctl.calibration.point_causes import of_no_length, of_points
+from cellctl.calibration.observability.other_postures import moved, under
+from cellctl.calibration.observability.plane_reasons import of_planes
+from cellctl.calibration.observability.point_reasons import of_no_length, of_points
+from cellctl.calibration.observability.reason import MOVED_RAD, Cause, Rowed
 from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Bools, Floats
 

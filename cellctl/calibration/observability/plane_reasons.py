@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration.cause import Cause, Rowed
-from cellctl.calibration.elsewhere import brought, thinned
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.point_causes import LENGTHLESS, lines_of_points_own
+from cellctl.calibration.observability.other_postures import brought, thinned
+from cellctl.calibration.observability.point_reasons import LENGTHLESS, lines_of_points_own
+from cellctl.calibration.observability.reason import Cause, Rowed
 from cellctl.calibration.rows import Measured, PlaneRows
 from cellctl.calibration.rows.planes import planes_of, pole_of
 from cellctl.kinematics import Bools, Floats

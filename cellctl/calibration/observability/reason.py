@@ -9,8 +9,8 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration.elsewhere import lines, thinned
 from cellctl.calibration.model.unknowns import State, Unknowns
+from cellctl.calibration.observability.other_postures import lines, thinned
 from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, SpacingRows, TouchRows
 from cellctl.kinematics import Floats, rotation_vector
 

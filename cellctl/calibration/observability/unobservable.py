@@ -9,11 +9,11 @@ from typing import Any, final
 import numpy as np
 import scipy.linalg
 
-from cellctl.calibration.cause import Rowed
-from cellctl.calibration.causes import any_posture, causes
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.model.unknowns import Group, Unknowns
-from cellctl.calibration.words import alike, of_an_effect, of_the_arm, phrases
+from cellctl.calibration.observability.parameter_words import alike, of_an_effect, of_the_arm, phrases
+from cellctl.calibration.observability.reason import Rowed
+from cellctl.calibration.observability.reasons import any_posture, causes
 from cellctl.kinematics import Bools, Floats
 
 SHORT = 4

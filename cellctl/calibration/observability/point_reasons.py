@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellctl.calibration.cause import AT_POINTS, MOVED_RAD, Cause, Rowed
-from cellctl.calibration.elsewhere import brought, lines, thinned
 from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.observability.other_postures import brought, lines, thinned
+from cellctl.calibration.observability.reason import AT_POINTS, MOVED_RAD, Cause, Rowed
 from cellctl.calibration.rows import Measured, SocketRows, SpacingRows, TouchRows
 from cellctl.kinematics import Floats
 
