@@ -23,12 +23,12 @@ from cellctl.calibration.model_error import (
     with_discrepancy,
     without_functions,
 )
-from cellctl.calibration.outliers import OUTLYING, belonging
+from cellctl.calibration.outliers.at_known_noise import WILD
+from cellctl.calibration.outliers.inliers import OUTLYING, belonging
 from cellctl.calibration.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.sample import sampled
-from cellctl.calibration.wild import WILD
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2

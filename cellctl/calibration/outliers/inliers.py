@@ -15,7 +15,7 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.calibration.estimation.linear import Linear
-from cellctl.calibration.wild import unsurprised
+from cellctl.calibration.outliers.at_known_noise import unsurprised
 from cellctl.kinematics import Bools, Floats
 
 OUTLYING = 1e-6
