@@ -24,12 +24,10 @@ from cellctl.calibration.estimation.moved import MOVED
 from cellctl.calibration.estimation.progress import Progress
 from cellctl.calibration.estimation.task import Session, Task
 from cellctl.calibration.fit import FitResult, fit
-from cellctl.calibration.ladder import Step
 from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
-from cellctl.calibration.model_error import FUNCTIONS
 from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
 from cellctl.calibration.planes import PlaneEstimate, plane_estimates
 from cellctl.calibration.predict import Prediction, predict
@@ -45,6 +43,8 @@ from cellctl.calibration.rows import (
     TouchRows,
 )
 from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.ladder import Step
+from cellctl.calibration.selection.model_error import FUNCTIONS
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
 from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere

@@ -10,7 +10,7 @@ from simulated_setups import SPHERES
 
 from cellctl.calibration import Mixture, Session, State, Task, Tolerances, Unknowns, identify
 from cellctl.calibration.estimation.linear import Linear
-from cellctl.calibration.sample import sampled
+from cellctl.calibration.selection.sample import sampled
 
 SAID = 0.05
 ROWS = 40

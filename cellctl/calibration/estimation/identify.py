@@ -14,7 +14,12 @@ from cellctl.calibration.estimation.linear import Linear
 from cellctl.calibration.estimation.local_optima import tools, undecided
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
-from cellctl.calibration.model_error import (
+from cellctl.calibration.outliers.at_known_noise import WILD
+from cellctl.calibration.outliers.inliers import OUTLYING, belonging
+from cellctl.calibration.predict import foresee
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.model_error import (
     FUNCTIONS,
     ROWS_AT_LEAST,
     discrepancy_scales,
@@ -23,12 +28,7 @@ from cellctl.calibration.model_error import (
     with_discrepancy,
     without_functions,
 )
-from cellctl.calibration.outliers.at_known_noise import WILD
-from cellctl.calibration.outliers.inliers import OUTLYING, belonging
-from cellctl.calibration.predict import foresee
-from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.sample import sampled
+from cellctl.calibration.selection.sample import sampled
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2

@@ -17,11 +17,11 @@ import numpy as np
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.identify import Identification, Weights, identify, identify_kept
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.ladder import climb
 from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
 from cellctl.calibration.mistakes.second_centres import with_best_centres
 from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools
 
 SAMPLE = 300

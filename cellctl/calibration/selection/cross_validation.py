@@ -15,10 +15,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cellctl.calibration.estimation.evidence import Factor, Normal, System
 from cellctl.calibration.estimation.linear import Linear
-from cellctl.calibration.folds import evenly
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.folds import evenly
 from cellctl.kinematics import Bools, Floats
 
 

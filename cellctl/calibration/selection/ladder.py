@@ -13,16 +13,16 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.cross_validation import Folded
 from cellctl.calibration.effects import EFFECTS, Effect, Harmonics, in_order
 from cellctl.calibration.estimation.evidence import Factor
 from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.folds import end_folds, judging, random_folds
 from cellctl.calibration.model.unknowns import GEOMETRY, Group
-from cellctl.calibration.model_error import carried
 from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.cross_validation import Folded
+from cellctl.calibration.selection.folds import end_folds, judging, random_folds
+from cellctl.calibration.selection.model_error import carried
 from cellctl.kinematics import Bools, Floats
 
 WORTH = 0.01
