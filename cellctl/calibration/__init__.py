@@ -23,7 +23,6 @@ from cellctl.calibration.estimation.identify import Identification, identify
 from cellctl.calibration.estimation.moved import MOVED
 from cellctl.calibration.estimation.progress import Progress
 from cellctl.calibration.estimation.task import Session, Task
-from cellctl.calibration.fit import FitResult, fit
 from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
@@ -46,9 +45,9 @@ from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.ladder import Step
 from cellctl.calibration.selection.model_error import FUNCTIONS
 from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
-from cellctl.calibration.split import Split
 from cellctl.calibration.standoff import LocatedSphere, locate_sphere
-from cellctl.calibration.verdict import (
+from cellctl.calibration.verdict.fit import FitResult, fit
+from cellctl.calibration.verdict.judgement import (
     Baseline,
     ErrorFigures,
     HeldOut,
@@ -58,6 +57,7 @@ from cellctl.calibration.verdict import (
     paired_verdict,
     verdict_sentence,
 )
+from cellctl.calibration.verdict.split import Split
 
 __all__ = [
     "DEFLECTION",

@@ -10,7 +10,7 @@ from cellctl.calibration.estimation.identify import OVERDETERMINED, Identificati
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
-from cellctl.calibration.split import Split
+from cellctl.calibration.verdict.split import Split
 
 _AtPoints: TypeAlias = type[TouchRows | PlaneRows | SocketRows]
 
