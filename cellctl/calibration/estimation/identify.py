@@ -16,7 +16,7 @@ from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
 from cellctl.calibration.outliers.at_known_noise import WILD
 from cellctl.calibration.outliers.inliers import OUTLYING, belonging
-from cellctl.calibration.predict import foresee
+from cellctl.calibration.prediction.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.model_error import (

@@ -11,9 +11,9 @@ import numpy as np
 from cellctl.calibration.effects import Effect
 from cellctl.calibration.estimation.datums import with_datums
 from cellctl.calibration.estimation.registration import fixed_points, on_instrument
-from cellctl.calibration.measured_region import MeasuredRegion
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
+from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats

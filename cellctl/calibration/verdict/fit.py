@@ -14,14 +14,14 @@ from cellctl.calibration.estimation.identify import Identification, certain, ide
 from cellctl.calibration.estimation.moved import Placing, placing
 from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.measured_region import MeasuredRegion, informed
 from cellctl.calibration.observability.other_postures import in_their_sockets
 from cellctl.calibration.observability.reason import Rowed
 from cellctl.calibration.observability.unobservable import Observability, observability
+from cellctl.calibration.prediction.measured_region import MeasuredRegion, informed
+from cellctl.calibration.prediction.shape import sigma_over_region
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.ladder import Step, climb
 from cellctl.calibration.selection.model_error import FUNCTIONS
-from cellctl.calibration.shape import sigma_over_region
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.calibration.verdict.proof import doubts, sigma_doubts

@@ -17,7 +17,7 @@ from cellctl.calibration.estimation.identify import Identification, registered
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
-from cellctl.calibration.predict import foresee
+from cellctl.calibration.prediction.predict import foresee
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.verdict.judgement import HeldOut

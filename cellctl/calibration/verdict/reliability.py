@@ -12,7 +12,7 @@ from scipy.stats import binom, chi2
 from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.estimation.identify import Identification, Weights, certain
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.measured_region import MeasuredRegion
+from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.cross_validation import Folded, Predicted
 from cellctl.calibration.selection.folds import end_folds, evenly, judging, random_folds

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.estimation.estimate import Estimate
-from cellctl.calibration.region import doubt
+from cellctl.calibration.prediction.outside_region import doubt
 from cellctl.kinematics import Floats
 
 INFORMED = 0.8
