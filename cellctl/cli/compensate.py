@@ -34,8 +34,7 @@ def compensate(
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
     from cellctl.cli.learnt_on import learnt_on
-    from cellctl.cli.outputs import refuse_outputs, to_stdout
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.table_making import foreseen, sigma_among_rows
     from cellctl.formats.targets import read_targets

@@ -40,16 +40,9 @@ def run(
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.parent import parent_of_run
     from cellctl.cli.progress import progress
-    from cellctl.cli.results import (
-        exit_of,
-        keep_json,
-        new_run_folder,
-        report_of,
-        result_of,
-        say_end,
-        table_line,
-    )
+    from cellctl.cli.results import new_run_folder, result_of, table_line
     from cellctl.cli.resume import resumed_run
+    from cellctl.cli.run_end import exit_of, keep_json, report_of, say_end
 
     parent = parent_of_run(detached=detached)
     refuse_outputs({"--json": json_}, [procedure, cell])

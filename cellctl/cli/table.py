@@ -62,7 +62,8 @@ def show(
 
     Example: cellctl table show table.json
     """
-    from cellctl.cli.table_cell import TableCell, state_of, state_words, table_words
+    from cellctl.cli.table_cell import TableCell, state_of
+    from cellctl.cli.table_words import state_words, table_words
     from cellctl.formats import TableFile
 
     _one_of(table, cell)
@@ -117,7 +118,8 @@ def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json
 
     Example: cellctl table rollback --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, state_of, state_words
+    from cellctl.cli.table_cell import TableCell, state_of
+    from cellctl.cli.table_words import state_words
 
     refuse_outputs({"--json": json_}, [cell, state])
 
@@ -147,7 +149,7 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 
 
 def _say(json_: str | None, result: dict[str, Any], words: str) -> None:
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import write_json
 
     if json_ != "-":  # first of all: whatever becomes of the file, the table is in force
         typer.echo(words)

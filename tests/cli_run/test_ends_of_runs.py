@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.results import result_of, say_end
+from cellctl.cli.results import result_of
 from cellctl.cli.resume import resumed_run
+from cellctl.cli.run_end import say_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Outcome, State
