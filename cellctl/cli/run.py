@@ -34,15 +34,15 @@ def run(
     import asyncio
     import time
 
-    from cellctl.cli.campaign import load_campaign
     from cellctl.cli.cell_warnings import say_warnings
-    from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.parent import parent_of_run
     from cellctl.cli.progress import progress
-    from cellctl.cli.results import new_run_folder, result_of, table_line
-    from cellctl.cli.resume import resumed_run
     from cellctl.cli.run_end import exit_of, keep_json, report_of, say_end
+    from cellctl.operations.campaign import load_campaign
+    from cellctl.operations.launch import Options, run_campaign
+    from cellctl.operations.parent import parent_of_run
+    from cellctl.operations.results import new_run_folder, result_of, table_line
+    from cellctl.operations.resume import resumed_run
 
     parent = parent_of_run(detached=detached)
     refuse_outputs({"--json": json_}, [procedure, cell])

@@ -9,10 +9,10 @@ from typing import Any
 
 from cellctl.cli.ends import Exit
 from cellctl.cli.outputs import write_json
-from cellctl.cli.results import table_line
 from cellctl.engine import Outcome, State
 from cellctl.files import InputError
 from cellctl.journal import JournalError, fold, read_journal
+from cellctl.operations.results import table_line
 
 _BY_STATE = {
     State.ABORTED: Exit.ABORTED,

@@ -79,8 +79,8 @@ def _aligned(rows: list[list[str]]) -> list[str]:
 
 
 def _summary(place: Path, state: RunState) -> dict[str, Any]:
-    from cellctl.cli.results import table_line, table_of
     from cellctl.journal import writer_of
+    from cellctl.operations.results import table_line, table_of
 
     table = table_of(state)
     verdict = (state.recorded("verdict") or [{}])[-1]

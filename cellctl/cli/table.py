@@ -12,8 +12,8 @@ from cellctl.cli.ends import Exit
 from cellctl.cli.outputs import refuse_outputs
 
 if TYPE_CHECKING:
-    from cellctl.cli.table_cell import TableCell
     from cellctl.devices import TableStore
+    from cellctl.operations.table_cell import TableCell
 
 Result = TypeVar("Result")
 
@@ -34,8 +34,8 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
 
     Example: cellctl table push table.json --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, push_checked
     from cellctl.formats import TableFile
+    from cellctl.operations.table_cell import TableCell, push_checked
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     file = TableFile.load(table)
@@ -62,9 +62,9 @@ def show(
 
     Example: cellctl table show table.json
     """
-    from cellctl.cli.table_cell import TableCell, state_of
     from cellctl.cli.table_words import state_words, table_words
     from cellctl.formats import TableFile
+    from cellctl.operations.table_cell import TableCell, state_of
 
     _one_of(table, cell)
     refuse_outputs({"--json": json_}, [table, cell, state])
@@ -89,8 +89,8 @@ def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None,
 
     Example: cellctl table verify table.json --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, controller_table, differences
     from cellctl.formats import TableFile
+    from cellctl.operations.table_cell import TableCell, controller_table, differences
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(TableFile.load(table))
@@ -118,8 +118,8 @@ def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json
 
     Example: cellctl table rollback --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, state_of
     from cellctl.cli.table_words import state_words
+    from cellctl.operations.table_cell import TableCell, state_of
 
     refuse_outputs({"--json": json_}, [cell, state])
 

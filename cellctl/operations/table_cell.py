@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, final
 
-from cellctl.cli.connected import connected
 from cellctl.devices import (
     ControllerTable,
     DeviceFault,
@@ -24,6 +23,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile, table_problems
 from cellctl.formats.table import JOINT_DECIMALS
+from cellctl.operations.connected import connected
 from cellctl.procedure.abilities import missing_abilities
 
 _SHOWN = 5

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.cli.simulated import simulation_mistakes
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
+from cellctl.operations.simulated import simulation_mistakes
 from cellctl.procedure import Procedure, StepRegistry, checked_parameters, load_procedure
 
 
