@@ -42,7 +42,7 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
     place = TableCell.load(cell, seed, state)
 
     async def work(store: TableStore, who: Any) -> dict[str, Any]:
-        return await push_checked(store, who, file, str(table), place)
+        return await push_checked(store, who, file, table, place)
 
     result = _on(place, work)
     if place.cell.simulated and state is None:
@@ -90,7 +90,8 @@ def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None,
     Example: cellctl table verify table.json --cell procedures/cells/sphere_cell.yaml
     """
     from cellctl.formats import TableFile
-    from cellctl.operations.table_cell import TableCell, controller_table, differences
+    from cellctl.operations.table import controller_table, differences
+    from cellctl.operations.table_cell import TableCell
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(TableFile.load(table))

@@ -1,4 +1,4 @@
-"""The controller that keeps a cell's tables: which device it is, what may be pushed to it, what it holds."""
+"""The controller that keeps a cell's tables: which device it is, and what it holds."""
 
 from __future__ import annotations
 
@@ -8,25 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, final
 
-from cellctl.devices import (
-    ControllerTable,
-    DeviceFault,
-    DeviceLost,
-    Identity,
-    TableInfo,
-    TableRow,
-    TableState,
-    TableStore,
-)
+from cellctl.devices import Identity, TableInfo, TableState, TableStore
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
-from cellctl.formats import RobotFile, TableFile, table_problems
-from cellctl.formats.table import JOINT_DECIMALS
+from cellctl.formats import RobotFile, TableFile
 from cellctl.operations.connected import connected
+from cellctl.operations.table import controller_table, push_verified, refuse_table
 from cellctl.procedure.abilities import missing_abilities
-
-_SHOWN = 5
 
 
 @final
@@ -61,58 +50,17 @@ class TableCell:
             yield found.device, found.identity
 
 
-def controller_table(table: TableFile) -> ControllerTable:
-    """`table` as a controller takes it."""
-    return ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
-
-
 async def push_checked(
-    store: TableStore, who: Identity, table: TableFile, file: str, place: TableCell
+    store: TableStore, who: Identity, table: TableFile, file: Path, place: TableCell
 ) -> dict[str, Any]:
     """Push `table`, of `file`, to the connected controller `who`, and read it once more after it came into force.
 
     Raises InputError with every reason why it is not for this controller (nothing is written then), DeviceError.
     """
-    limit = place.cell.table_correction_deg
-    found = table_problems(table, serial=who.serial, simulated=who.simulated, robot=place.robot, correction_deg=limit)
-    if found:
-        raise InputError(Problem(file, 0, 0, what) for what in found)
-    wanted = controller_table(table)
-    await store.push_table(wanted)
-    wrong = differences(wanted, who.serial, await _read_again(store, wanted))
-    if wrong:
-        what = f"after the push another table is in force than was pushed: {'; '.join(wrong)}"
-        raise DeviceFault(store.name, what, "look with `cellctl table show`; `cellctl table rollback` undoes it")
+    refuse_table(table, file, who, place.robot, place.cell.table_correction_deg)
+    await push_verified(store, who.serial, controller_table(table))
     done = {"pushed": True, "verified": True, "active": True}
     return {"id": table.id, "serial": who.serial, "rows": len(table.rows), **done}
-
-
-async def _read_again(store: TableStore, table: ControllerTable) -> ControllerTable | None:
-    """What is in force after `table` was pushed. Raises DeviceLost that says so where the connection ends just then."""
-    try:
-        return await store.read_table()
-    except DeviceLost as error:
-        what = f"table {table.id[:12]} is in force, but the connection was lost as it was read once more: {error.what}"
-        raise DeviceLost(store.name, what, "look with `cellctl table verify`") from error
-
-
-def differences(wanted: ControllerTable, serial: str, found: ControllerTable | None) -> list[str]:
-    """In words, what the active table of controller `serial` has otherwise than `wanted`; empty: letter for letter."""
-    if found is None:
-        return ["no table is in force"]
-    said = []
-    if wanted.serial != serial:
-        said.append(f"the file is for controller '{wanted.serial}', this one is '{serial}'")
-    if wanted.id != found.id:
-        said.append(f"the one in force is {found.id[:12]}, the file's is {wanted.id[:12]}")
-    if len(wanted.rows) != len(found.rows):
-        said.append(f"the one in force has {len(found.rows)} rows, the file's has {len(wanted.rows)}")
-    pairs = enumerate(zip(wanted.rows, found.rows, strict=False), 1)
-    rows = [number for number, (ours, theirs) in pairs if _letters(ours) != _letters(theirs)]
-    if rows:
-        more = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
-        said.append(f"other joints in row {', '.join(map(str, rows[:_SHOWN]))}{more}")
-    return said
 
 
 def state_of(state: TableState) -> dict[str, Any]:
@@ -131,11 +79,6 @@ def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
         "has no device that keeps tables" if not names else f"has more than one that keeps tables: {', '.join(names)}"
     )
     raise InputError(cell.document.problem((), what, "one robot whose driver can push tables"))
-
-
-def _letters(row: TableRow) -> tuple[str, ...]:
-    """A row as the wire writes it."""
-    return tuple(f"{value + 0.0:.{JOINT_DECIMALS}f}" for value in (*row.nominal, *row.compensated))
 
 
 def _info(info: TableInfo | None) -> dict[str, Any] | None:
