@@ -22,7 +22,7 @@ from cellctl.devices import (
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
-from procedures.steps.proof import PushInputs, push
+from procedures.steps.sphere.proving import PushInputs, push
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ from cellctl.formats import ModelFile, artefact_of
 from cellctl.planning import PlannedTouch, TouchOptions
 from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
-from procedures.steps.sphere_planning import as_plan, plan_on, seed_for, sphere_called
+from procedures.steps.sphere.planning import as_plan, plan_on, seed_for, sphere_called
 
 _BEYOND_MM = 8.0
 """How far inside the expected surface a stand-off's search ends without contact."""
