@@ -42,7 +42,7 @@ def run(
 
     options = Options(seed, clock, tuple(simulator or ()), None, acknowledge, parent_of_run(detached=detached))
     refuse_outputs({"--json": json_}, [procedure, cell])
-    campaign = load_campaign(procedure, cell, set_ or [])
+    campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
     refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
     say_warnings(campaign.cell)
     if resume:
