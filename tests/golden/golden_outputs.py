@@ -1,7 +1,7 @@
 """What the command line and a seeded run give, in a form that can be compared: exit codes, JSON, models, journals.
 
-`python tests/golden/golden_outputs.py` writes `expected/` anew: only where a figure is meant to change, and the commit says so.
-Texts for people are not part of it; figures, verdicts, exit codes and the rows of the journal are.
+`python tests/golden/golden_outputs.py` writes `expected/` anew: only where a figure is meant to change; the commit says
+so. Texts for people are not part of it; figures, verdicts, exit codes and the rows of the journal are.
 """
 
 from __future__ import annotations
