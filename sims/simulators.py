@@ -42,20 +42,20 @@ class Simulators:
         return FaultCatalogue(self.faults, [event for one in here for event in one.events])
 
     def problems(self, addresses: Mapping[str, str]) -> list[str]:
-        """What keeps the devices, name → address, from being simulated, each begun by the device's name."""
+        """What keeps the devices, name → address, from being simulated, each begun by its place in the cell file."""
         found = []
         for device, address in addresses.items():
             one = self.of(address)
             if one is None:
-                known = " and ".join(sorted(self._by_scheme))
-                found.append(f"{device}: there is no simulator for '{urlsplit(address).scheme}', only for {known}")
+                scheme, known = urlsplit(address).scheme, " and ".join(sorted(self._by_scheme))
+                found.append(f"devices.{device}: there is no simulator for '{scheme}', only for {known}")
             else:
-                found += [f"{device}: {mistake}" for mistake in one.address_mistakes(address)]
+                found += [f"devices.{device}: {mistake}" for mistake in one.address_mistakes(address)]
         for one in self.all:
             devices = [device for device, address in addresses.items() if self.of(address) is one]
             if one.most is not None and len(devices) > one.most:
-                number = "one device" if one.most == 1 else f"{one.most} devices"
-                found.append(f"{devices[one.most]}: only {number} of {' or '.join(one.schemes)} can be simulated")
+                number, kind = "one device" if one.most == 1 else f"{one.most} devices", " or ".join(one.schemes)
+                found.append(f"devices.{devices[one.most]}: only {number} of {kind} can be simulated")
         return found
 
 
