@@ -99,7 +99,7 @@ class Simulate:
 @final
 @dataclass(frozen=True, slots=True)
 class SimCell:
-    """A cell to simulate. `addresses`: device → address as written."""
+    """A cell to simulate. `addresses`: device → address as written. `home`: where the robot is at first, A1…An, deg."""
 
     path: Path
     name: str
@@ -107,6 +107,7 @@ class SimCell:
     addresses: dict[str, str]
     artefact: Artefact
     simulate: Simulate
+    home: tuple[float, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -134,19 +135,27 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
             cell.note(key, "is an address at top level; write it under `devices:`")
     devices = cell.below("devices")
     addresses = {name: devices.word(name) for name in devices.entries}
+    robot = read_robot(Section(_load_model(path, model, problems), model, problems))
     found = SimCell(
         path=path,
         name=cell.word("name", path.stem),
-        robot=read_robot(Section(_load_model(path, model, problems), model, problems)),
+        robot=robot,
         addresses=addresses,
         artefact=_artefact(cell.below("artefact")),
         simulate=_simulate(cell.below("simulate"), simulators, simulators.catalogue(addresses.values())),
+        home=_home(cell.below("postures"), robot),
     )
     if to_run:
         problems += simulators.problems(addresses)
     if problems:
         raise CellError(path, problems)
     return found
+
+
+def _home(section: Section, robot: RobotFile) -> tuple[float, ...]:
+    """Where the cell file has it, else every joint at 0, as far as the axes' limits let it."""
+    home = section.numbers("home", len(robot.joints)) if "home" in section.entries else (0.0,) * len(robot.joints)
+    return tuple(min(max(angle, axis.min), axis.max) for angle, axis in zip(home, robot.joints, strict=True))
 
 
 def _load(path: Path) -> Any:

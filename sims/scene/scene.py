@@ -16,7 +16,6 @@ from sims.scene.stance import Stance, stance_of
 from sims.world.screws import Vector
 from sims.world.world import World
 
-START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 SAVE_EVERY_NS = 500_000_000
 
 
@@ -26,7 +25,7 @@ class Scene:
 
     A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's asks where the tool is
     (`tcp`) and what is in the way of its beam (`blocked`). None of them needs another one's simulator. The arm is where
-    `memory` has it, else at its first posture. Points are in the robot's base frame, mm. Raises BadMemory.
+    `memory` has it, else at home. Points are in the robot's base frame, mm. Raises BadMemory.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class Scene:
         self._memory.recall("ageing", self.world.ageing.recall)
         self.contact = ContactLoop()
         self.log = ContactLog(truth_log)
-        stance = self._memory.recall("robot", lambda told: stance_of(told, len(joints))) or _first_stance(cell)
+        stance = self._memory.recall("robot", lambda told: stance_of(told, len(joints))) or Stance(cell.home, cell.home)
         speeds = [joint.max_speed for joint in joints]
         self.arm = MovingArm(kernel, self.world, self.contact, self.log, stance, speeds)
         self._memory.keep("robot", lambda: self.arm.stance().told())
@@ -82,9 +81,3 @@ class Scene:
         if self.arm.moving:
             self._memory.save()
         self._kernel.after(SAVE_EVERY_NS, self._save_on_the_way)
-
-
-def _first_stance(cell: SimCell) -> Stance:
-    """Bent and clear, as far as the axes' limits let it."""
-    joints = tuple(min(max(angle, axis.min), axis.max) for angle, axis in zip(START, cell.robot.joints, strict=True))
-    return Stance(joints, joints)
