@@ -23,7 +23,7 @@ import pytest
 
 from cellctl.clock import Clock
 from cellctl.devices import Address, Surroundings
-from drivers.contact_probe import open_probe
+from drivers.contact_probe.description import open_probe
 from drivers.contact_probe.port import SerialPort
 
 MS = 1_000_000

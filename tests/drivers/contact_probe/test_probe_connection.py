@@ -14,7 +14,8 @@ import pytest
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, ContactProbe, DeviceLost, DeviceUnreachable, Surroundings
-from drivers.contact_probe import open_probe, port
+from drivers.contact_probe import port
+from drivers.contact_probe.description import open_probe
 
 MS = 1_000_000
 

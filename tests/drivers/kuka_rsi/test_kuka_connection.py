@@ -28,7 +28,8 @@ from cellctl.devices import (
     SearchingRobot,
     Surroundings,
 )
-from drivers.kuka_rsi import open_robot, process
+from drivers.kuka_rsi import process
+from drivers.kuka_rsi.description import open_robot
 
 TARGET = (10.0, -80.0, 90.0, 0.0, 45.0, 0.0)
 

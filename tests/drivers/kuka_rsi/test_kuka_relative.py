@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.devices import Address, DeviceFault, DeviceLost, SearchEnd
-from drivers.kuka_rsi import check_address
 from drivers.kuka_rsi.correction_mode import CorrectionMode, WrittenCorrections
+from drivers.kuka_rsi.description import check_address
 from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.search_cycle import Cause, SearchCycle, SearchOrder
 from drivers.kuka_rsi.telegram import Telegram

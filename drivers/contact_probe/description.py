@@ -1,8 +1,8 @@
-"""From an address to a probe, with nothing opened yet."""
+"""What the driver tells cellctl about itself; from an address to a probe, with nothing opened yet."""
 
 from __future__ import annotations
 
-from cellctl.devices import Address, ContactProbe, Surroundings
+from cellctl.devices import Address, ContactProbe, DriverDescription, Surroundings
 from drivers.contact_probe.probe import SerialProbe
 
 _USUAL_BAUD = 250_000
@@ -30,3 +30,6 @@ def _baud(address: Address) -> int:
     if not (text.isascii() and text.isdigit() and int(text) in _BAUDS):
         raise ValueError(f"'{address}': baud has to be a whole number from 1200 to 4000000")
     return int(text)
+
+
+DRIVER = DriverDescription(open_probe, ContactProbe)
