@@ -6,9 +6,9 @@ from pathlib import Path
 
 from cellctl.devices import Address, CompensatedRobot, DriverDescription, Surroundings
 from drivers.kuka_rsi.controller_files.generate import controller_files
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.robot import KukaRobot
+from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from drivers.kuka_rsi.settings import RsiSettings
 from drivers.kuka_rsi.setup_check import findings
 

@@ -10,11 +10,11 @@ from xml.sax.saxutils import escape
 from cellctl.devices import Address, Surroundings
 from drivers.kuka_rsi.controller_files.instructions import instructions
 from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, Context, rsi_xml, rsix
-from drivers.kuka_rsi.eki_channel import SILENCE_S
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.telegram import AXIS_NAMES
+from drivers.kuka_rsi.eki.channel import SILENCE_S
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
-from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.telegram import AXIS_NAMES
 
 KRL_FILES = (
     "cellctl.src",

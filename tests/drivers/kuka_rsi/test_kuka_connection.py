@@ -28,8 +28,8 @@ from cellctl.devices import (
     SearchingRobot,
     Surroundings,
 )
-from drivers.kuka_rsi import process
 from drivers.kuka_rsi.description import open_robot
+from drivers.kuka_rsi.robot import rsi_process
 
 TARGET = (10.0, -80.0, 90.0, 0.0, 45.0, 0.0)
 
@@ -101,7 +101,7 @@ def test_an_rsi_process_that_says_nothing_is_unreachable_and_ended(robot_at, run
     silent.write_text("#!/bin/sh\nexec sleep 600\n")
     silent.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(silent))
-    monkeypatch.setattr(process, "_START_S", 0.1)
+    monkeypatch.setattr(rsi_process, "_START_S", 0.1)
     before = children()
     with pytest.raises(DeviceUnreachable, match=r"RSI process did not start within 0\.1 s"):
         run(robot_at(1).connect())
@@ -310,8 +310,8 @@ PARENT = """
 import asyncio, sys
 from pathlib import Path
 from cellctl.clock import WallClock
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.process import CyclicProcess
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
 
 async def main():

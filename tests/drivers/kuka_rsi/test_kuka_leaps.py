@@ -18,13 +18,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
-from drivers.kuka_rsi.controller_line import ControllerLine
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.search_cycle import SearchOrder
-from drivers.kuka_rsi.shared_block import SharedBlock, Slot
-from drivers.kuka_rsi.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchOrder
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "100"))
 

@@ -9,13 +9,13 @@ import socket
 import pytest
 
 from cellctl.devices import SearchEnd
-from drivers.kuka_rsi.controller_line import ControllerLine
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchOrder
-from drivers.kuka_rsi.search_record import SearchRecord
-from drivers.kuka_rsi.shared_block import ROWS, Sample, SharedBlock, Slot
-from drivers.kuka_rsi.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.shared_block import ROWS, Sample, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
+from drivers.kuka_rsi.robot.search_record import SearchRecord
 
 HOME = (0.0,) * 6
 TEMPLATE = (

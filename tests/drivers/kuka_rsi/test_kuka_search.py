@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd
-from drivers.kuka_rsi.shared_block import Slot
+from drivers.kuka_rsi.cyclic.shared_block import Slot
 
 TWO_DEG = (0.0, -88.0, 90.0, 0.0, 45.0, 0.0)
 

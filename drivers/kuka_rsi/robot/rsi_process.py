@@ -13,10 +13,10 @@ from dataclasses import asdict
 from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceUnreachable
-from drivers.kuka_rsi.cyclic import CyclicOrders
-from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.process import CyclicOrders
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.shared_block import SharedBlock
 
 _START_S = 60.0
 _END_S = 10.0
@@ -69,7 +69,7 @@ class CyclicProcess:
             os.getpid(),
         )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic", orders.to_json()]
+        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", orders.to_json()]
         try:
             child = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, pass_fds=[memory]

@@ -24,21 +24,21 @@ from cellctl.devices import (
     SearchResult,
     TableState,
 )
-from drivers.kuka_rsi.eki_channel import EkiChannel
-from drivers.kuka_rsi.eki_documents import Reply, point_to_point
+from drivers.kuka_rsi.cyclic.limits import AXES, SearchLimits
+from drivers.kuka_rsi.cyclic.search_cycle import SearchOrder
+from drivers.kuka_rsi.cyclic.shared_block import Slot
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
+from drivers.kuka_rsi.eki.channel import EkiChannel
+from drivers.kuka_rsi.eki.documents import Reply, point_to_point
+from drivers.kuka_rsi.eki.refusals import cure_of, refusal
+from drivers.kuka_rsi.eki.table_channel import TableChannel
+from drivers.kuka_rsi.eki.table_rows import to_row
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
-from drivers.kuka_rsi.guards import ENGINE, GuardSlots
-from drivers.kuka_rsi.limits import AXES, SearchLimits
-from drivers.kuka_rsi.process import CyclicProcess
-from drivers.kuka_rsi.refusals import cure_of, refusal
-from drivers.kuka_rsi.search_cycle import SearchOrder
-from drivers.kuka_rsi.searching import Search, elsewhere
+from drivers.kuka_rsi.robot.guards import ENGINE, GuardSlots
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
+from drivers.kuka_rsi.robot.searching import Search, elsewhere
 from drivers.kuka_rsi.seen_through import see_through
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.shared_block import Slot
-from drivers.kuka_rsi.table_channel import TableChannel
-from drivers.kuka_rsi.table_rows import to_row
-from drivers.kuka_rsi.telegram import ReplyFormat
 
 _COUNTED = (
     Slot.TELEGRAMS,

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import final
 
 from cellctl.clock.reading import TimeReader
-from drivers.kuka_rsi.controller_line import ControllerLine, Place
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cycle_timing import AnswerDelay
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.search_cycle import Phase, SearchCycle
-from drivers.kuka_rsi.session import DEFAULT_TOLERANCE, Admission
-from drivers.kuka_rsi.shared_block import Sample, SharedBlock, Slot
-from drivers.kuka_rsi.telegram import ReplyFormat, Telegram, read_telegram
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine, Place
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.cycle_timing import AnswerDelay
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.search_cycle import Phase, SearchCycle
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission
+from drivers.kuka_rsi.cyclic.shared_block import Sample, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, Telegram, read_telegram
 
 _SHORTEST_CYCLE_NS = 4_000_000
 

@@ -14,8 +14,8 @@ from enum import IntEnum
 from ipaddress import IPv4Address
 from typing import Self, final
 
-from drivers.kuka_rsi.limits import AXES
-from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchCycle, SearchOrder
+from drivers.kuka_rsi.cyclic.limits import AXES
+from drivers.kuka_rsi.cyclic.search_cycle import Cause, Phase, SearchCycle, SearchOrder
 
 GUARDS = 8
 """Guard slots; slot 0 is the engine's own heartbeat."""

@@ -10,14 +10,14 @@ from typing import final
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd, SearchResult
-from drivers.kuka_rsi.eki_channel import ANSWER_S, EkiChannel, Pending
-from drivers.kuka_rsi.eki_documents import Reply
-from drivers.kuka_rsi.limits import Limit
-from drivers.kuka_rsi.process import CyclicProcess
-from drivers.kuka_rsi.refusals import refusal
-from drivers.kuka_rsi.search_cycle import Cause, SearchOrder
-from drivers.kuka_rsi.search_record import SearchRecord
-from drivers.kuka_rsi.shared_block import SearchStatus, Slot
+from drivers.kuka_rsi.cyclic.limits import Limit
+from drivers.kuka_rsi.cyclic.search_cycle import Cause, SearchOrder
+from drivers.kuka_rsi.cyclic.shared_block import SearchStatus, Slot
+from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending
+from drivers.kuka_rsi.eki.documents import Reply
+from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
+from drivers.kuka_rsi.robot.search_record import SearchRecord
 
 _FIRST_TELEGRAM_S = 2.0
 _SILENCE_S = 2.0

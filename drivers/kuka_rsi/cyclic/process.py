@@ -1,4 +1,4 @@
-"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic ORDERS`.
+"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
 
 It imports nothing of the engine, has its garbage collector off, and is in real time as far as permitted. It holds the
 robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout says where it
@@ -18,13 +18,13 @@ from dataclasses import asdict, dataclass
 from typing import Self, final
 
 from cellctl.clock.reading import reader_of
-from drivers.kuka_rsi.controller_line import ControllerLine
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.real_time import become_real_time
-from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.shared_block import SharedBlock
-from drivers.kuka_rsi.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.real_time import become_real_time
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 _LOOK_S = 0.05
 """Longest wait for a telegram before orders and the parent are looked at."""

@@ -8,7 +8,7 @@ from typing import final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-from drivers.kuka_rsi.limits import AXES, Correction
+from drivers.kuka_rsi.cyclic.limits import AXES, Correction
 
 DECIMALS = 6
 """Of the corrections in a reply."""

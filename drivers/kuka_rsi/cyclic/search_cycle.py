@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import final
 
-from drivers.kuka_rsi.correction_mode import CorrectionMode, WrittenCorrections
-from drivers.kuka_rsi.cycle_timing import CycleTiming
-from drivers.kuka_rsi.following import LONGEST_LAG_S, Following, Follows
-from drivers.kuka_rsi.limits import AXES, Correction, CycleWatch, Limit, SearchLimits
-from drivers.kuka_rsi.session import DEFAULT_TOLERANCE, Admission, Session
-from drivers.kuka_rsi.set_point import SetPoint
-from drivers.kuka_rsi.telegram import Telegram
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
+from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
+from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
+from drivers.kuka_rsi.cyclic.limits import AXES, Correction, CycleWatch, Limit, SearchLimits
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
+from drivers.kuka_rsi.cyclic.set_point import SetPoint
+from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 _STANDING_DEG = 0.001
 """Joints that stay within this span over `_STANDING_CYCLES` stand still (twice a common encoder's step)."""
