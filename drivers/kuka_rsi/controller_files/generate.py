@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
 from cellctl.devices import Address, Surroundings
+from drivers.kuka_rsi.axes import AXIS_NAMES
 from drivers.kuka_rsi.controller_files.instructions import instructions
 from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, Context, rsi_xml, rsix
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
-from drivers.kuka_rsi.cyclic.telegram import AXIS_NAMES
 from drivers.kuka_rsi.eki.channel import SILENCE_S
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
 from drivers.kuka_rsi.settings import RsiSettings

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import final
 
+from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
 from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
 from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
-from drivers.kuka_rsi.cyclic.limits import AXES, Correction, CycleWatch, Limit, SearchLimits
+from drivers.kuka_rsi.cyclic.limits import Correction, CycleWatch, Limit, SearchLimits
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
 from drivers.kuka_rsi.cyclic.set_point import SetPoint
 from drivers.kuka_rsi.cyclic.telegram import Telegram

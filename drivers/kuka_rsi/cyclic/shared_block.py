@@ -14,7 +14,7 @@ from enum import IntEnum
 from ipaddress import IPv4Address
 from typing import Self, final
 
-from drivers.kuka_rsi.cyclic.limits import AXES
+from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.search_cycle import Cause, Phase, SearchCycle, SearchOrder
 
 GUARDS = 8

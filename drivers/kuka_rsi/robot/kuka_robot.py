@@ -24,7 +24,8 @@ from cellctl.devices import (
     SearchResult,
     TableState,
 )
-from drivers.kuka_rsi.cyclic.limits import AXES, SearchLimits
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.search_cycle import SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
