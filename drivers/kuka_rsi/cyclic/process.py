@@ -23,7 +23,9 @@ from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.real_time import become_real_time
 from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
+from drivers.kuka_rsi.cyclic.task import CyclicTask, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 _LOOK_S = 0.05
@@ -98,7 +100,11 @@ def run(orders: CyclicOrders) -> int:
     block = SharedBlock(orders.memory)
     os.close(orders.memory)
     reply, limits, clock = ReplyFormat(orders.reply), SearchLimits(**orders.limits), reader_of(orders.clock)
-    responder = Responder(line, block, reply, limits, clock, orders.mode, orders.tolerance)
+
+    def task_of(order: SearchOrder) -> CyclicTask:
+        return SearchCycle(order, limits, orders.mode, orders.tolerance)
+
+    responder = Responder(line, block, reply, clock, task_of)
     _say({"listening": line.place, **become_real_time()})
     _serve(line, responder, leaving)
     return 0
@@ -113,7 +119,7 @@ def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> Non
         responder.answer(leave=go)
         if go:
             give_up = give_up or time.monotonic() + _LEAVE_S
-            if not ready or not responder.searching or time.monotonic() > give_up:
+            if not ready or not responder.busy or time.monotonic() > give_up:
                 return
 
 

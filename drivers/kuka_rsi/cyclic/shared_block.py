@@ -15,7 +15,7 @@ from ipaddress import IPv4Address
 from typing import Self, final
 
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.search_cycle import Cause, Phase, SearchCycle, SearchOrder
+from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
 
 GUARDS = 8
 """Guard slots; slot 0 is the engine's own heartbeat."""
@@ -84,7 +84,7 @@ class Sample:
 @final
 @dataclass(frozen=True, slots=True)
 class SearchStatus:
-    """What the cyclic process says about the search `number`, as in `SearchCycle`."""
+    """What the cyclic process says about the search `number`, as in `CyclicTask`."""
 
     number: int
     phase: Phase
@@ -177,18 +177,18 @@ class SharedBlock:
         """Last beat of each guard, ns of the cell's time, as it stands at each look."""
         return self.words[Slot.BEATS : Slot.BEATS + GUARDS]
 
-    def publish(self, search: SearchCycle, telegrams: int) -> None:
-        """Say how `search` stands after `telegrams` of its telegrams."""
+    def publish(self, task: CyclicTask, telegrams: int) -> None:
+        """Publish the state of `task` after `telegrams` of its telegrams."""
         words = self.words
-        words[Slot.CAUSE] = search.cause
-        words[Slot.DETAIL] = search.detail
-        words[Slot.AGE] = search.age_ns
-        words[Slot.STOP_CYCLES] = search.stop_cycles
-        words[Slot.IPOC_STEP] = search.timing.ipoc_step
-        words[Slot.CYCLE] = search.timing.cycle_ns
-        words[Slot.PHASE] = search.phase
+        words[Slot.CAUSE] = task.cause
+        words[Slot.DETAIL] = task.detail
+        words[Slot.AGE] = task.age_ns
+        words[Slot.STOP_CYCLES] = task.stop_cycles
+        words[Slot.IPOC_STEP] = task.timing.ipoc_step
+        words[Slot.CYCLE] = task.timing.cycle_ns
+        words[Slot.PHASE] = task.phase
         words[Slot.SEARCH_TELEGRAMS] = telegrams
-        words[Slot.SEARCH] = search.order.number
+        words[Slot.SEARCH] = task.number
 
     def add_sample(self, sample: Sample) -> None:
         """Write a sample over the oldest."""

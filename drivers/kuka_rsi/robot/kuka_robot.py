@@ -26,8 +26,8 @@ from cellctl.devices import (
 )
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
-from drivers.kuka_rsi.cyclic.search_cycle import SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
+from drivers.kuka_rsi.cyclic.task import SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 from drivers.kuka_rsi.eki.channel import EkiChannel
 from drivers.kuka_rsi.eki.documents import Reply, point_to_point

@@ -11,8 +11,8 @@ from typing import final
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd, SearchResult
 from drivers.kuka_rsi.cyclic.limits import Limit
-from drivers.kuka_rsi.cyclic.search_cycle import Cause, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SearchStatus, Slot
+from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending
 from drivers.kuka_rsi.eki.documents import Reply
 from drivers.kuka_rsi.eki.refusals import refusal

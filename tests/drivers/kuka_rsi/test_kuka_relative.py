@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from cellctl.devices import Address, DeviceFault, DeviceLost, SearchEnd
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
-from drivers.kuka_rsi.cyclic.search_cycle import Cause, SearchCycle, SearchOrder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 from drivers.kuka_rsi.description import check_address
 
