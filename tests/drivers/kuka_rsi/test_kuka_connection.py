@@ -135,7 +135,7 @@ def test_connect_and_close_twice_and_stop_any_time_do_no_harm(controller, connec
         async with connected() as robot:
             first = await robot.connect()
             assert await robot.connect() == first
-            pid = robot._process.pid
+            pid = robot._lines.process.pid
             await robot.stop()
             await robot.close()
             await robot.close()
@@ -288,7 +288,7 @@ def test_health_is_well_and_says_how_rsi_runs(connected, run):
 def test_a_killed_rsi_process_is_noticed_and_the_robot_halted(controller, connected, run):
     async def search():
         async with connected() as robot:
-            pid = robot._process.pid
+            pid = robot._lines.process.pid
             controller.on_cycle = lambda cycle: kill(pid) if cycle == 40 else None
             with pytest.raises(DeviceLost, match="RSI process ended"):
                 await robot.search((0.0, -88.0, 90.0, 0.0, 45.0, 0.0), 2.0)
@@ -360,7 +360,7 @@ def mapped() -> str:
 def test_ctrl_c_in_the_terminal_leaves_the_rsi_process_to_its_parent(connected, run):
     async def interrupt():
         async with connected() as robot:
-            os.kill(robot._process.pid, signal.SIGINT)
+            os.kill(robot._lines.process.pid, signal.SIGINT)
             await robot.search(TARGET_NEAR, 2.0)
             return await robot.health()
 
