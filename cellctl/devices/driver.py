@@ -1,4 +1,4 @@
-"""What a driver tells about itself, before any device is opened."""
+"""The description of a driver: what is known before any device is opened."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class DriverDescription:
 
     `open(name, address, surroundings)`: makes the device of that name at that address; opens nothing; raises ValueError
     for a mistake in the address or the limits. `abilities`: the Protocol of `cellctl.devices`, or the driver's own
-    class, that says what its devices can do. The other fields are for drivers that have more to say:
+    class, that says what its devices can do. The other fields are for drivers that offer more:
 
     `check_address(address, folder)`: mistakes in the files that the address names, paths read against `folder`.
     `check_setup(address, surroundings)`: findings about limits and address; `open` is then tried without the limits.

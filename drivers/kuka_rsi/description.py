@@ -1,4 +1,4 @@
-"""What the driver tells cellctl about itself."""
+"""The description of this driver: its entry point."""
 
 from __future__ import annotations
 

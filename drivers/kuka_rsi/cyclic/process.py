@@ -1,7 +1,7 @@
 """The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
 
 It imports nothing of the engine, has its garbage collector off, and is in real time as far as permitted. It holds the
-robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout says where it
+robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout reports where it
 listens, or why it cannot.
 """
 
@@ -43,7 +43,7 @@ _PR_SET_PDEATHSIG = 1
 @final
 @dataclass(frozen=True, slots=True)
 class CyclicOrders:
-    """What the process is told on its command line.
+    """What the process is given on its command line.
 
     `host`, `port`: to bind; `controller`: the host that is heard; `tolerance`: cycles without an answer after which a
     session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
@@ -90,12 +90,12 @@ class _Leaving:
 
 
 def run(orders: CyclicOrders) -> int:
-    """Bind, say where, and answer until told to leave; the exit code."""
+    """Bind, report where, and answer until asked to leave; the exit code."""
     leaving = _Leaving(orders.parent)
     try:
         line = ControllerLine.bind(orders.host, orders.port, orders.controller)
     except OSError as error:
-        _say({"errno": error.errno, "error": error.strerror})
+        _report({"errno": error.errno, "error": error.strerror})
         return 1
     block = SharedBlock(orders.memory)
     os.close(orders.memory)
@@ -105,7 +105,7 @@ def run(orders: CyclicOrders) -> int:
         return SearchCycle(order, limits, orders.mode, orders.tolerance)
 
     responder = Responder(line, block, reply, clock, task_of)
-    _say({"listening": line.place, **become_real_time()})
+    _report({"listening": line.place, **become_real_time()})
     _serve(line, responder, leaving)
     return 0
 
@@ -123,7 +123,7 @@ def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> Non
                 return
 
 
-def _say(what: dict[str, object]) -> None:
+def _report(what: dict[str, object]) -> None:
     print(json.dumps(what), flush=True)
 
 

@@ -30,7 +30,7 @@ class Slot(IntEnum):
     """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
 
     `STOP`: number of the search to be stopped, 0 where no stop stands. `SESSION`: number of the search for which the
-    controller has said that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
+    controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
     """
 
     STOP = 0
@@ -84,7 +84,7 @@ class Sample:
 @final
 @dataclass(frozen=True, slots=True)
 class SearchStatus:
-    """What the cyclic process says about the search `number`, as in `CyclicTask`."""
+    """What the cyclic process reports of the task `number`, as in `CyclicTask`."""
 
     number: int
     phase: Phase
@@ -133,7 +133,7 @@ class SharedBlock:
             self.words[Slot.STOP] = number
 
     def announce_session(self, number: int) -> None:
-        """The controller has said that RSI is on, for search `number`: its telegrams may be answered."""
+        """The controller has reported that RSI is on, for search `number`: its telegrams may be answered."""
         self.words[Slot.SESSION] = number
 
     def release(self) -> None:

@@ -1,11 +1,11 @@
-"""How controller and RSI process are, in words and figures."""
+"""How controller and RSI process are, as text and figures."""
 
 from __future__ import annotations
 
 from cellctl.devices import DeviceLost, Health
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.robot.lines import ControllerLines
-from drivers.kuka_rsi.robot.searching import elsewhere
+from drivers.kuka_rsi.robot.searching import foreign_datagrams
 
 _COUNTED = (
     Slot.TELEGRAMS,
@@ -31,7 +31,7 @@ def health_of(device: str, lines: ControllerLines) -> Health:
     process, eki = lines.process, lines.eki
     stat = eki.stat
     if not process.alive():
-        raise DeviceLost(device, f"the RSI process ended: {process.last_words()}")
+        raise DeviceLost(device, f"the RSI process ended: {process.last_error_line()}")
     words = process.block.words
     figures = {slot.name.lower(): float(words[slot]) for slot in _COUNTED}
     figures |= {"cycle_ms": words[Slot.CYCLE] * 1e-6, "real_time": float(process.granted["fifo"])}
@@ -40,5 +40,5 @@ def health_of(device: str, lines: ControllerLines) -> Health:
     text = f"{stat.mode}, {stat.program}" + (f": {stat.message}" if stat.message else "")
     text += "".join(f"; {what}" for name, what in _WITHOUT.items() if not process.granted[name])
     if words[Slot.FOREIGN]:
-        text += f"; {elsewhere(process)}"
+        text += f"; {foreign_datagrams(process)}"
     return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures)

@@ -89,7 +89,7 @@ class Holding:
         return not self._adrift
 
     def _stands(self) -> bool:
-        """Whether the controller says that nothing moves; where it was lost, nobody says it."""
+        """Whether the controller reports that nothing moves; false where it is lost."""
         if not self._lines.connected:
             return True
         with suppress(DeviceLost):
