@@ -21,6 +21,7 @@ from cellctl.devices.cell import ClockMode
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
+from cellctl.procedure import section_of
 
 
 @final
@@ -81,27 +82,28 @@ async def run_on(
     async with AsyncExitStack() as stack:
         stack.push_async_callback(clock.aclose)
         seed = options.seed if options.seed is not None else campaign.cell.seed
-        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed))
+        record = options.resumed or RunState()
+        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed, record))
         devices = open_devices(campaign.cell, campaign.drivers, clock, simulated)
         run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
-        engine = Engine(plan, run, journal, mailbox, watcher, options.resumed)
+        engine = Engine(plan, run, journal, mailbox, watcher, record)
         return await engine.run(lambda: tell_targets(simulated, devices, clock))
 
 
-def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int) -> Journal:
-    """The run's journal, begun or gone on with, its first words written. Raises JournalError."""
+def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int, record: RunState) -> Journal:
+    """The run's journal, begun or gone on with; its first event is written and in `record`. Raises JournalError."""
+    event: RunStarted | RunResumed
     if options.resumed is None:
-        journal = Journal.create(folder, clock.now_ns)
-        journal.append(_started(campaign, options, seed))
-        return journal
-    journal = Journal.reopen(folder, clock.now_ns)
-    said = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
-    options.resumed.apply(journal.append(said))
+        journal, event = Journal.create(folder, clock.now_ns), _started(campaign, options, folder.name, seed)
+    else:
+        journal = Journal.reopen(folder, clock.now_ns)
+        event = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
+    record.apply(journal.append(event))
     return journal
 
 
-def _started(campaign: Campaign, options: Options, seed: int) -> RunStarted:
+def _started(campaign: Campaign, options: Options, name: str, seed: int) -> RunStarted:
     procedure, cell = campaign.procedure, campaign.cell
     return RunStarted(
         procedure=_source(procedure.document),
@@ -113,6 +115,8 @@ def _started(campaign: Campaign, options: Options, seed: int) -> RunStarted:
         calendar=calendar_time(),
         code_sha256=code_hash(),
         versions=versions(),
+        name=name,
+        section=section_of(campaign.procedure, campaign.registry),
     )
 
 

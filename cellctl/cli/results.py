@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from cellctl.cli.outputs import to_stdout
 from cellctl.clock import calendar_time
 from cellctl.engine import Outcome, State
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.journal import JournalError, PushedTable, RunState, fold, read_journal
+from cellctl.journal import JournalError, PushedTable, RunResult, RunState, fold, read_journal
 
 SIMULATOR_MEMORY = "simulated_cell.json"
 """Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
@@ -46,28 +45,11 @@ def new_run_folder(runs: Path, procedure: str) -> Path:
     raise InputError(Problem(str(runs), 0, 0, f"holds 999 runs '{stem}' already", "give another folder with --runs"))
 
 
-def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
-    """The result of a run, as `--json` gives it."""
-    state = fold(read_journal(folder))
-    verdict = outcome.verdict or {}
-    return {
-        "run": folder.name,
-        "state": outcome.state.value,
-        "verdict": verdict.get("verdict"),
-        "sentence": verdict.get("sentence"),
-        "points": len(state.recorded("touch")),
-        "before": verdict.get("before"),
-        "after": verdict.get("after"),
-        "model": verdict.get("model"),
-        "table": table_of(state),
-        "held_out": verdict.get("held_out"),
-        "standoff": verdict.get("standoff"),
-        "drift": verdict.get("drift"),
-        "error": str(outcome.error) if outcome.error else None,
-        "stops": verdict.get("stops"),
-        "simulated_s": round(outcome.seconds, 3),
-        "wall_s": round(wall_s, 3),
-    }
+def result_of(folder: Path, outcome: Outcome, wall_s: float) -> RunResult:
+    """The result of a run that this process ran."""
+    error = str(outcome.error) if outcome.error else None
+    known = {"state": outcome.state.value, "error": error, "simulated_s": outcome.seconds, "wall_s": wall_s}
+    return RunResult.of(folder.name, fold(read_journal(folder)), **known)
 
 
 def write_json(result: dict[str, Any], target: str | None) -> None:
@@ -81,10 +63,10 @@ def write_json(result: dict[str, Any], target: str | None) -> None:
         write_atomically(Path(target), text)
 
 
-def keep_json(result: dict[str, Any], target: str | None, folder: Path) -> None:
+def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
     """`write_json` of a run's result. One that fails spoils no run: it is said on stderr, and can be had again."""
     try:
-        write_json(result, target)
+        write_json(result.to_json(), target)
     except OSError as error:
         again = f"have it again with: cellctl show {folder} --json FILE"
         print(f"cellctl: no JSON: {target}: {error.strerror or error}\n    {again}", file=sys.stderr)
@@ -104,28 +86,13 @@ def exit_of(outcome: Outcome) -> Exit:
     """The exit code of a run's end."""
     if outcome.state is not State.FINISHED:
         return Exit.BAD_INPUT if isinstance(outcome.error, InputError) else _BY_STATE[outcome.state]
-    better = outcome.verdict is None or outcome.verdict.get("verdict") == "better"
+    better = outcome.verdict is None or outcome.verdict.better
     return Exit.GOOD if better else Exit.NOT_BETTER
-
-
-def stops_line(stops: Mapping[str, Any]) -> str:
-    """How the searches stopped, in a line."""
-    return (
-        f"Stops: over-travel {stops['overtravel_mean_mm']:.3f} mm mean ({stops['overtravel_max_mm']:.3f} max), within "
-        f"{stops['stop_cycles_max']} cycles; telegrams late {stops['late']}, lost {stops['lost']}, skipped "
-        f"{stops['skipped']}."
-    )
-
-
-def table_of(state: RunState) -> dict[str, Any] | None:
-    """The table that the run pushed: id, rows, pushed, verified, active (null: not known), state; None without one."""
-    table = PushedTable.of_run(state)
-    return {**table.row, "state": table.state} if table else None
 
 
 def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) -> str:
     """What became of the table that the run pushed, and what to do where it may be in force unproved; may be empty."""
-    table = PushedTable.of_run(state)
+    table = PushedTable.of(state)
     if table is None or (only_unproved and not table.unproved_in_force):
         return ""
     if not table.unproved_in_force:
@@ -137,14 +104,12 @@ def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) ->
     return f"{table.words()}: {look}"
 
 
-def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bool) -> None:
+def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
         if not quiet:
-            print(result["sentence"] or "Finished.")
-            if result["stops"]:
-                print(stops_line(result["stops"]))
+            print("\n".join([result.sentence or "Finished.", *result.lines]))
             print(f"Run folder: {folder}")
         if said := table_line(state, folder, only_unproved=True):
             print(f"cellctl: {said}", file=sys.stderr)
@@ -154,7 +119,7 @@ def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bo
     lines.append(f"    {_where_the_robot_is(outcome)}")
     if said := table_line(state, folder):
         lines.append(f"    {said}")
-    lines.append(f"    {result['points']} touches are recorded in {folder}")
+    lines.append(f"    {result.points} touches are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -69,7 +69,7 @@ def run(
     to_stdout = json_ == "-"
     with progress(campaign, folder, quiet=to_stdout) as watcher:
         outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
-    result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
+    result = result_of(folder, outcome, time.monotonic() - began)
     say_end(outcome, result, folder, quiet=to_stdout)
     keep_json(result, json_, folder)
     report_of(folder)

@@ -87,9 +87,13 @@ class DataSet:
         place = self._index.get(name)
         return [""] * len(self.cells) if place is None else [row[place] for row in self.cells]
 
+    def text(self) -> str:
+        """The usable rows as CSV, every column kept."""
+        return _csv([self.columns, *self.cells])
+
     def write(self, path: Path) -> None:
         """Write the usable rows, every column kept. Raises OSError."""
-        write_atomically(path, _csv([self.columns, *self.cells]))
+        write_atomically(path, self.text())
 
 
 def text_of(records: Sequence[Mapping[str, Any]]) -> str:

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from cellctl.devices import errors as device_errors
 from cellctl.files import canonical_json
 from cellctl.procedure.context import StepContext
+from cellctl.records import VerdictRow
 
 Inputs = TypeVar("Inputs", bound=BaseModel)
 Result = TypeVar("Result", bound="BaseModel | None")
@@ -45,7 +46,8 @@ class StepKind(Generic[Inputs, Result]):
     """A kind of step, callable as the function that it was made of.
 
     `needs`: device name → the Protocol that it has to follow. `moves`: it moves or writes, so that a crash in it leaves
-    an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name.
+    an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name. `verdict`: the row that it
+    records, where it records the verdict of a campaign.
     """
 
     name: str
@@ -56,6 +58,12 @@ class StepKind(Generic[Inputs, Result]):
     moves: bool
     function: Callable[[StepContext, Inputs], Awaitable[Result]]
     errors: Mapping[str, type[Exception]] = field(default_factory=dict)
+    verdict: type[VerdictRow] | None = None
+
+    @property
+    def computes(self) -> bool:
+        """Whether it needs no device: then its result follows from the journal alone, and can be replayed."""
+        return not self.needs and not self.moves
 
     async def __call__(self, context: StepContext, inputs: Inputs) -> Result:
         """Do the step."""
@@ -96,6 +104,7 @@ def step(
     needs: Mapping[str, type] | None = None,
     moves: bool = False,
     errors: tuple[type[Exception], ...] = (),
+    verdict: type[VerdictRow] | None = None,
 ) -> Callable[[Callable[[StepContext, Inputs], Awaitable[Result]]], StepKind[Inputs, Result]]:
     """Make a kind of step of `async def name(context, inputs: Model) -> Result | None`.
 
@@ -114,6 +123,7 @@ def step(
             moves=moves,
             function=function,
             errors={error.__name__: error for error in errors},
+            verdict=verdict,
         )
 
     return make

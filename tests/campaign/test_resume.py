@@ -156,7 +156,7 @@ def _nothing_lost_or_doubled(journal: Path) -> None:
     entries = list(read_journal(journal))
     state: RunState = fold(entries)
     assert state.state == "finished"
-    assert sorted(row["number"] for row in state.recorded("touch")) == list(range(6))
+    assert sorted(row["number"] for row in state.data_of("touch")) == list(range(6))
     done = Counter(
         entry.event.step
         for entry in entries
