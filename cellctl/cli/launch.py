@@ -13,7 +13,7 @@ from typing import final
 from cellctl.cli.campaign import Campaign
 from cellctl.cli.connected import open_devices, tell_targets
 from cellctl.cli.parent import aborting_without, under_nohup
-from cellctl.cli.provenance import code_hash, versions
+from cellctl.cli.provenance import code_hash, sources, versions
 from cellctl.cli.results import SIMULATOR_MEMORY
 from cellctl.cli.simulated import SimulatedCell
 from cellctl.clock import Clock, WallClock, calendar_time
@@ -104,7 +104,7 @@ def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, s
 
 
 def _started(campaign: Campaign, options: Options, name: str, seed: int) -> RunStarted:
-    procedure, cell = campaign.procedure, campaign.cell
+    procedure, cell, files = campaign.procedure, campaign.cell, sources()
     return RunStarted(
         procedure=_source(procedure.document),
         cell=_source(cell.document),
@@ -113,11 +113,18 @@ def _started(campaign: Campaign, options: Options, name: str, seed: int) -> RunS
         clock=(options.clock or cell.clock) if cell.simulated else "realtime",
         operator=getpass.getuser(),
         calendar=calendar_time(),
-        code_sha256=code_hash(),
+        code_sha256=sha256_of(files),
         versions=versions(),
+        robot=_robot(cell.robot_file),
+        sources=files,
         name=name,
         section=section_of(campaign.procedure, campaign.registry),
     )
+
+
+def _robot(file: Path) -> SourceFile:
+    text = file.read_text(encoding="utf-8")
+    return SourceFile(str(file), text, sha256_of(text))
 
 
 def _source(document: Document) -> SourceFile:

@@ -26,8 +26,9 @@ class RunStarted:
     """The first event: all that is needed to know what was run, and to tell whether it has changed since.
 
     `versions`: package → version, `python` among them. `clock`: `realtime` or `lockstep`. `calendar`: UTC, ISO 8601.
-    `name`: of the run, whatever its folder is called later. `section`: the fields of a verdict that are of this kind of
-    campaign alone; None in journals that did not say so yet.
+    `robot`: the robot file; the artefact is in the cell file. `sources`: Python files of cellctl, drivers and steps, by
+    name, with the SHA-256 of each. `name`: of the run, whatever its folder is called later. `section`: the fields of a
+    verdict that are of this kind of campaign alone; None in journals that did not say so yet.
     """
 
     kind: ClassVar[str] = "run_started"
@@ -40,6 +41,8 @@ class RunStarted:
     calendar: str
     code_sha256: str
     versions: Mapping[str, str]
+    robot: SourceFile | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
     name: str = ""
     section: tuple[str, ...] | None = None
 
