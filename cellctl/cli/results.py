@@ -119,7 +119,7 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
     lines.append(f"    {_where_the_robot_is(outcome)}")
     if said := table_line(state, folder):
         lines.append(f"    {said}")
-    lines.append(f"    {result.points} touches are recorded in {folder}")
+    lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
 
 

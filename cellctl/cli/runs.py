@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from cellctl.journal import RunState
 
-_COLUMNS = ["run", "began", "state", "touches", "verdict", "table"]
+_COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
 _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
 
 
@@ -120,7 +120,7 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
         lines.append(f"  run by     process {summary['process']}")
     lines += [f"  {name:10} {who['model']}, serial {who['serial']}" for name, who in state.identities.items()]
     lines.append(
-        f"  touches    {summary['points']}; attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
+        f"  points     {summary['points']} measured; attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
     )
     if summary["sentence"]:
         lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")

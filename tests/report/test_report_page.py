@@ -207,7 +207,7 @@ def test_a_run_that_did_not_finish_says_so_first_and_shows_what_there_is(make_ru
     cut_off = replace(campaign, model=None, verdict=None)
     text = Page(report_text(make_run(cut_off, ended=ended, reason="the probe is gone", failed="no line for 2 s"))).text
     assert words in text
-    assert "64 touches are recorded" in text
+    assert "64 measurements are recorded" in text
     assert "points[3].touch: no line for 2 s" in text
     assert "telegrams late 0, lost 1, skipped 0" in text
     assert "Identified parameters" not in text
