@@ -119,9 +119,8 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
     if summary["process"]:
         lines.append(f"  run by     process {summary['process']}")
     lines += [f"  {name:10} {who['model']}, serial {who['serial']}" for name, who in state.identities.items()]
-    lines.append(
-        f"  points     {summary['points']} measured; attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
-    )
+    attempts = f"attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
+    lines.append(f"  points     {summary['points']} measured; {attempts}")
     if summary["sentence"]:
         lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
     if summary["table_words"]:
