@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from cellctl.devices import (
-    ControllerTable,
     DeviceError,
     DeviceFault,
     DeviceRefused,
     DeviceUncertain,
-    TableRow,
-    TableState,
     TableStore,
 )
 from cellctl.devices.cell import table_correction_deg
-from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
-from cellctl.formats.table_refusals import table_problems
 from cellctl.journal import PushedTable
+from cellctl.operations.table import controller_table, in_force, push_verified, refuse_table
 from cellctl.procedure import StepContext
 from cellctl.records import TablePushRow, TableStateRow
 
@@ -30,15 +26,12 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     Raises InputError where the file is not table `table_id` or must not go to this controller, DeviceFault where the
     controller holds something else, and what the device raises.
     """
-    table = _checked(context, table_id)
-    wanted = ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
-    state = await robot.table_state()
-    if state.staged or not in_force(state, table.id):
-        await context.record(TablePushRow(table.id, len(table.rows), False, False, None, table.max_correction_deg))
-        state = await robot.push_table(wanted)
-    if await robot.read_table() != wanted or not in_force(state, table.id):
-        cure = "look at the controller's tables: cellctl table show, cellctl table rollback"
-        raise DeviceFault("robot", f"the table in force is not table {table.id[:12]}, which was pushed", cure)
+    file = context.run_folder / "table.json"
+    table, who = TableFile.load(file), context.identity("robot")
+    limit = table_correction_deg(context.cell)
+    refuse_table(table, file, who, RobotFile.load(context.robot_file), limit, made=table_id)
+    begins = TablePushRow(table.id, len(table.rows), False, False, None, table.max_correction_deg)
+    await push_verified(robot, who.serial, controller_table(table), lambda: context.record(begins))
     return TableStateRow(table.id, len(table.rows), True, True, True, table.max_correction_deg)
 
 
@@ -77,30 +70,6 @@ async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
         context.say(f"table {table.row.short} is not proved and no longer in force: the one before it is")
 
 
-def in_force(state: TableState, table_id: str) -> bool:
-    """Whether the controller's active table is the one with this id."""
-    return state.active is not None and state.active.id == table_id
-
-
 def _of_table(row: TableStateRow, active: bool | None) -> TableStateRow:
     """A `TableStateRow` with the fields of `row`, which may be that of a push, and another `active`."""
     return TableStateRow(**{**row.data(), "active": active})
-
-
-def _checked(context: StepContext, table_id: str) -> TableFile:
-    """The table in the run folder, if it may go to this controller. Raises InputError with every reason against it."""
-    file = context.run_folder / "table.json"
-    table = TableFile.load(file)
-    identity = context.identity("robot")
-    problems = table_problems(
-        table,
-        serial=identity.serial,
-        simulated=identity.simulated,
-        robot=RobotFile.load(context.robot_file),
-        correction_deg=table_correction_deg(context.cell),
-    )
-    if table.id != table_id:
-        problems.insert(0, f"it is table {table.id[:12]}…, this run made {table_id[:12]}…")
-    if problems:
-        raise InputError(Problem(str(file), 0, 0, f"is not pushed: {problem}") for problem in problems)
-    return table

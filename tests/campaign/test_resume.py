@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 from cell_runs import PATIENCE_S, ROOT, cell_with, cellctl, touches_procedure
 
-from cellctl.cli.provenance import code_hash, sources
 from cellctl.files import sha256_of
 from cellctl.journal import (
     Journal,
@@ -27,6 +26,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
+from cellctl.operations.provenance import code_hash, sources
 
 pytestmark = pytest.mark.campaign
 

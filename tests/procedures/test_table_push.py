@@ -166,7 +166,7 @@ def test_another_runs_table_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_controller_that_holds_something_else_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(DeviceFault, match="not table"):
+    with pytest.raises(DeviceFault, match=r"another table is in force than was pushed: .* 1 rows, the file's has 2"):
         pushed(tmp_path, table_in(tmp_path), Controller(damage=True))
 
 

@@ -45,10 +45,15 @@ def standoff_lines(
         seed_for(context, "standoff"),
         centres={sphere: centre},
         reach=_seen(context),
-        options=TouchOptions(guard=distance_mm, depth=_BEYOND_MM),
+        options=standoff_options(distance_mm),
         reference_every=reference_every,
         reference=reference,
     )
+
+
+def standoff_options(distance_mm: float) -> TouchOptions:
+    """How to plan stand-offs from `distance_mm` off the surface."""
+    return TouchOptions(guard=distance_mm, depth=_BEYOND_MM)
 
 
 def _seen(context: StepContext) -> Reach:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
-from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from cellctl.records import TableStateRow
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
@@ -28,7 +29,13 @@ class ProofPlan(StepResult):
     touches: list[TouchPlan]
 
 
-@step("sphere.plan_proof")
+def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_on_sphere
+
+    check_on_sphere(context, known.get("sphere"), known.get("touches"))
+
+
+@step("sphere.plan_proof", check=_check_located)
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
     from procedures.steps.sphere.proof_planning import locating_touches, worth_proving
@@ -60,7 +67,15 @@ class Compensation(StepResult):
     table: str | None
 
 
-@step("sphere.compensate")
+def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_on_sphere
+    from procedures.steps.sphere.proof_planning import standoff_options
+
+    options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
+    check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
+
+
+@step("sphere.compensate", check=_check_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
     from procedures.steps.sphere.proof_planning import worth_proving

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from cellctl.devices import ContactProbe, SearchingRobot
-from cellctl.procedure import StepContext, StepInputs, StepResult, step
+from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
 TOUCHES_PER_SPHERE = 6
 """Touches of the fit that the verdict asks for, for each sphere: two numbers for each coordinate of its centre."""
+
+
+def _names(spheres: str) -> list[str]:
+    return [name.strip() for name in spheres.split(",") if name.strip()]
 
 
 class PlanInputs(StepInputs):
@@ -32,7 +37,7 @@ class PlanInputs(StepInputs):
     @property
     def names(self) -> list[str]:
         """The spheres by name; none where all are meant."""
-        return [name.strip() for name in self.spheres.split(",") if name.strip()]
+        return _names(self.spheres)
 
     @model_validator(mode="after")
     def _can_be_proved(self) -> Self:
@@ -51,7 +56,14 @@ class Plan(StepResult):
     touches: list[TouchPlan]
 
 
-@step("sphere.plan")
+def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_plan
+
+    if "spheres" in known:
+        check_plan(context, known, _names(known["spheres"]))
+
+
+@step("sphere.plan", check=_check_plan)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     from procedures.steps.sphere.planning import assumption, planned_touches
