@@ -9,8 +9,8 @@ from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
     from cellctl.calibration import Progress
-    from cellctl.calibration.mistakes import Change, DeniedScale, DeniedSpacing, Mistake, WideFit
     from cellctl.formats import Measurements
+    from cellctl.setup_check import Change, DeniedScale, DeniedSpacing, Mistake, WideFit
 
 NO_CHECK = "--no-check fits all the same, as if nothing were wrong: do not use such a model before you know the cause"
 
@@ -25,7 +25,7 @@ def refuse_mistakes(
     set-up that is sound otherwise, the certified distances that the rows deny; of one that nothing explains, that robot
     file and data do not belong together.
     """
-    from cellctl.calibration.mistakes import denied_spacings, find_mistakes
+    from cellctl.setup_check import denied_spacings, find_mistakes
 
     set_up = find_mistakes(measured.task, measured.robot.joint_map(), measured.readings, progress)
     found = set_up.mistakes
@@ -58,7 +58,7 @@ def _unrelated(document: Document, data: Path, fit: WideFit) -> Problem:
 
 def _cure(denied: DeniedSpacing | DeniedScale, *, several: bool) -> str:
     """What to look at, and that the rows cannot tell where they cannot."""
-    from cellctl.calibration.mistakes import DeniedScale
+    from cellctl.setup_check import DeniedScale
 
     if isinstance(denied, DeniedScale):
         return "mm? another unit, or an artefact of another size? correct them or leave them out"

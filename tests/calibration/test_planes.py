@@ -18,11 +18,11 @@ from cellctl.calibration import (
     identify,
     plane_estimates,
 )
-from cellctl.calibration.mistakes import find_mistakes
 from cellctl.calibration.observability.other_postures import moved
 from cellctl.calibration.rows.planes import planes_of, pole_of
 from cellctl.formats import RobotFile
 from cellctl.planning.like_rows import rows_like
+from cellctl.setup_check import find_mistakes
 
 SLOPE = np.array([-0.6, 0.0, 0.8])
 PLANES = np.array(

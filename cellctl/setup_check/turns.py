@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.rows import Measured, PoseRows
 from cellctl.kinematics import Floats, abc_from_rotation
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.supposition import Change, Supposition
 
 ABC = ("A", "B", "C")
 RADIANS_UP_TO = 2.1 * np.pi

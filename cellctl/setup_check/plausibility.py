@@ -17,11 +17,11 @@ import numpy as np
 
 from cellctl.calibration.estimation.estimate import estimate
 from cellctl.calibration.estimation.identify import certain
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
 from cellctl.kinematics import Floats
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors
 
 WIDENED = {"links": 40.0, "zeros": 200.0, "tool": 100.0}
 """Tolerances are widened by these factors: by default to links within 20 mm and 2°, as a tape measures them, joint

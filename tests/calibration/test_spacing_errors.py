@@ -8,7 +8,7 @@ import pytest
 from own_campaigns import Campaign, certificate, nominal_of
 
 from cellctl.calibration import SpacingRows, Task
-from cellctl.calibration.mistakes import denied_spacings
+from cellctl.setup_check import denied_spacings
 
 
 def with_spacings(task, by):

@@ -12,10 +12,10 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.misfit import EXPLAINED, Misfit, misfit, row_errors
-from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.model.unknowns import State
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.misfit import EXPLAINED, Misfit, misfit, row_errors
+from cellctl.setup_check.supposition import Change, Supposition
 
 FURTHEST = 5
 """Rows by which measurements and joints may be out of step."""

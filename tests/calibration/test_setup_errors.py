@@ -14,11 +14,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Mixture, PoseRows, PositionRows, Session, SocketRows, Task
-from cellctl.calibration.mistakes import WideFit, find_mistakes
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.mixed_units import mixed_units
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import Link, SerialChain
+from cellctl.setup_check import WideFit, find_mistakes
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.mixed_units import mixed_units
 
 ROOT = Path(__file__).parents[2]
 KR5 = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")

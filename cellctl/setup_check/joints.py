@@ -10,12 +10,12 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import estimate
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.joint_search import ROWS, rough_sizes
-from cellctl.calibration.mistakes.misfit import misfit, steps_of
-from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.kinematics import Floats
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.joint_search import ROWS, rough_sizes
+from cellctl.setup_check.misfit import misfit, steps_of
+from cellctl.setup_check.supposition import Change, Supposition
 
 LEAST_OFFSET_DEG = 2.0
 """A zero that is off by less is a mastering error: for the identification, not for the robot file."""

@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, TouchRows
 from cellctl.kinematics import Floats
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.supposition import Change, Supposition
 
 UNITS = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}
 

@@ -17,11 +17,13 @@ import numpy as np
 
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.columns import other_unit, swapped_columns
-from cellctl.calibration.mistakes.joints import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
-from cellctl.calibration.mistakes.measured import other_hand, other_length, other_spheres
-from cellctl.calibration.mistakes.misfit import (
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
+from cellctl.kinematics import Floats, JointMap
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.columns import other_unit, swapped_columns
+from cellctl.setup_check.joints import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
+from cellctl.setup_check.measured import other_hand, other_length, other_spheres
+from cellctl.setup_check.misfit import (
     CORE,
     EXPLAINED,
     IMPLAUSIBLE,
@@ -33,14 +35,12 @@ from cellctl.calibration.mistakes.misfit import (
     row_errors,
     steps_of,
 )
-from cellctl.calibration.mistakes.mixed_units import mixed_units
-from cellctl.calibration.mistakes.order import out_of_step, put_in_step, wild_rows
-from cellctl.calibration.mistakes.plausibility import WideFit
-from cellctl.calibration.mistakes.supposition import Change, Supposition
-from cellctl.calibration.mistakes.table import metres, other_convention
-from cellctl.calibration.mistakes.turns import other_turns
-from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
-from cellctl.kinematics import Floats, JointMap
+from cellctl.setup_check.mixed_units import mixed_units
+from cellctl.setup_check.order import out_of_step, put_in_step, wild_rows
+from cellctl.setup_check.plausibility import WideFit
+from cellctl.setup_check.supposition import Change, Supposition
+from cellctl.setup_check.table import metres, other_convention
+from cellctl.setup_check.turns import other_turns
 
 Stage: TypeAlias = Callable[[Case], Iterator[Supposition]]
 """Poses suppositions about a case."""

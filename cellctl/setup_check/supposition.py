@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
-from cellctl.calibration.mistakes.case import Case
+from cellctl.setup_check.case import Case
 
 Source: TypeAlias = Literal["robot", "data", "artefact"]
 """The file that the mistake is in: the robot file, the data set, or what says how large the spheres are."""

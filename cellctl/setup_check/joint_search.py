@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.misfit import CORE
 from cellctl.calibration.model.unknowns import PLACED
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.kinematics import Floats
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.misfit import CORE
 
 ROWS = 40
 CHUNK = 256

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.supposition import Change, Supposition
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.supposition import Change, Supposition
 
 RADIANS_UP_TO = 2.1 * np.pi
 """No reading beyond this: they may be radians."""

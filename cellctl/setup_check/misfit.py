@@ -9,11 +9,11 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Floats
+from cellctl.setup_check.case import Case
 
 CORE = 0.6
 """The share of each block's rows, the nearest, that speak for all: up to 40 % wild rows accuse no robot."""

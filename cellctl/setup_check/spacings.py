@@ -17,12 +17,12 @@ import numpy as np
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.identify import Identification, Weights, identify, identify_kept
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
-from cellctl.calibration.mistakes.second_centres import with_best_centres
 from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools
+from cellctl.setup_check.foretold import FAR, Foretold, wrong
+from cellctl.setup_check.second_centres import with_best_centres
 
 SAMPLE = 300
 """Rows of instruments that foretell the distances, and as many touches and visits, evenly from all points."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.kinematics import SerialChain, TableConvention
 from cellctl.kinematics.link_table import LinkTable
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.supposition import Change, Supposition
 
 CALLED: dict[TableConvention, str] = {"mdh-hayati": "standard DH", "dh-craig": "Craig's modified DH"}
 

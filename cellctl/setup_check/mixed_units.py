@@ -12,14 +12,14 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mistakes.columns import RADIANS_UP_TO
-from cellctl.calibration.mistakes.measured import UNITS
-from cellctl.calibration.mistakes.misfit import EXPLAINED, Misfit, misfit, row_errors
-from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
 from cellctl.kinematics import Bools, Floats
+from cellctl.setup_check.case import Case
+from cellctl.setup_check.columns import RADIANS_UP_TO
+from cellctl.setup_check.measured import UNITS
+from cellctl.setup_check.misfit import EXPLAINED, Misfit, misfit, row_errors
+from cellctl.setup_check.supposition import Change, Supposition
 
 FAR = 8.0
 """Times the foreseen distance from which on a row is not where the model says."""
