@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self, TypeAlias, final
 
-from cellctl.formats.pendant.points import Point, PointList
+from cellctl.pendant_import.points import Point, PointList
 
 Pair: TypeAlias = tuple[Point, Point]
 """A posture and its position."""

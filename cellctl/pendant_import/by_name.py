@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.names import Key, common_key
-from cellctl.formats.pendant.pairs import LeftOut, Pair, Pairing, left_out
-from cellctl.formats.pendant.points import Point, PointList
+from cellctl.pendant_import.names import Key, common_key
+from cellctl.pendant_import.pairs import LeftOut, Pair, Pairing, left_out
+from cellctl.pendant_import.points import Point, PointList
 
 _Groups = dict[str, list[Point]]
 

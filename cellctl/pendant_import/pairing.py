@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from cellctl.formats.pendant.by_name import paired_by_name
-from cellctl.formats.pendant.by_order import paired_by_order
-from cellctl.formats.pendant.choices import Choices
-from cellctl.formats.pendant.pairs import Pairing
-from cellctl.formats.pendant.points import PointList
+from cellctl.pendant_import.by_name import paired_by_name
+from cellctl.pendant_import.by_order import paired_by_order
+from cellctl.pendant_import.choices import Choices
+from cellctl.pendant_import.pairs import Pairing
+from cellctl.pendant_import.points import PointList
 
 
 def paired(joints: PointList, positions: PointList, choices: Choices) -> Pairing:

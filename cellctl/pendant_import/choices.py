@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, final, get_args
 
 from cellctl.files import InputError, Problem
+from cellctl.formats.decimals import DecimalSign
 
-DecimalSign: TypeAlias = Literal["comma", "point"]
 Length: TypeAlias = Literal["mm", "cm", "m", "um", "inch"]
 AngleUnit: TypeAlias = Literal["deg", "rad"]
 Pair: TypeAlias = Literal["name", "order"]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.points import PointList
+from cellctl.pendant_import.points import PointList
 
 Key: TypeAlias = Callable[[str], str]
 """Names of one point have one key."""

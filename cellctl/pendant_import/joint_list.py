@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.columns import BEYOND_LIMITS_DEG
-from cellctl.formats.pendant.cells import Cells, cells_of
-from cellctl.formats.pendant.choices import AngleUnit, Choices
-from cellctl.formats.pendant.krl import axis_listing, is_axis_listing, is_krl, krl_points
-from cellctl.formats.pendant.points import Point, PointList, RawList, Value
-from cellctl.formats.pendant.script import is_number_lists, list_points
-from cellctl.formats.pendant.typed_table import headed, lacking, raw_points, unheaded
-from cellctl.formats.pendant.values import read_values
+from cellctl.pendant_import.cells import Cells, cells_of
+from cellctl.pendant_import.choices import AngleUnit, Choices
+from cellctl.pendant_import.krl import axis_listing, is_axis_listing, is_krl, krl_points
+from cellctl.pendant_import.points import Point, PointList, RawList, Value
+from cellctl.pendant_import.script import is_number_lists, list_points
+from cellctl.pendant_import.typed_table import headed, lacking, raw_points, unheaded
+from cellctl.pendant_import.values import read_values
 
 if TYPE_CHECKING:
     from cellctl.formats.robot import RobotFile

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.files import InputError
-from cellctl.formats.pendant import Choices
-from cellctl.formats.pendant.pairing import paired
-from cellctl.formats.pendant.points import Point, PointList
+from cellctl.pendant_import import Choices
+from cellctl.pendant_import.pairing import paired
+from cellctl.pendant_import.points import Point, PointList
 
 
 def postures(*names, source="krl", faults=()):

@@ -6,8 +6,8 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cellctl.formats.pendant.points import Raw, RawList
-from cellctl.formats.pendant.text import lines_of
+from cellctl.pendant_import.points import Raw, RawList
+from cellctl.pendant_import.text import lines_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

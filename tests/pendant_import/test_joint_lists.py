@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
-from cellctl.formats.pendant import Choices
-from cellctl.formats.pendant.joint_list import joint_points, joint_texts
+from cellctl.pendant_import import Choices
+from cellctl.pendant_import.joint_list import joint_points, joint_texts
 
 ROBOT = RobotFile.model_validate(
     {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from cellctl.formats.pendant.points import Raw, RawList
+from cellctl.pendant_import.points import Raw, RawList
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _ITEM = rf"\s*(?:d2r\(\s*{_NUMBER}\s*\)|{_NUMBER})\s*"

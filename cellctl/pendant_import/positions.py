@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.cells import cells_of
-from cellctl.formats.pendant.choices import Choices
-from cellctl.formats.pendant.points import Point, PointList, RawList
-from cellctl.formats.pendant.typed_table import headed, lacking, raw_points, unheaded
-from cellctl.formats.pendant.values import in_mm, read_values
+from cellctl.pendant_import.cells import cells_of
+from cellctl.pendant_import.choices import Choices
+from cellctl.pendant_import.points import Point, PointList, RawList
+from cellctl.pendant_import.typed_table import headed, lacking, raw_points, unheaded
+from cellctl.pendant_import.values import in_mm, read_values
 
 XYZ = ("X", "Y", "Z")
 _ORIENTATIONS = {"abc": ("A", "B", "C"), "quaternion": ("QW", "QX", "QY", "QZ")}

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.names import are_numbers, common_key, plain_name
-from cellctl.formats.pendant.pairs import Pairing, left_out
-from cellctl.formats.pendant.points import Point, PointList
+from cellctl.pendant_import.names import are_numbers, common_key, plain_name
+from cellctl.pendant_import.pairs import Pairing, left_out
+from cellctl.pendant_import.points import Point, PointList
 
 
 def paired_by_order(joints: PointList, positions: PointList, *, asked: bool) -> Pairing:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.cells import Cells, Row
-from cellctl.formats.pendant.decimals import is_number
-from cellctl.formats.pendant.headings import is_units_row, places, unit_of
-from cellctl.formats.pendant.points import Raw, RawList
+from cellctl.formats.decimals import is_number
+from cellctl.pendant_import.cells import Cells, Row
+from cellctl.pendant_import.headings import is_units_row, places, unit_of
+from cellctl.pendant_import.points import Raw, RawList
 
 
 @final

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.choices import Choices
-from cellctl.formats.pendant.joint_list import joint_points, joint_texts
-from cellctl.formats.pendant.pairing import paired
-from cellctl.formats.pendant.pairs import LeftOut, Pairing
-from cellctl.formats.pendant.points import Point, PointList, RawList
-from cellctl.formats.pendant.positions import measured, measured_columns, position_points, position_texts
-from cellctl.formats.pendant.text import read_text
+from cellctl.pendant_import.choices import Choices
+from cellctl.pendant_import.joint_list import joint_points, joint_texts
+from cellctl.pendant_import.pairing import paired
+from cellctl.pendant_import.pairs import LeftOut, Pairing
+from cellctl.pendant_import.points import Point, PointList, RawList
+from cellctl.pendant_import.positions import measured, measured_columns, position_points, position_texts
+from cellctl.pendant_import.text import read_text
 
 if TYPE_CHECKING:
     from cellctl.formats.robot import RobotFile

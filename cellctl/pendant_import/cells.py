@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.decimals import is_number
-from cellctl.formats.pendant.text import lines_of
+from cellctl.formats.decimals import is_number
+from cellctl.pendant_import.text import lines_of
 
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
 _SEP_LINE = re.compile(r'\ufeff?"?sep=(.)"?\s*', re.IGNORECASE)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import Decimal
 
-from cellctl.formats.pendant.choices import DecimalSign
-from cellctl.formats.pendant.decimals import decimal_sign, number
-from cellctl.formats.pendant.points import Point, PointList, Raw, RawList, Value
+from cellctl.formats.decimals import DecimalSign, decimal_sign, number
+from cellctl.pendant_import.points import Point, PointList, Raw, RawList, Value
 
 _FACTORS = {
     "mm": Decimal(1),

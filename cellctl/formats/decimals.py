@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from decimal import Decimal
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.pendant.choices import DecimalSign as Sign
+
+DecimalSign: TypeAlias = Literal["comma", "point"]
 
 Cell: TypeAlias = tuple[int, str]
 """A cell's line in its file, and its text."""
@@ -26,10 +27,10 @@ def _grammar(decimal: str, group: str) -> re.Pattern[str]:
     return re.compile(rf"(?P<sign>[-+]?)(?:(?P<grouped>{grouped})|(?P<plain>{plain})(?P<power>[eE][-+]?[0-9]{{1,3}})?)")
 
 
-_GRAMMARS: dict[Sign, re.Pattern[str]] = {"point": _grammar(r"\.", ","), "comma": _grammar(",", r"\.")}
+_GRAMMARS: dict[DecimalSign, re.Pattern[str]] = {"point": _grammar(r"\.", ","), "comma": _grammar(",", r"\.")}
 
 
-def number(text: str, sign: Sign) -> Decimal | None:
+def number(text: str, sign: DecimalSign) -> Decimal | None:
     """The number that `text` is with this decimal sign, exactly; None where it is none. Thousands may be grouped."""
     found = _GRAMMARS[sign].fullmatch(text.translate(_MINUS))
     if found is None:
@@ -44,14 +45,14 @@ def is_number(text: str, *, spaced: bool = True) -> bool:
     return not refused and any(number(text, sign) is not None for sign in _GRAMMARS)
 
 
-def decimal_sign(file: str, cells: Iterable[Cell], given: Sign | None) -> tuple[Sign, str]:
+def decimal_sign(file: str, cells: Iterable[Cell], given: DecimalSign | None) -> tuple[DecimalSign, str]:
     """The decimal sign of a table and, in words, how that is known (empty where no number needs one).
 
     Numbers that can be read in one way only decide. Where they contradict each other, or all that carry a sign could
     be read in both ways (`1,234`), `given` decides; without it InputError names the lines and the cure.
     """
-    clear: dict[Sign, Cell] = {}
-    open_: dict[Sign, Cell] = {}
+    clear: dict[DecimalSign, Cell] = {}
+    open_: dict[DecimalSign, Cell] = {}
     grouped = False
     for line, text in cells:
         readings = {sign: value for sign in _GRAMMARS if (value := number(text, sign)) is not None}
@@ -71,13 +72,13 @@ def decimal_sign(file: str, cells: Iterable[Cell], given: Sign | None) -> tuple[
     raise InputError(_contradiction(file, clear) if len(clear) == 2 else _two_readings(file, clear, open_))
 
 
-def _contradiction(file: str, clear: dict[Sign, Cell]) -> Problem:
+def _contradiction(file: str, clear: dict[DecimalSign, Cell]) -> Problem:
     (line, comma), (other, point) = clear["comma"], clear["point"]
     what = f"'{comma}' has a decimal comma, '{point}' on line {other} a decimal point"
     return Problem(file, line, 0, what, "correct one of them, or say --decimal comma or --decimal point")
 
 
-def _two_readings(file: str, clear: dict[Sign, Cell], open_: dict[Sign, Cell]) -> Problem:
+def _two_readings(file: str, clear: dict[DecimalSign, Cell], open_: dict[DecimalSign, Cell]) -> Problem:
     line, text = next(cell for sign, cell in open_.items() if sign not in clear)
     as_point, as_comma = (f"{number(text, sign):f}" for sign in ("point", "comma"))
     beside = "".join(f", beside '{other}' on line {at}" for at, other in clear.values())
