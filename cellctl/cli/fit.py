@@ -77,10 +77,10 @@ def fit(
     from cellctl.cli.fit_progress import shown_progress
     from cellctl.cli.fit_split import split_of
     from cellctl.cli.fit_words import name_rows, say
-    from cellctl.cli.mistakes import refuse_mistakes
     from cellctl.cli.results import write_json
     from cellctl.formats import ModelFile, fit_report
     from cellctl.formats.measurements import refuse_alike
+    from cellctl.formats.setup_refusals import refuse_setup_errors
 
     files = _Files.of(robot, data, asked)
     measured = _measured(files, asked)
@@ -88,7 +88,7 @@ def fit(
     split, labels = split_of(measured, judging)
     if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
         with shown_progress("check") as progress:
-            refuse_mistakes(files.document, data, measured, artefact, progress)
+            refuse_setup_errors(files.document, data, measured, artefact, progress)
     with shown_progress("fit") as progress:
         result = fitted(measured.task, split, progress)
     report = fit_report(measured, result, labels)

@@ -1,18 +1,18 @@
-"""Mistakes made in setting up: found, named with evidence and cure, never repaired."""
+"""Set-up errors: found, named with evidence and cure, never repaired."""
 
-from cellctl.setup_check.find import Mistake, SetUp, find_mistakes
-from cellctl.setup_check.plausibility import WideFit
-from cellctl.setup_check.spacings import DeniedScale, DeniedSpacing, denied_spacings
-from cellctl.setup_check.supposition import Change, Source
+from cellctl.setup_check.check import SetupCheck, SetupError, check_setup
+from cellctl.setup_check.hypothesis import Change, Source
+from cellctl.setup_check.spacing_errors import ScaleError, SpacingError, find_spacing_errors
+from cellctl.setup_check.wide_fit import WideFit
 
 __all__ = [
     "Change",
-    "DeniedScale",
-    "DeniedSpacing",
-    "Mistake",
-    "SetUp",
+    "ScaleError",
+    "SetupCheck",
+    "SetupError",
     "Source",
+    "SpacingError",
     "WideFit",
-    "denied_spacings",
-    "find_mistakes",
+    "check_setup",
+    "find_spacing_errors",
 ]

@@ -13,7 +13,7 @@ from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Floats
-from cellctl.setup_check.case import Case
+from cellctl.setup_check.setup import Setup
 
 CORE = 0.6
 """The share of each block's rows, the nearest, that speak for all: up to 40 % wild rows accuse no robot."""
@@ -52,42 +52,42 @@ class Misfit:
     kept: tuple[Any, ...]
     mm: float
     deg: float
-    foreseen_mm: float = FLOOR_MM
-    foreseen_deg: float = FLOOR_DEG
+    predicted_mm: float = FLOOR_MM
+    predicted_deg: float = FLOOR_DEG
 
     @property
-    def times(self) -> float:
+    def ratio(self) -> float:
         """How many times as far as foreseen."""
-        return max(self.mm / self.foreseen_mm, self.deg / self.foreseen_deg)
+        return max(self.mm / self.predicted_mm, self.deg / self.predicted_deg)
 
     @property
     def suspicious(self) -> bool:
         """Whether a mistake is worth looking for."""
-        return self.far_mm(SUSPICIOUS) or self.deg > max(SUSPICIOUS * self.foreseen_deg, LEAST_DEG)
+        return self.far_mm(SUSPICIOUS) or self.deg > max(SUSPICIOUS * self.predicted_deg, LEAST_DEG)
 
     @property
     def implausible(self) -> bool:
         """Whether no robot of this kind is so far from its table."""
-        return self.far_mm(IMPLAUSIBLE) or self.deg > max(IMPLAUSIBLE * self.foreseen_deg, LEAST_DEG)
+        return self.far_mm(IMPLAUSIBLE) or self.deg > max(IMPLAUSIBLE * self.predicted_deg, LEAST_DEG)
 
-    def far_mm(self, times: float) -> bool:
+    def far_mm(self, ratio: float) -> bool:
         """Whether positions alone are more than `times` as far as foreseen."""
-        return self.mm > max(times * self.foreseen_mm, LEAST_MM)
+        return self.mm > max(ratio * self.predicted_mm, LEAST_MM)
 
     @property
     def size(self) -> float:
         """One number to compare suppositions by: what tolerances call large in either quantity."""
         return float(np.hypot(self.mm / 1.0, self.deg / 0.1))
 
-    def foreseen(self, case: Case) -> Self:
+    def with_prediction(self, setup: Setup) -> Self:
         """With what the tolerances foresee here."""
-        mm, deg = _foreseen(case.task, self.state, self.kept)
-        return replace(self, foreseen_mm=mm, foreseen_deg=deg)
+        mm, deg = _predicted(setup.task, self.state, self.kept)
+        return replace(self, predicted_mm=mm, predicted_deg=deg)
 
 
-def misfit(case: Case, rounds: int = ROUNDS) -> Misfit:
+def misfit(setup: Setup, rounds: int = ROUNDS) -> Misfit:
     """Nominal registered on all rows, then on those nearest to it, `rounds` times or until they stay the same."""
-    task = replace(case.task, rough=None)
+    task = replace(setup.task, rough=None)
     kept = [np.arange(len(block)) for block in task.rows.blocks]
     for _ in range(rounds):
         state, before = task.start(only(task.rows, kept)), kept
@@ -135,7 +135,7 @@ def nearest(errors: Floats) -> Any:
     return np.sort(np.argsort(errors, kind="stable")[: int(np.ceil(CORE * len(errors)))])
 
 
-def _foreseen(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, float]:
+def _predicted(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, float]:
     """RMS distance, mm, and turn, deg, at the rows `kept` of robots drawn from the tolerances, once registered."""
     unknowns = task.unknowns(state)
     known = np.diag(unknowns.sigma**2) if unknowns.prior is None else unknowns.prior

@@ -15,11 +15,11 @@ import numpy as np
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
 from cellctl.kinematics import Bools, Floats
-from cellctl.setup_check.case import Case
-from cellctl.setup_check.columns import RADIANS_UP_TO
-from cellctl.setup_check.measured import UNITS
+from cellctl.setup_check.hypothesis import Change, Hypothesis
+from cellctl.setup_check.joint_columns import RADIANS_UP_TO
+from cellctl.setup_check.measured_values import UNITS
 from cellctl.setup_check.misfit import EXPLAINED, Misfit, misfit, row_errors
-from cellctl.setup_check.supposition import Change, Supposition
+from cellctl.setup_check.setup import Setup
 
 FAR = 8.0
 """Times the foreseen distance from which on a row is not where the model says."""
@@ -51,13 +51,13 @@ class _Unit:
 
     what: str
     columns: tuple[str, ...]
-    sizes: Callable[[Case], Floats]
-    changed: Callable[[Case, Bools], Case]
+    sizes: Callable[[Setup], Floats]
+    changed: Callable[[Setup, Bools], Setup]
     whole: bool = False
 
-    def guesses(self, case: Case) -> Iterator[Bools]:
+    def guesses(self, setup: Setup) -> Iterator[Bools]:
         """Which rows (M,) are in this unit, by their sizes alone."""
-        sizes = self.sizes(case)
+        sizes = self.sizes(setup)
         usable = np.isfinite(sizes) & (sizes > 0.0)
         order = np.sort(np.log(sizes[usable]))
         gaps = np.diff(order)
@@ -67,41 +67,41 @@ class _Unit:
             yield usable
 
 
-def mixed_units(case: Case) -> Iterator[Supposition]:
+def mixed_units(setup: Setup) -> Iterator[Hypothesis]:
     """Rows in another unit than the rest, at most one supposition; both have to be told beyond doubt."""
-    few = case.thinned(SAMPLE)
+    sample = setup.thinned(SAMPLE)
     guessed: list[tuple[float, int, _Unit, Bools]] = []
-    for unit in _units(few):
-        for guess in unit.guesses(few):
-            guessed.append((_rough(unit.changed(few, guess).thinned(SCREEN)), len(guessed), unit, guess))
+    for unit in _units(sample):
+        for guess in unit.guesses(sample):
+            guessed.append((_rough(unit.changed(sample, guess).thinned(SCREEN)), len(guessed), unit, guess))
     for _, _, unit, guess in sorted(guessed, key=lambda one: one[:2])[:PROMISING]:
-        about = _settled(few, unit, guess)
-        found = _rows_of(case, unit, about)
-        if about.times <= EXPLAINED and _enough(found, unit):
-            yield Supposition((_change(unit, found),), unit.changed(case, found))
+        about = _settled(sample, unit, guess)
+        found = _rows_of(setup, unit, about)
+        if about.ratio <= EXPLAINED and _enough(found, unit):
+            yield Hypothesis((_change(unit, found),), unit.changed(setup, found))
             return
 
 
-def _rough(case: Case) -> float:
+def _rough(setup: Setup) -> float:
     """How far all rows are from nominal on average, mm, none of them counted for more than `CAPPED_MM`."""
-    return float(np.mean(np.minimum(_errors(case, misfit(case, rounds=2).state), CAPPED_MM)))
+    return float(np.mean(np.minimum(_errors(setup, misfit(setup, rounds=2).state), CAPPED_MM)))
 
 
-def _settled(few: Case, unit: _Unit, guess: Bools) -> Misfit:
+def _settled(sample: Setup, unit: _Unit, guess: Bools) -> Misfit:
     """Nominal registered with each row in the unit in which it is nearer."""
     for _ in range(ROUNDS):
-        about, before = misfit(unit.changed(few, guess)), guess
-        guess = _errors(unit.changed(few, np.ones(len(guess), bool)), about.state) < _errors(few, about.state)
+        about, before = misfit(unit.changed(sample, guess)), guess
+        guess = _errors(unit.changed(sample, np.ones(len(guess), bool)), about.state) < _errors(sample, about.state)
         if np.array_equal(guess, before):
             break
-    return about.foreseen(unit.changed(few, guess))
+    return about.with_prediction(unit.changed(sample, guess))
 
 
-def _rows_of(case: Case, unit: _Unit, about: Misfit) -> Bools:
+def _rows_of(setup: Setup, unit: _Unit, about: Misfit) -> Bools:
     """Which of all rows (M,) are wrong as they are, and right in the unit; all, where none contradicts that."""
-    limit = FAR * max(about.foreseen_mm, about.mm)
-    plain = _errors(case, about.state)
-    other = _errors(unit.changed(case, np.ones(len(plain), bool)), about.state)
+    limit = FAR * max(about.predicted_mm, about.mm)
+    plain = _errors(setup, about.state)
+    other = _errors(unit.changed(setup, np.ones(len(plain), bool)), about.state)
     found = (plain > limit) & (other < limit) & (NEARER * other < plain)
     if unit.whole and found.any() and np.all((plain > limit) | (other < limit)):
         return np.ones_like(found)
@@ -112,32 +112,32 @@ def _enough(found: Bools, unit: _Unit) -> bool:
     return int(np.count_nonzero(found)) >= AT_LEAST and (unit.whole or int(np.count_nonzero(~found)) >= AT_LEAST)
 
 
-def _errors(case: Case, state: State) -> Floats:
-    return np.concatenate([mm for mm, _ in row_errors(case.task, state)])
+def _errors(setup: Setup, state: State) -> Floats:
+    return np.concatenate([mm for mm, _ in row_errors(setup.task, state)])
 
 
-def _units(case: Case) -> Iterator[_Unit]:
-    if case.task.rows.kinds & {PositionRows, PoseRows}:
+def _units(setup: Setup) -> Iterator[_Unit]:
+    if setup.task.rows.kinds & {PositionRows, PoseRows}:
         for name, factor in UNITS.items():
             for axes in ((0, 1, 2), (0,), (1,), (2,)):
                 columns = tuple("XYZ"[axis] for axis in axes)
                 look = "look" if len(axes) > 1 else "looks"
                 what = f"{', '.join(columns)} {look} like {name} (× {factor:g})"
                 yield _Unit(what, columns, _Sizes(axes), _Scaled(axes, factor), whole=len(axes) == 1)
-    if np.count_nonzero(_turned_little(case)) >= AT_LEAST:
-        columns = tuple(f"A{joint + 1}" for joint in range(case.n))
+    if np.count_nonzero(_turned_little(setup)) >= AT_LEAST:
+        columns = tuple(f"A{joint + 1}" for joint in range(setup.n))
         what = f"{columns[0]}…{columns[-1]} look like radians (× 180/π)"
         yield _Unit(what, columns, lambda of: np.abs(of.readings).max(axis=1), _in_radians)
 
 
-def _turned_little(case: Case) -> Bools:
+def _turned_little(setup: Setup) -> Bools:
     """Rows (M,) whose readings may be radians."""
-    return np.asarray(np.abs(case.readings).max(axis=1) < RADIANS_UP_TO)
+    return np.asarray(np.abs(setup.readings).max(axis=1) < RADIANS_UP_TO)
 
 
-def _in_radians(case: Case, which: Bools) -> Case:
-    mine = which & _turned_little(case)
-    return case.with_readings(np.where(mine[:, None], np.rad2deg(case.readings), case.readings))
+def _in_radians(setup: Setup, which: Bools) -> Setup:
+    mine = which & _turned_little(setup)
+    return setup.with_readings(np.where(mine[:, None], np.rad2deg(setup.readings), setup.readings))
 
 
 @final
@@ -147,8 +147,8 @@ class _Sizes:
 
     axes: tuple[int, ...]
 
-    def __call__(self, case: Case) -> Floats:
-        found = [_size(block, list(self.axes)) for block in case.task.rows.blocks]
+    def __call__(self, setup: Setup) -> Floats:
+        found = [_size(block, list(self.axes)) for block in setup.task.rows.blocks]
         return np.concatenate(found)
 
 
@@ -166,14 +166,14 @@ class _Scaled:
     axes: tuple[int, ...]
     factor: float
 
-    def __call__(self, case: Case, which: Bools) -> Case:
-        starts = iter(np.cumsum([0, *map(len, case.task.rows.blocks)]).tolist())
+    def __call__(self, setup: Setup, which: Bools) -> Setup:
+        starts = iter(np.cumsum([0, *map(len, setup.task.rows.blocks)]).tolist())
 
         def scaled(block: Measured) -> Measured:
             start = next(starts)
             return self._block(block, which[start : start + len(block)])
 
-        return case.with_blocks(scaled)
+        return setup.with_blocks(scaled)
 
     def _block(self, block: Measured, mine: Bools) -> Measured:
         if not isinstance(block, PositionRows | PoseRows):

@@ -43,14 +43,14 @@ def with_best_centres(found: Estimate, rows: Mixture) -> tuple[Estimate, Bools]:
 
 def _mirrored(state: State, rows: Mixture, point: int) -> Floats | None:
     """Where a point (3,) may be on the other side of its touches; None where it has none, or they lead back."""
-    tips, lengths = _touched(state, rows, point)
-    if not len(tips):
+    tcps, lengths = _touched(state, rows, point)
+    if not len(tcps):
         return None
-    away = state.points[point] - tips.mean(axis=0)
-    normal = np.linalg.svd(tips - tips.mean(axis=0))[2][-1]
+    away = state.points[point] - tcps.mean(axis=0)
+    normal = np.linalg.svd(tcps - tcps.mean(axis=0))[2][-1]
     centre = state.points[point] - 2.0 * (away @ normal) * normal
     for _ in range(STEPS):
-        between = centre - tips
+        between = centre - tcps
         distance = np.maximum(np.linalg.norm(between, axis=1), 1e-9)
         centre = centre - np.linalg.lstsq(between / distance[:, None], distance - lengths, rcond=1e-6)[0]
     return None if np.linalg.norm(centre - state.points[point]) < APART_MM else np.asarray(centre)
@@ -58,10 +58,10 @@ def _mirrored(state: State, rows: Mixture, point: int) -> Floats | None:
 
 def _touched(state: State, rows: Mixture, point: int) -> tuple[Floats, Floats]:
     """Tips (N, 3) at the touches of a point, and their distances (N,) from it."""
-    tips, lengths = [np.zeros((0, 3))], [np.zeros(0)]
+    tcps, lengths = [np.zeros((0, 3))], [np.zeros(0)]
     for block in rows.blocks:
         if isinstance(block, TouchRows):
             mine = block.point == point
-            tips.append(state.models[block.session].tip(block.postures)[mine])
+            tcps.append(state.models[block.session].tip(block.postures)[mine])
             lengths.append(block.lengths(state)[mine])
-    return np.concatenate(tips), np.concatenate(lengths)
+    return np.concatenate(tcps), np.concatenate(lengths)

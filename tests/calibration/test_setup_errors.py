@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from cellctl.calibration import Mixture, PoseRows, PositionRows, Session, SocketRows, Task
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import Link, SerialChain
-from cellctl.setup_check import WideFit, find_mistakes
-from cellctl.setup_check.case import Case
+from cellctl.setup_check import WideFit, check_setup
 from cellctl.setup_check.mixed_units import mixed_units
+from cellctl.setup_check.setup import Setup
 
 ROOT = Path(__file__).parents[2]
 KR5 = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")
@@ -83,12 +83,12 @@ def model_angles(robot, readings):
 
 
 def found(task, robot, readings):
-    return find_mistakes(task, robot.joint_map(), readings).mistakes
+    return check_setup(task, robot.joint_map(), readings).errors
 
 
 def named(task, robot, readings):
     """What is named first, and what as good as it, in words without their figures."""
-    return [[change.what for change in mistake.changes] for mistake in found(task, robot, readings)]
+    return [[change.what for change in error.changes] for error in found(task, robot, readings)]
 
 
 @pytest.fixture(scope="module")
@@ -134,10 +134,10 @@ def changed(readings, **by_joint):
 
 def test_the_evidence_has_the_figures_before_and_after(kuka):
     wrong = changed(kuka.readings, A3=np.negative)
-    (mistake,) = found(positions(KR5, wrong, kuka.xyz), KR5, wrong)
-    assert mistake.before > 300.0 > 2.0 > mistake.after
-    assert mistake.words() == f"A3 reversed: RMS {mistake.before:.0f} → {mistake.after:.2g} mm"
-    (change,) = mistake.changes
+    (error,) = found(positions(KR5, wrong, kuka.xyz), KR5, wrong)
+    assert error.before > 300.0 > 2.0 > error.after
+    assert error.words() == f"A3 reversed: RMS {error.before:.0f} → {error.after:.2g} mm"
+    (change,) = error.changes
     assert (change.source, change.key, change.cure) == ("robot", ("joints", 2, "sign"), "sign: -1 for joint 3")
 
 
@@ -152,7 +152,7 @@ def test_a_reversed_joint_is_named(measured, joint):
 def test_a_joint_that_counts_from_another_zero_is_named_with_the_angle(measured, joint, by):
     wrong = changed(measured.readings, **{f"A{joint}": lambda angle: angle + by})
     first, *others = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
-    explained = [mistake for mistake in (first, *others) if mistake.changes[0].what.startswith(f"A{joint} off by")]
+    explained = [error for error in (first, *others) if error.changes[0].what.startswith(f"A{joint} off by")]
     assert explained, "the planted mistake is neither first nor among its equals"
     (change,) = explained[0].changes
     assert change.key == ("joints", joint - 1, "offset")
@@ -247,18 +247,18 @@ def test_the_row_from_which_on_measurements_are_out_of_step_is_named(measured, s
     start = int(share * len(measured.readings))
     wrong = measured.readings.copy()
     wrong[start:] = measured.readings[start - 1 : -1]
-    (mistake, *_) = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
-    (change,) = mistake.changes
+    (error, *_) = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    (change,) = error.changes
     assert change.what == "from {0} on the measurements belong to the joints of the row after"
     assert abs(change.rows[0] - start) <= 1
-    assert mistake.after < 2.0 < 20.0 < mistake.before
+    assert error.after < 2.0 < 20.0 < error.before
 
 
 def test_two_exchanged_rows_are_named(measured):
     wrong = measured.readings.copy()
     wrong[[12, 37]] = wrong[[37, 12]]
-    (mistake,) = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
-    assert mistake.changes[0].words("row {}".format) == "the measurements of row 12 and row 37 are exchanged"
+    (error,) = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
+    assert error.changes[0].words("row {}".format) == "the measurements of row 12 and row 37 are exchanged"
 
 
 @pytest.mark.parametrize("sequence", ["XYZ", "xyz", "YZX"])
@@ -271,9 +271,9 @@ def test_euler_angles_in_another_order_are_named(kuka, sequence):
 
 def test_the_order_of_real_euler_angles_is_found(tracker):
     read = Rotation.from_euler("ZYX", tracker.angles, degrees=True)
-    mistakes = found(poses(UR10, tracker.readings, tracker.xyz, read), UR10, tracker.readings)
-    assert mistakes[0].unit == "°"
-    assert mistakes[0].changes[0].what.startswith("A, B, C are XYZ angles")
+    errors = found(poses(UR10, tracker.readings, tracker.xyz, read), UR10, tracker.readings)
+    assert errors[0].unit == "°"
+    assert errors[0].changes[0].what.startswith("A, B, C are XYZ angles")
 
 
 @pytest.mark.long
@@ -364,9 +364,9 @@ def test_touches_name_spheres_of_another_size(touches, touch_task, factor, words
 def test_healthy_robots_are_never_accused():
     """60 robots, each by positions, by poses, in 20 rows, with wild rows, three times as wrong as tolerances allow."""
     for seed in range(60):
-        usual, few = Measured(seed, 60), Measured(seed, 20)
+        usual, sample = Measured(seed, 60), Measured(seed, 20)
         wild, bad = Measured(seed, 60, wild=(2, 6, 18, 24)[seed % 4]), Measured(seed, 60, wrong=3.0, robot=UR10)
-        for data in (usual, few, wild, bad):
+        for data in (usual, sample, wild, bad):
             assert named(positions(data.robot, data.readings, data.xyz), data.robot, data.readings) == []
         assert named(poses(KR5, usual.readings, usual.xyz, usual.turns), KR5, usual.readings) == []
 
@@ -399,7 +399,7 @@ def socketed():
     true = np.array(KR5_TABLE) + rng.normal(0, [0.03, 0.4, 0.4, 0.04], (6, 4))
     tool, points = np.array(KR5.tool.xyz), np.array([[950.0, -100.0, 250.0], [950.0, 100.0, 250.0]])
 
-    def tips(readings):
+    def tcps(readings):
         reached = flanges(true, KR5_SIGNS * readings)
         return reached[:, :3, :3] @ tool + reached[:, :3, 3]
 
@@ -408,12 +408,12 @@ def socketed():
         start = np.array([0.0, -70.0, 80.0, 0.0, 60.0, 0.0]) + rng.uniform(-25, 25, 6) * [1, 1, 1, 2, 1, 4]
 
         def away(arm, wrist=start[3:], point=points[index]):
-            return tips(np.array([[*arm, *wrist]]))[0] - point
+            return tcps(np.array([[*arm, *wrist]]))[0] - point
 
         arm = least_squares(away, start[:3], xtol=1e-12).x
         readings.append([*arm, *start[3:]])
     rows = np.array(readings)
-    assert np.abs(tips(rows) - points[which]).max() < 1e-6
+    assert np.abs(tcps(rows) - points[which]).max() < 1e-6
     return rows, which
 
 
@@ -436,13 +436,13 @@ def test_sockets_are_not_accused_and_name_a_reversed_or_offset_joint(socketed):
 def test_random_numbers_are_no_set_up_mistake():
     data = Measured(31, 60)
     noise = np.random.default_rng(31).normal(0, 500, (60, 3))
-    setup = find_mistakes(positions(KR5, data.readings, noise), KR5.joint_map(), data.readings)
+    setup = check_setup(positions(KR5, data.readings, noise), KR5.joint_map(), data.readings)
     assert setup.implausible
-    assert setup.mistakes == ()
+    assert setup.errors == ()
 
 
 def wide_fit(task, robot, readings):
-    return WideFit.of(Case(task, robot.joint_map(), readings))
+    return WideFit.of(Setup(task, robot.joint_map(), readings))
 
 
 def test_the_file_of_another_robot_does_not_belong_to_the_rows():
@@ -531,9 +531,9 @@ METRES, INCHES = 1000.0, 25.4
 HALF, TEN, FIVE = np.arange(20, 40), np.arange(3, 40, 4), np.arange(5)
 
 
-def in_lines(mistake):
+def in_lines(error):
     """What is said, rows called by their number, and which: first and last of each stretch that is named."""
-    (change,) = mistake.changes
+    (change,) = error.changes
     return change.words("{}".format).partition(" X, ")[0].partition(" Y l")[0].partition(" A1…")[0], change.what
 
 
@@ -545,10 +545,10 @@ def in_lines(mistake):
 def test_positions_of_some_rows_in_another_unit_are_named_by_row(robot, mm, unit, rows, which):
     data = Measured(31, 40, robot=robot)
     data.xyz[rows] /= mm
-    (mistake,) = found(positions(robot, data.readings, data.xyz), robot, data.readings)
-    said, what = in_lines(mistake)
+    (error,) = found(positions(robot, data.readings, data.xyz), robot, data.readings)
+    said, what = in_lines(error)
     assert (said, what.partition(" X, ")[2]) == (which, f"Y, Z look like {unit}")
-    assert mistake.before > 100.0 > 3.0 > mistake.after
+    assert error.before > 100.0 > 3.0 > error.after
 
 
 @pytest.mark.long
@@ -564,27 +564,27 @@ def test_one_coordinate_in_metres_is_named_in_some_rows_or_in_all():
 def test_poses_of_some_rows_in_metres_are_named():
     data = Measured(33, 40)
     data.xyz[HALF] /= METRES
-    (mistake,) = found(poses(KR5, data.readings, data.xyz, data.turns), KR5, data.readings)
-    assert in_lines(mistake)[0] == "in 20 to 39"
+    (error,) = found(poses(KR5, data.readings, data.xyz, data.turns), KR5, data.readings)
+    assert in_lines(error)[0] == "in 20 to 39"
 
 
 @pytest.mark.parametrize(("rows", "which"), [(HALF, "in 20 to 39"), (TEN, "in 3, 7, 11, … (10 rows)")])
 def test_joints_of_some_rows_in_radians_are_named(rows, which):
     data = Measured(34, 40)
     data.readings[rows] = np.deg2rad(data.readings[rows])
-    (mistake,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
-    assert in_lines(mistake) == (
+    (error,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
+    assert in_lines(error) == (
         which,
-        f"{mistake.changes[0].what.partition(' A1')[0]} A1…A6 look like radians (× 180/π)",
+        f"{error.changes[0].what.partition(' A1')[0]} A1…A6 look like radians (× 180/π)",
     )
 
 
 def test_of_rows_in_metres_wild_ones_are_not_claimed():
     data = Measured(35, 40, wild=4)
     data.xyz[HALF] /= METRES
-    (mistake,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
-    assert "look like metres" in mistake.changes[0].what
-    assert mistake.after < 3.0
+    (error,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
+    assert "look like metres" in error.changes[0].what
+    assert error.after < 3.0
 
 
 @pytest.mark.long
@@ -595,5 +595,5 @@ def test_no_sound_row_looks_like_another_unit_even_where_all_are_asked():
         amid = Measured(seed, 50)
         amid.xyz -= amid.xyz.mean(axis=0)
         for data in (usual, wild, amid):
-            case = Case(positions(data.robot, data.readings, data.xyz), data.robot.joint_map(), data.readings)
-            assert list(mixed_units(case)) == []
+            setup = Setup(positions(data.robot, data.readings, data.xyz), data.robot.joint_map(), data.readings)
+            assert list(mixed_units(setup)) == []

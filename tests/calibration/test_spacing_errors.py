@@ -8,7 +8,7 @@ import pytest
 from own_campaigns import Campaign, certificate, nominal_of
 
 from cellctl.calibration import SpacingRows, Task
-from cellctl.setup_check import denied_spacings
+from cellctl.setup_check import find_spacing_errors
 
 
 def with_spacings(task, by):
@@ -19,26 +19,28 @@ def with_spacings(task, by):
 @pytest.mark.parametrize("by", [100.0, -20.0, 1.0])
 def test_a_wrong_distance_is_named_with_what_is_given_and_what_the_rows_say(touches, touch_task, by):
     task = with_spacings(touch_task(touches), [0.0, by, 0.0])
-    (denied,) = denied_spacings(task)
+    (contradicted,) = find_spacing_errors(task)
     true = np.linalg.norm(touches.centres[0] - touches.centres[2])
-    assert denied.between == ("S1", "S3")
-    assert denied.certain
-    assert abs(denied.said - true) < 4.0 * denied.sigma < 0.5
-    assert denied.what.startswith(f"spacing S1–S3: {denied.given:g} mm given, these rows say {denied.said:.1f}"[:-2])
+    assert contradicted.between == ("S1", "S3")
+    assert contradicted.certain
+    assert abs(contradicted.said - true) < 4.0 * contradicted.sigma < 0.5
+    assert contradicted.what.startswith(
+        f"spacing S1–S3: {contradicted.given:g} mm given, these rows say {contradicted.said:.1f}"[:-2]
+    )
 
 
 def test_two_wrong_distances_are_both_named_and_the_right_one_is_not(touches, touch_task):
-    denied = denied_spacings(with_spacings(touch_task(touches), [30.0, -20.0, 0.0]))
-    assert [each.between for each in denied] == [("S1", "S2"), ("S1", "S3")]
-    assert all(each.certain for each in denied)
+    contradicted = find_spacing_errors(with_spacings(touch_task(touches), [30.0, -20.0, 0.0]))
+    assert [each.between for each in contradicted] == [("S1", "S2"), ("S1", "S3")]
+    assert all(each.certain for each in contradicted)
 
 
 def test_of_two_distances_between_the_same_points_the_rows_know_the_right_one(touches, touch_task):
     task = touch_task(touches)
     right = task.spacings.mm[0]
     twice = SpacingRows(np.array([[0, 1], [0, 1]]), np.array([right, right + 5.0]), np.full((2, 1), 0.01))
-    (denied,) = denied_spacings(replace(task, spacings=twice))
-    assert denied.given == right + 5.0
+    (contradicted,) = find_spacing_errors(replace(task, spacings=twice))
+    assert contradicted.given == right + 5.0
 
 
 @pytest.mark.long
@@ -47,7 +49,7 @@ def test_distances_that_are_right_are_never_denied(draw, touch_task):
         drawn = draw(seed, 24 + 12 * (seed % 4))
         if seed % 3 == 0:
             drawn.readings[:3] += np.random.default_rng(seed).normal(0.0, 1.0, (3, 6))
-        assert denied_spacings(touch_task(drawn)) == ()
+        assert find_spacing_errors(touch_task(drawn)) == ()
 
 
 SOCKETS = np.array([[800.0, 300.0, 500.0], [1000.0, -300.0, 350.0], [1100.0, 100.0, 250.0]])
@@ -65,17 +67,17 @@ def sockets(by):
 
 
 def test_sockets_deny_what_no_robot_of_its_make_reaches_and_of_less_know_only_that_two_distances_disagree():
-    assert denied_spacings(sockets([0.0, 0.0])) == ()
-    (denied,) = denied_spacings(sockets([50.0, 0.0]))
-    assert (denied.between, denied.certain) == (("P", "Q"), True)
-    told = denied_spacings(sockets([0.6, 0.0]))
+    assert find_spacing_errors(sockets([0.0, 0.0])) == ()
+    (contradicted,) = find_spacing_errors(sockets([50.0, 0.0]))
+    assert (contradicted.between, contradicted.certain) == (("P", "Q"), True)
+    told = find_spacing_errors(sockets([0.6, 0.0]))
     assert [each.between for each in told] == [("P", "Q"), ("P", "R")]
     assert not any(each.certain for each in told)
 
 
 def test_all_sizes_wrong_by_as_little_as_the_robot_may_be_are_let_pass():
     certified = sockets([0.0, 0.0]).spacings.mm
-    assert denied_spacings(sockets(0.0003 * certified)) == ()
+    assert find_spacing_errors(sockets(0.0003 * certified)) == ()
 
 
 def beside_an_instrument(seed, positions, each, by=0.0):
@@ -90,14 +92,14 @@ def beside_an_instrument(seed, positions, each, by=0.0):
 
 @pytest.mark.parametrize("each", [3, 4, 5])
 def test_spheres_with_few_touches_accuse_no_distance_that_is_right(each):
-    assert [seed for seed in range(4) if denied_spacings(beside_an_instrument(seed, 100, each))] == []
+    assert [seed for seed in range(4) if find_spacing_errors(beside_an_instrument(seed, 100, each))] == []
 
 
 def test_thousands_of_positions_do_not_crowd_out_the_touches():
-    assert denied_spacings(beside_an_instrument(9, 5000, 12)) == ()
-    (denied,) = denied_spacings(beside_an_instrument(9, 5000, 12, by=50.0))
-    assert denied.between == ("S0", "S1")
-    assert abs(denied.given - 50.0 - denied.said) < 4.0 * denied.sigma < 2.0
+    assert find_spacing_errors(beside_an_instrument(9, 5000, 12)) == ()
+    (contradicted,) = find_spacing_errors(beside_an_instrument(9, 5000, 12, by=50.0))
+    assert contradicted.between == ("S0", "S1")
+    assert abs(contradicted.given - 50.0 - contradicted.said) < 4.0 * contradicted.sigma < 2.0
 
 
 def all_between(spheres):
@@ -114,16 +116,16 @@ def all_between(spheres):
 def test_distances_wrong_by_one_factor_do_not_vouch_for_each_other(spheres, factor):
     task = all_between(spheres)
     wrong = replace(task.spacings, mm=task.spacings.mm * factor)
-    (denied,) = denied_spacings(replace(task, spacings=wrong))
-    assert abs(denied.factor - 1.0 / factor) < 4.0 * denied.sigma < 0.003 / factor
-    assert denied.what.startswith(f"all {denied.count} spacings that these rows know: × ")
+    (contradicted,) = find_spacing_errors(replace(task, spacings=wrong))
+    assert abs(contradicted.factor - 1.0 / factor) < 4.0 * contradicted.sigma < 0.003 / factor
+    assert contradicted.what.startswith(f"all {contradicted.count} spacings that these rows know: × ")
 
 
 def test_a_sphere_whose_touches_fit_two_centres_is_no_witness():
     """Alone, these rows put S8 13 mm from where it is."""
     task = all_between(16)
-    assert denied_spacings(task) == ()
+    assert find_spacing_errors(task) == ()
     off = np.where(np.arange(len(task.spacings)) == 1, 2.0, 0.0)
-    (denied,) = denied_spacings(replace(task, spacings=replace(task.spacings, mm=task.spacings.mm + off)))
-    assert denied.between == ("S0", "S2")
-    assert abs(denied.given - 2.0 - denied.said) < 4.0 * denied.sigma < 2.0
+    (contradicted,) = find_spacing_errors(replace(task, spacings=replace(task.spacings, mm=task.spacings.mm + off)))
+    assert contradicted.between == ("S0", "S2")
+    assert abs(contradicted.given - 2.0 - contradicted.said) < 4.0 * contradicted.sigma < 2.0

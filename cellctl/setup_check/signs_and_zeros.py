@@ -12,10 +12,10 @@ import numpy as np
 from cellctl.calibration.estimation.estimate import estimate
 from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.kinematics import Floats
-from cellctl.setup_check.case import Case
-from cellctl.setup_check.joint_search import ROWS, rough_sizes
+from cellctl.setup_check.hypothesis import Change, Hypothesis
+from cellctl.setup_check.joint_screening import ROWS, rough_sizes
 from cellctl.setup_check.misfit import misfit, steps_of
-from cellctl.setup_check.supposition import Change, Supposition
+from cellctl.setup_check.setup import Setup
 
 LEAST_OFFSET_DEG = 2.0
 """A zero that is off by less is a mastering error: for the identification, not for the robot file."""
@@ -61,9 +61,9 @@ class _Joints:
             sign[joint], offset[joint] = way, angle
         return cls(sign, offset)
 
-    def applied(self, case: Case) -> Case:
+    def applied(self, setup: Setup) -> Setup:
         """The case with these."""
-        return case.with_joints(case.joints.sign * self.sign, case.joints.offset + self.offset)
+        return setup.with_joints(setup.joints.sign * self.sign, setup.joints.offset + self.offset)
 
     def and_with(self, joint: int, sign: float, offset: float) -> Self:
         """These with one joint otherwise."""
@@ -72,7 +72,7 @@ class _Joints:
         return replace(self, sign=signs, offset=offsets)
 
     @property
-    def oddity(self) -> int:
+    def complexity(self) -> int:
         """Few joints before many; reversed ones before right angles before any angles."""
         angles = [offset for offset in self.offset.tolist() if offset]
         both = np.count_nonzero((self.sign < 0.0) & (self.offset != 0.0))
@@ -88,46 +88,46 @@ class _Joints:
         return np.flatnonzero((self.sign < 0.0) | (self.offset != 0.0))
 
 
-def plain_joints(case: Case) -> Iterator[Supposition]:
+def plain_joints(setup: Setup) -> Iterator[Hypothesis]:
     """The most promising of: any joints reversed (of robots with more than seven: three), one or two off by right
     angles.
     """
     reversed_ = [
-        _Joints.of(case.n, joints, [(-1.0, 0.0)] * count)
-        for count in range(1, (case.n if case.n <= 7 else AT_ONCE) + 1)
-        for joints in itertools.combinations(range(case.n), count)
+        _Joints.of(setup.n, joints, [(-1.0, 0.0)] * count)
+        for count in range(1, (setup.n if setup.n <= 7 else AT_ONCE) + 1)
+        for joints in itertools.combinations(range(setup.n), count)
     ]
     ways = [(sign, angle) for sign in (1.0, -1.0) for angle in (90.0, -90.0, 180.0)] + [(-1.0, 0.0)]
-    for joints in _best(case, [*reversed_, *_singles(case, ways), *_doubles(case, ways)])[: 2 * REFINED]:
-        yield _supposed(case, joints)
+    for joints in _best(setup, [*reversed_, *_singles(setup, ways), *_doubles(setup, ways)])[: 2 * REFINED]:
+        yield _hypothesis(setup, joints)
 
 
-def reversed_joint(case: Case) -> Iterator[Supposition]:
+def reversed_joint(setup: Setup) -> Iterator[Hypothesis]:
     """One joint reversed."""
-    for joint in range(case.n):
-        yield _supposed(case, _Joints.of(case.n, [joint], [(-1.0, 0.0)]))
+    for joint in range(setup.n):
+        yield _hypothesis(setup, _Joints.of(setup.n, [joint], [(-1.0, 0.0)]))
 
 
-def offset_joint(case: Case) -> Iterator[Supposition]:
+def offset_joint(setup: Setup) -> Iterator[Hypothesis]:
     """One joint off by any angle, reversed besides or not."""
-    yield from _worked_out(case, _best(case, _singles(case, _ways()))[:REFINED])
+    yield from _worked_out(setup, _best(setup, _singles(setup, _ways()))[:REFINED])
 
 
-def two_joints(case: Case) -> Iterator[Supposition]:
+def two_joints(setup: Setup) -> Iterator[Hypothesis]:
     """Two joints off by any angle, reversed besides or not."""
-    yield from _worked_out(case, _by_joints(case, _doubles(case, _ways()))[: 2 * REFINED])
+    yield from _worked_out(setup, _by_joints(setup, _doubles(setup, _ways()))[: 2 * REFINED])
 
 
-def three_joints(case: Case) -> Iterator[Supposition]:
+def three_joints(setup: Setup) -> Iterator[Hypothesis]:
     """A third joint besides the best pairs."""
-    pairs = _by_joints(case, _doubles(case, _ways()))[:BREADTH]
+    pairs = _by_joints(setup, _doubles(setup, _ways()))[:BREADTH]
     threes = [
         pair.and_with(joint, *way)
         for pair in pairs
-        for joint in sorted(set(range(case.n)) - set(pair.changed().tolist()))
+        for joint in sorted(set(range(setup.n)) - set(pair.changed().tolist()))
         for way in _ways()
     ]
-    yield from _worked_out(case, _by_joints(case, threes)[: 2 * REFINED])
+    yield from _worked_out(setup, _by_joints(setup, threes)[: 2 * REFINED])
 
 
 def _ways() -> list[tuple[float, float]]:
@@ -137,66 +137,66 @@ def _ways() -> list[tuple[float, float]]:
     return [*((1.0, angle) for angle in turned), *((-1.0, angle) for angle in angles)]
 
 
-def _singles(case: Case, ways: list[tuple[float, float]]) -> list[_Joints]:
-    return [_Joints.of(case.n, [joint], [way]) for joint in range(case.n) for way in _seen(case, joint, ways)]
+def _singles(setup: Setup, ways: list[tuple[float, float]]) -> list[_Joints]:
+    return [_Joints.of(setup.n, [joint], [way]) for joint in range(setup.n) for way in _seen(setup, joint, ways)]
 
 
-def _doubles(case: Case, ways: list[tuple[float, float]]) -> list[_Joints]:
+def _doubles(setup: Setup, ways: list[tuple[float, float]]) -> list[_Joints]:
     return [
-        _Joints.of(case.n, (first, second), two)
-        for first, second in itertools.combinations(range(case.n), 2)
-        for two in itertools.product(_seen(case, first, ways), _seen(case, second, ways))
+        _Joints.of(setup.n, (first, second), two)
+        for first, second in itertools.combinations(range(setup.n), 2)
+        for two in itertools.product(_seen(setup, first, ways), _seen(setup, second, ways))
     ]
 
 
-def _seen(case: Case, joint: int, ways: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _seen(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Those of `ways` that these rows can tell: another zero of the first joint is another heading of base or points,
     one of the last another turn of a tool that is registered. That harms nothing, and nobody is told of it.
     """
-    instrument = case.task.rows.kinds & {PositionRows, PoseRows}
-    of_base = joint == 0 and (not instrument or "base" in case.task.registered)
-    if of_base or (joint == case.n - 1 and instrument and "tool" in case.task.registered):
+    instrument = setup.task.rows.kinds & {PositionRows, PoseRows}
+    of_base = joint == 0 and (not instrument or "base" in setup.task.registered)
+    if of_base or (joint == setup.n - 1 and instrument and "tool" in setup.task.registered):
         return [(sign, angle) for sign, angle in ways if angle == 0.0]
     return ways
 
 
-def _best(case: Case, many: list[_Joints]) -> list[_Joints]:
+def _best(setup: Setup, many: list[_Joints]) -> list[_Joints]:
     """By how near they bring nominal to a few rows, roughly; the simplest of equals first."""
-    sizes = _sizes(case, many)
-    odd = np.array([joints.oddity for joints in many])
-    return [many[place] for place in np.lexsort((sizes, odd, steps_of(sizes)))]
+    sizes = _sizes(setup, many)
+    complexity = np.array([joints.complexity for joints in many])
+    return [many[place] for place in np.lexsort((sizes, complexity, steps_of(sizes)))]
 
 
-def _by_joints(case: Case, many: list[_Joints]) -> list[_Joints]:
+def _by_joints(setup: Setup, many: list[_Joints]) -> list[_Joints]:
     """For each set of joints and signs the nearest, the nearest of these first: the grid is too coarse for more."""
     best: dict[tuple[int, ...], _Joints] = {}
-    for place in np.argsort(_sizes(case, many), kind="stable"):
+    for place in np.argsort(_sizes(setup, many), kind="stable"):
         joints = many[place]
         best.setdefault((*joints.sign.astype(int).tolist(), *joints.changed().tolist()), joints)
     return list(best.values())
 
 
-def _sizes(case: Case, many: list[_Joints]) -> Floats:
+def _sizes(setup: Setup, many: list[_Joints]) -> Floats:
     signs, offsets = (np.array([getattr(joints, part) for joints in many]) for part in ("sign", "offset"))
-    return rough_sizes(case.thinned(ROWS), signs, offsets)
+    return rough_sizes(setup.thinned(ROWS), signs, offsets)
 
 
-def _worked_out(case: Case, rough: list[_Joints]) -> Iterator[Supposition]:
-    few = case.thinned(SEARCHED)
+def _worked_out(setup: Setup, rough: list[_Joints]) -> Iterator[Hypothesis]:
+    sample = setup.thinned(SEARCHED)
     for joints in rough:
-        yield _supposed(case, _refined(few, _refined(few, joints)))
+        yield _hypothesis(setup, _refined(sample, _refined(sample, joints)))
 
 
-def _refined(few: Case, joints: _Joints) -> _Joints:
+def _refined(sample: Setup, joints: _Joints) -> _Joints:
     """Offsets worked out together with the registration, on the rows that fit best with those given."""
-    supposed = joints.applied(few)
-    about = misfit(supposed, rounds=2)
-    blocks = [block.pick(kept) for block, kept in zip(supposed.task.rows.blocks, about.kept, strict=True)]
-    unknowns = supposed.task.unknowns(about.state)
+    hypothesis = joints.applied(sample)
+    about = misfit(hypothesis, rounds=2)
+    blocks = [block.pick(kept) for block, kept in zip(hypothesis.task.rows.blocks, about.kept, strict=True)]
+    unknowns = hypothesis.task.unknowns(about.state)
     turned = [f"theta{joint + 1}" for joint in np.flatnonzero(joints.offset)]
     loose = np.array([name in turned for name in unknowns.names])
     sigma = np.where(loose, np.deg2rad(LOOSE_DEG), unknowns.sigma)
-    free = loose | supposed.task.registration(unknowns)
+    free = loose | hypothesis.task.registration(unknowns)
     found = estimate(replace(unknowns, sigma=sigma, prior=None, free=free), blocks)
     offset = joints.offset.copy()
     for name in turned:
@@ -212,17 +212,17 @@ def _rounded(offset: float) -> float:
     return (right + 180.0) % 360.0 - 180.0 if abs(offset - right) < RIGHT_ANGLE_DEG else offset
 
 
-def _supposed(case: Case, joints: _Joints) -> Supposition:
+def _hypothesis(setup: Setup, joints: _Joints) -> Hypothesis:
     changed = joints.changed()
-    changes = tuple(_change(case, int(joint), joints) for joint in changed)
-    return Supposition(changes, joints.applied(case), joints.oddity, joints.mastering)
+    changes = tuple(_change(setup, int(joint), joints) for joint in changed)
+    return Hypothesis(changes, joints.applied(setup), joints.complexity, joints.mastering)
 
 
-def _change(case: Case, joint: int, joints: _Joints) -> Change:
+def _change(setup: Setup, joint: int, joints: _Joints) -> Change:
     name, offset = f"A{joint + 1}", float(joints.offset[joint])
     flipped = joints.sign[joint] < 0.0
-    sign = f"sign: {int(case.joints.sign[joint] * joints.sign[joint])}"
-    total = (case.joints.offset[joint] + offset + 180.0) % 360.0 - 180.0
+    sign = f"sign: {int(setup.joints.sign[joint] * joints.sign[joint])}"
+    total = (setup.joints.offset[joint] + offset + 180.0) % 360.0 - 180.0
     zero = f"offset: {total:.1f}".removesuffix(".0")
     of_joint = f" for joint {joint + 1}"
     if not offset:

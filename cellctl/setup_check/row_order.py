@@ -13,9 +13,9 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration.model.unknowns import State
-from cellctl.setup_check.case import Case
+from cellctl.setup_check.hypothesis import Change, Hypothesis
 from cellctl.setup_check.misfit import EXPLAINED, Misfit, misfit, row_errors
-from cellctl.setup_check.supposition import Change, Supposition
+from cellctl.setup_check.setup import Setup
 
 FURTHEST = 5
 """Rows by which measurements and joints may be out of step."""
@@ -43,25 +43,25 @@ class Stretch:
     by: int
 
 
-def out_of_step(case: Case) -> Iterator[Supposition]:
+def out_of_step(setup: Setup) -> Iterator[Hypothesis]:
     """Rows put back in step, with nominal registered on a part of them that is in step with itself; of several sessions
     each by itself, then all of them as one supposition.
     """
-    sessions = sorted({block.session for block in case.task.rows.blocks if len(block)})
+    sessions = sorted({block.session for block in setup.task.rows.blocks if len(block)})
     if len(sessions) == 1:
-        yield from _in_one_session(case)
+        yield from _in_one_session(setup)
         return
     changes: list[Change] = []
-    readings, oddity = case.readings.copy(), 0
+    readings, complexity = setup.readings.copy(), 0
     for number in sessions:
-        rows, alone = case.session(number)
-        judged = [(misfit(each.case).foreseen(each.case).times, each) for each in _in_one_session(alone)]
-        times, best = min(judged, key=lambda pair: (pair[0], pair[1].oddity), default=(np.inf, None))
-        if best is not None and times <= EXPLAINED:
-            changes += [_in_session(change, rows, case.task.sessions[number].name) for change in best.changes]
-            readings[rows], oddity = best.case.readings, oddity + best.oddity
+        rows, alone = setup.session(number)
+        judged = [(misfit(each.setup).with_prediction(each.setup).ratio, each) for each in _in_one_session(alone)]
+        ratio, best = min(judged, key=lambda pair: (pair[0], pair[1].complexity), default=(np.inf, None))
+        if best is not None and ratio <= EXPLAINED:
+            changes += [_in_session(change, rows, setup.task.sessions[number].name) for change in best.changes]
+            readings[rows], complexity = best.setup.readings, complexity + best.complexity
     if changes:
-        yield Supposition(tuple(changes), case.with_readings(readings), oddity)
+        yield Hypothesis(tuple(changes), setup.with_readings(readings), complexity)
 
 
 def _in_session(change: Change, rows: Any, name: str) -> Change:
@@ -70,27 +70,27 @@ def _in_session(change: Change, rows: Any, name: str) -> Change:
     return replace(change, what=what, rows=tuple(int(rows[row]) for row in change.rows))
 
 
-def _in_one_session(case: Case) -> Iterator[Supposition]:
-    for block, window in _windows(case):
+def _in_one_session(setup: Setup) -> Iterator[Hypothesis]:
+    for block, window in _windows(setup):
         for by in (0, *_shifts()):
-            trial = case.pick(window)
+            trial = setup.pick(window)
             trial = trial if not by else _shifted_whole(trial, by)
             if len(trial.readings) < 2 * RUN:
                 continue
-            found = misfit(trial).foreseen(trial)
-            if found.times < 1.5:  # a part in step with itself
-                yield from put_in_step(case, found, only=block)
+            found = misfit(trial).with_prediction(trial)
+            if found.ratio < 1.5:  # a part in step with itself
+                yield from put_in_step(setup, found, only=block)
 
 
-def put_in_step(case: Case, nominal: Misfit, only: int | None = None) -> Iterator[Supposition]:
+def put_in_step(setup: Setup, nominal: Misfit, only: int | None = None) -> Iterator[Hypothesis]:
     """What lies out of step or exchanged where `nominal`, registered on rows that are in step, is right."""
     changes: list[Change] = []
-    order, start = np.arange(len(case.readings)), 0
-    limit = FAR * max(nominal.foreseen_mm, nominal.mm)
-    blocks = case.task.rows.blocks
+    order, start = np.arange(len(setup.readings)), 0
+    limit = FAR * max(nominal.predicted_mm, nominal.mm)
+    blocks = setup.task.rows.blocks
     for number, block in enumerate(blocks):
         if len(block) >= 2 * RUN and only in (None, number):
-            lost = _Block(case, number, nominal.state, limit)
+            lost = _Block(setup, number, nominal.state, limit)
             stretches = lost.stretches()
             for stretch in stretches:
                 rows = np.arange(stretch.first, stretch.last + 1)
@@ -102,15 +102,15 @@ def put_in_step(case: Case, nominal: Misfit, only: int | None = None) -> Iterato
         start += len(block)
     if changes:
         inside = sum("to {1}" in change.what for change in changes)
-        yield Supposition(tuple(changes), case.with_readings(case.readings[order]), 5 * len(changes) + inside)
+        yield Hypothesis(tuple(changes), setup.with_readings(setup.readings[order]), 5 * len(changes) + inside)
 
 
 class _Block:
     """One block of rows, and how far each measurement is from the robot at other rows' joints."""
 
-    def __init__(self, case: Case, number: int, state: State, limit: float) -> None:
-        self.block = case.task.rows.blocks[number].pick(np.s_[:MOST])
-        self.case, self.state, self.limit = case, state, limit
+    def __init__(self, setup: Setup, number: int, state: State, limit: float) -> None:
+        self.block = setup.task.rows.blocks[number].pick(np.s_[:MOST])
+        self.setup, self.state, self.limit = setup, state, limit
         self.size = len(self.block)
         self.near = self._near(np.arange(self.size), np.arange(self.size))
 
@@ -182,21 +182,21 @@ def _shifts() -> list[int]:
     return sorted((by for by in range(-FURTHEST, FURTHEST + 1) if by), key=abs)
 
 
-def _windows(case: Case) -> Iterator[tuple[int, Any]]:
+def _windows(setup: Setup) -> Iterator[tuple[int, Any]]:
     """Each block whole, its first half and its last, as indices of the task's rows; 150 of each are enough."""
     start = 0
-    for number, block in enumerate(case.task.rows.blocks):
+    for number, block in enumerate(setup.task.rows.blocks):
         count, half = len(block), len(block) // 2
         for first, end in ((0, count), (0, half), (half, count)):
             yield number, start + np.arange(first, min(end, first + 150))
         start += count
 
 
-def _shifted_whole(case: Case, by: int) -> Case:
+def _shifted_whole(setup: Setup, by: int) -> Setup:
     """All measurements at the joints of `by` rows before; rows without such are left out."""
-    rows = np.arange(len(case.readings))
+    rows = np.arange(len(setup.readings))
     inside = (rows - by >= 0) & (rows - by < len(rows))
-    return case.pick(inside).with_readings(case.readings[rows[inside] - by])
+    return setup.pick(inside).with_readings(setup.readings[rows[inside] - by])
 
 
 def _step(stretch: Stretch, start: int, size: int) -> Change:
@@ -217,8 +217,8 @@ def _exchange(first: int, second: int) -> Change:
     return Change(what, "data", "exchange them", rows=(first, second))
 
 
-def wild_rows(case: Case, nominal: Misfit) -> int:
+def count_outliers(setup: Setup, nominal: Misfit) -> int:
     """How many rows are not where `nominal` says, though most are."""
-    limit = FAR * max(nominal.foreseen_mm, nominal.mm)
-    first = case.pick(np.arange(min(len(case.readings), MOST)))
+    limit = FAR * max(nominal.predicted_mm, nominal.mm)
+    first = setup.pick(np.arange(min(len(setup.readings), MOST)))
     return sum(int(np.count_nonzero(mm >= limit)) for mm, _ in row_errors(first.task, nominal.state))

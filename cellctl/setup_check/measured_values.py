@@ -11,61 +11,61 @@ import numpy as np
 
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, TouchRows
 from cellctl.kinematics import Floats
-from cellctl.setup_check.case import Case
-from cellctl.setup_check.supposition import Change, Supposition
+from cellctl.setup_check.hypothesis import Change, Hypothesis
+from cellctl.setup_check.setup import Setup
 
 UNITS = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}
 
 
-def other_length(case: Case) -> Iterator[Supposition]:
+def other_length(setup: Setup) -> Iterator[Hypothesis]:
     """X, Y, Z in another unit."""
-    if case.task.rows.kinds & {PositionRows, PoseRows}:
+    if setup.task.rows.kinds & {PositionRows, PoseRows}:
         for unit, factor in UNITS.items():
             change = Change(f"X, Y, Z are {unit}", "data", "write X, Y, Z in mm", ("X", "Y", "Z"))
-            yield Supposition((change,), _moved(case, partial(np.multiply, factor)))
+            yield Hypothesis((change,), _moved(setup, partial(np.multiply, factor)))
 
 
-def other_hand(case: Case) -> Iterator[Supposition]:
+def other_hand(setup: Setup) -> Iterator[Hypothesis]:
     """A left-handed frame. For positions every mirror is as good as any other: the base turns to suit."""
-    if PoseRows in case.task.rows.kinds:
-        yield from _mirrored_poses(case)
-    elif PositionRows in case.task.rows.kinds:
+    if PoseRows in setup.task.rows.kinds:
+        yield from _mirrored_poses(setup)
+    elif PositionRows in setup.task.rows.kinds:
         cure = "reverse one of X, Y, Z, or exchange two of them: the instrument's export says which"
         change = Change("the measuring frame is left-handed", "data", cure, ("X", "Y", "Z"))
-        yield Supposition((change,), _moved(case, partial(_turned, np.diag([1.0, -1.0, 1.0]))))
+        yield Hypothesis((change,), _moved(setup, partial(_turned, np.diag([1.0, -1.0, 1.0]))))
 
 
-def _mirrored_poses(case: Case) -> Iterator[Supposition]:
+def _mirrored_poses(setup: Setup) -> Iterator[Hypothesis]:
     """Positions alone mirrored, where the orientations tell which axis; or both."""
     for axis, name in enumerate("XYZ"):
         mirror = np.eye(3)
         mirror[axis, axis] = -1.0
         what = f"the measuring frame is left-handed: {name} is reversed"
         change = Change(what, "data", f"reverse the sign of {name}", (name,))
-        yield Supposition((change,), _moved(case, partial(_turned, mirror)))
+        yield Hypothesis((change,), _moved(setup, partial(_turned, mirror)))
         change = Change("the measuring frame is left-handed, orientations too", "data", "export a right-handed frame")
-        yield Supposition((change,), case.with_blocks(partial(_mirrored, mirror)), 1 + axis)
+        yield Hypothesis((change,), setup.with_blocks(partial(_mirrored, mirror)), 1 + axis)
     for first, second in itertools.combinations(range(3), 2):
         exchange = np.eye(3)
         exchange[[first, second]] = exchange[[second, first]]
         names = ("XYZ"[first], "XYZ"[second])
         what = f"the measuring frame is left-handed: {names[0]} and {names[1]} are swapped"
         change = Change(what, "data", f"exchange the names of columns {names[0]} and {names[1]}", names)
-        yield Supposition((change,), _moved(case, partial(_turned, exchange)))
+        yield Hypothesis((change,), _moved(setup, partial(_turned, exchange)))
 
 
-def other_spheres(case: Case) -> Iterator[Supposition]:
+def other_spheres(setup: Setup) -> Iterator[Hypothesis]:
     """Spheres whose radius is in another unit, or is their diameter, or half of it."""
-    if TouchRows not in case.task.rows.kinds:
+    if TouchRows not in setup.task.rows.kinds:
         return
     named = {f"radii are {unit}": factor for unit, factor in UNITS.items()}
     named |= {"diameters stand where radii belong": 0.5, "radii stand where diameters belong": 2.0}
     for what, factor in named.items():
         change = Change(f"spheres: {what}", "artefact", "write radii, or diameters, as asked, in mm", ("radius",))
-        yield Supposition((change,), case.with_blocks(partial(_larger, factor)), 1)
+        yield Hypothesis((change,), setup.with_blocks(partial(_larger, factor)), 1)
 
 
-def _moved(case: Case, change: Callable[[Floats], Floats]) -> Case:
+def _moved(setup: Setup, change: Callable[[Floats], Floats]) -> Setup:
     """The case with its measured positions changed."""
 
     def moved(block: Measured) -> Measured:
@@ -77,7 +77,7 @@ def _moved(case: Case, change: Callable[[Floats], Floats]) -> Case:
             return replace(block, poses=poses)
         return block
 
-    return case.with_blocks(moved)
+    return setup.with_blocks(moved)
 
 
 def _turned(by: Floats, xyz: Floats) -> Floats:

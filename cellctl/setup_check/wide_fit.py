@@ -20,8 +20,8 @@ from cellctl.calibration.estimation.identify import certain
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
 from cellctl.kinematics import Floats
-from cellctl.setup_check.case import Case
 from cellctl.setup_check.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors
+from cellctl.setup_check.setup import Setup
 
 WIDENED = {"links": 40.0, "zeros": 200.0, "tool": 100.0}
 """Tolerances are widened by these factors: by default to links within 20 mm and 2°, as a tape measures them, joint
@@ -51,27 +51,27 @@ class WideFit:
     """
 
     left_mm: float
-    foreseen_mm: float
+    predicted_mm: float
     shuffled_mm: float = np.inf
     systematic: float = 0.0
 
     @classmethod
-    def of(cls, case: Case) -> Self:
+    def of(cls, setup: Setup) -> Self:
         """The fit of the rows of `case`, and of shuffled ones; 150 rows are enough."""
-        nominal = misfit(case).foreseen(case)
-        state, kept = _fitted(case, nominal)
-        found = cls(_left(case, state, kept), nominal.foreseen_mm)
+        nominal = misfit(setup).with_prediction(setup)
+        state, kept = _fitted(setup, nominal)
+        found = cls(_left(setup, state, kept), nominal.predicted_mm)
         if not found.implausible:
             return found
         rng = np.random.default_rng(0)
-        others = [_shuffled(case, rng) for _ in range(SHUFFLES)]
-        shuffled = [_left(other, *_fitted(other, misfit(other).foreseen(other))) for other in others]
-        return replace(found, shuffled_mm=float(np.median(shuffled)), systematic=_predicted_by_joints(case, state))
+        others = [_shuffled(setup, rng) for _ in range(SHUFFLES)]
+        shuffled = [_left(other, *_fitted(other, misfit(other).with_prediction(other))) for other in others]
+        return replace(found, shuffled_mm=float(np.median(shuffled)), systematic=_predicted_by_joints(setup, state))
 
     @property
     def implausible(self) -> bool:
         """Whether what is left is beyond any robot of the class."""
-        return self.left_mm > max(IMPLAUSIBLE * self.foreseen_mm, LEAST_MM)
+        return self.left_mm > max(IMPLAUSIBLE * self.predicted_mm, LEAST_MM)
 
     @property
     def unrelated(self) -> bool:
@@ -80,14 +80,14 @@ class WideFit:
         return self.implausible and (NEARER * self.left_mm > self.shuffled_mm or other_robot)
 
 
-def _fitted(case: Case, nominal: Misfit) -> tuple[State, list[Any]]:
+def _fitted(setup: Setup, nominal: Misfit) -> tuple[State, list[Any]]:
     """The fit within wide tolerances to the nearest rows, and which these are, by block."""
-    task = replace(case.task, prior=None, groups=None, candidates=None, rough=None)
+    task = replace(setup.task, prior=None, groups=None, candidates=None, rough=None)
     unknowns = task.unknowns(nominal.state)
     unknowns = unknowns.masked(task.identification(unknowns)).loosened(WIDENED)
     kept, begin, state = list(nominal.kept), None, nominal.state
     for _ in range(ROUNDS):
-        blocks = [_as_uncertain(block, nominal.foreseen_mm) for block in only(task.rows, kept).blocks if len(block)]
+        blocks = [_as_uncertain(block, nominal.predicted_mm) for block in only(task.rows, kept).blocks if len(block)]
         found = estimate(unknowns, [*blocks, *certain(task)], begin)
         begin, state = found.deviations, found.state
         kept = [nearest(errors) for errors, _ in row_errors(task, state)]
@@ -100,29 +100,29 @@ def _as_uncertain(block: Measured, mm: float) -> Measured:
     return replace(block, sigma=block.sigma * max(mm / float(np.median(lengths)), 1.0))
 
 
-def _left(case: Case, state: State, kept: list[Any]) -> float:
-    parts = [errors[which] for (errors, _), which in zip(row_errors(case.task, state), kept, strict=True)]
+def _left(setup: Setup, state: State, kept: list[Any]) -> float:
+    parts = [errors[which] for (errors, _), which in zip(row_errors(setup.task, state), kept, strict=True)]
     return rms(np.concatenate(parts))
 
 
-def _shuffled(case: Case, rng: np.random.Generator) -> Case:
+def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:
     """Measurements at other rows' joints; a touch says the same of all of them, so there each joint by itself."""
-    readings, start = case.readings.copy(), 0
-    for block in case.task.rows.blocks:
+    readings, start = setup.readings.copy(), 0
+    for block in setup.task.rows.blocks:
         mine = slice(start, start + len(block))
         together = isinstance(block, PositionRows | PoseRows)
         own = readings[mine]
         readings[mine] = own[rng.permutation(len(own))] if together else rng.permuted(own, axis=0)
         start += len(block)
-    return case.with_readings(readings)
+    return setup.with_readings(readings)
 
 
-def _predicted_by_joints(case: Case, state: State) -> float:
+def _predicted_by_joints(setup: Setup, state: State) -> float:
     """The share of the variance of what is left of all rows that rows at similar joints predict: leave-one-out, kernel
     ridge regression; the best of `WEIGHTS` and `RIDGES`.
     """
     total, missed = 0.0, np.zeros((len(WEIGHTS), len(RIDGES)))
-    for block in case.task.rows.blocks:
+    for block in setup.task.rows.blocks:
         if len(block) < 2:
             continue
         left = block.residual(state)[:, np.array(block.quantities) != "rotation"]

@@ -21,7 +21,7 @@ from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRo
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools
-from cellctl.setup_check.foretold import FAR, Foretold, wrong
+from cellctl.setup_check.predicted_spacings import FAR, PredictedSpacings, wrong
 from cellctl.setup_check.second_centres import with_best_centres
 
 SAMPLE = 300
@@ -45,7 +45,7 @@ BETTER = 4.0
 
 @final
 @dataclass(frozen=True, slots=True)
-class DeniedSpacing:
+class SpacingError:
     """A certified distance, mm, between two points that is not what the rows and the other distances say, mm ± 1 σ.
 
     certain: whether it is this one that is wrong; else the rows cannot tell which of those that are named.
@@ -68,7 +68,7 @@ class DeniedSpacing:
 
 @final
 @dataclass(frozen=True, slots=True)
-class DeniedScale:
+class ScaleError:
     """All certified distances that the rows can judge, `count` of them, are wrong by one factor ± 1 σ.
 
     between, given: the first of them, mm. before, after: RMS, mm, by which they are off what the rows say, as given and
@@ -91,21 +91,21 @@ class DeniedScale:
         return f"all {self.count} spacings that these rows know: × {factor} brings them {off}"
 
 
-def denied_spacings(task: Task) -> tuple[DeniedSpacing | DeniedScale, ...]:
+def find_spacing_errors(task: Task) -> tuple[SpacingError | ScaleError, ...]:
     """The certified distances of `task` that rows or other distances deny; none where there is nothing to tell."""
     if task.spacings is None or not len(task.spacings) or task.rows.size < 2 * task.registering:
         return ()
     try:
-        found = _denied(task, task.spacings)
+        found = _contradicted(task, task.spacings)
         if not found or not task.candidates:
             return found
         climbed = climb(replace(task, spacings=None), task.rows.pick(_sample(task.rows)))  # a term may be missing
-        return _denied(climbed.task, task.spacings)
+        return _contradicted(climbed.task, task.spacings)
     except np.linalg.LinAlgError:
         return ()
 
 
-def _denied(task: Task, spacings: SpacingRows) -> tuple[DeniedSpacing | DeniedScale, ...]:
+def _contradicted(task: Task, spacings: SpacingRows) -> tuple[SpacingError | ScaleError, ...]:
     groups = task.groups if task.prior is not None else None
     rows = task.rows.pick(_sample(task.rows))
     alone = replace(task, rows=rows, spacings=None, candidates=None, groups=groups)
@@ -126,15 +126,15 @@ def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
 
 def _suspected(spacings: SpacingRows, found: Estimate) -> bool:
     """Whether any is denied."""
-    return len(spacings) > 0 and bool(wrong(Foretold.of(spacings, found))[0].any())
+    return len(spacings) > 0 and bool(wrong(PredictedSpacings.of(spacings, found))[0].any())
 
 
-def _told(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[DeniedSpacing | DeniedScale, ...]:
+def _told(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[SpacingError | ScaleError, ...]:
     """The factor that they are wrong by together, or each that is denied."""
-    foretold = Foretold.of(spacings, found)
+    predicted = PredictedSpacings.of(spacings, found)
     names = [(task.points[first], task.points[second]) for first, second in spacings.pairs]
-    scale = _scale(foretold, names[0])
-    return (scale,) if scale is not None else _named(foretold, names)
+    scale = _scale(predicted, names[0])
+    return (scale,) if scale is not None else _named(predicted, names)
 
 
 def _sample(rows: Mixture) -> Any:
@@ -171,30 +171,30 @@ def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
     return weighed.found.converged and bool(more < count + FITTING * np.sqrt(2.0 * count))
 
 
-def _scale(foretold: Foretold, first: tuple[str, str]) -> DeniedScale | None:
+def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError | None:
     """The one factor that brings all distances to what the rows say, where these deny any and there is one."""
-    if np.unique(foretold.given).size < FEW or not foretold.denied().any():
+    if np.unique(predicted.given).size < FEW or not predicted.contradicted().any():
         return None
-    about = foretold.scaled(float(np.median(foretold.said / foretold.given)))
-    share: Any = np.linalg.solve(about.spread, foretold.given)
-    known = float(share @ foretold.given)
-    factor, sigma = float(share @ foretold.said) / known, 1.0 / np.sqrt(known)
-    scaled = foretold.scaled(factor)
-    before, after = (float(np.sqrt(np.mean(each.away**2))) for each in (foretold, scaled))
-    if abs(factor - 1.0) < FAR * sigma or scaled.denied().any() or BETTER * after > before:
+    about = predicted.scaled(float(np.median(predicted.said / predicted.given)))
+    share: Any = np.linalg.solve(about.spread, predicted.given)
+    known = float(share @ predicted.given)
+    factor, sigma = float(share @ predicted.said) / known, 1.0 / np.sqrt(known)
+    scaled = predicted.scaled(factor)
+    before, after = (float(np.sqrt(np.mean(each.away**2))) for each in (predicted, scaled))
+    if abs(factor - 1.0) < FAR * sigma or scaled.contradicted().any() or BETTER * after > before:
         return None
-    return DeniedScale(first, float(foretold.given[0]), len(foretold.given), factor, float(sigma), before, after)
+    return ScaleError(first, float(predicted.given[0]), len(predicted.given), factor, float(sigma), before, after)
 
 
-def _named(foretold: Foretold, names: Sequence[tuple[str, str]]) -> tuple[DeniedSpacing, ...]:
+def _named(predicted: PredictedSpacings, names: Sequence[tuple[str, str]]) -> tuple[SpacingError, ...]:
     """Each that is wrong, with what is said of it by: the rows alone, if they deny it; they and the undisputed
     distances, if these do; they and all others, where nobody can tell which.
     """
-    result, by_rows, (denied, certain) = [], foretold.denied(), wrong(foretold)
-    for one in np.flatnonzero(denied).tolist():
-        kept = ~by_rows if not certain[one] else ~denied & ~by_rows[one]
-        off, sigma = foretold.given_others(kept, one)
-        said = float(np.sqrt(max(sigma**2 - float(foretold.sigma[one]) ** 2, 1e-8)))
-        given = float(foretold.given[one])
-        result.append(DeniedSpacing(names[one], given, given - off, said, bool(certain[one])))
+    result, by_rows, (contradicted, certain) = [], predicted.contradicted(), wrong(predicted)
+    for one in np.flatnonzero(contradicted).tolist():
+        kept = ~by_rows if not certain[one] else ~contradicted & ~by_rows[one]
+        off, sigma = predicted.given_others(kept, one)
+        said = float(np.sqrt(max(sigma**2 - float(predicted.sigma[one]) ** 2, 1e-8)))
+        given = float(predicted.given[one])
+        result.append(SpacingError(names[one], given, given - off, said, bool(certain[one])))
     return tuple(result)

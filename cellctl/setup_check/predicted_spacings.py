@@ -20,7 +20,7 @@ LEAST_MM = 0.3
 
 @final
 @dataclass(frozen=True, eq=False)
-class Foretold:
+class PredictedSpacings:
     """K distances given and said by the rows alone, mm; covariance (K, K) of what is said, and the given ones' σ."""
 
     given: Floats
@@ -50,9 +50,9 @@ class Foretold:
         """The same, all that is given times `factor`."""
         return replace(self, given=self.given * factor, sigma=self.sigma * factor)
 
-    def denied(self) -> Bools:
+    def contradicted(self) -> Bools:
         """Which distances (K,) the rows deny by themselves."""
-        return np.asarray(_times(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
+        return np.asarray(_ratio(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
 
     def given_others(self, kept: Bools, one: int) -> tuple[float, float]:
         """How far distance `one` is off, mm, given rows and the other `kept` ones (K,), and the 1 σ of that."""
@@ -61,36 +61,36 @@ class Foretold:
         return float(off[-1]), float(sigma[-1])
 
 
-def wrong(foretold: Foretold) -> tuple[Bools, Bools]:
+def wrong(predicted: PredictedSpacings) -> tuple[Bools, Bools]:
     """Which distances (K,) are wrong, and of which (K,) of these it is sure.
 
     Those that are wrong together agree among each other, so the rows are asked by themselves first.
     """
-    denied = foretold.denied()
-    certain = denied.copy()
-    kept = np.flatnonzero(~denied)
+    contradicted = predicted.contradicted()
+    certain = contradicted.copy()
+    kept = np.flatnonzero(~contradicted)
     if kept.size:
-        denied[kept], sure = _contradicting(foretold.away[kept], foretold.spread[np.ix_(kept, kept)])
-        certain[kept] = denied[kept] & sure
-    return denied, certain
+        contradicted[kept], sure = _contradicting(predicted.away[kept], predicted.spread[np.ix_(kept, kept)])
+        certain[kept] = contradicted[kept] & sure
+    return contradicted, certain
 
 
 def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
     """Which distances (K,) the others and the rows deny, and whether it is sure that it is these."""
     weight: Floats = np.asarray(np.linalg.inv(spread), float)
     kept = np.ones(len(away), bool)
-    if not (_times(*_off(weight, away)) > 1.0).any():
+    if not (_ratio(*_off(weight, away)) > 1.0).any():
         return ~kept, True
-    cures = np.array([not (_times(*_off(_without(weight, one), away)) > 1.0).any() for one in range(len(away))])
+    cures = np.array([not (_ratio(*_off(_without(weight, one), away)) > 1.0).any() for one in range(len(away))])
     if cures.any():
         return cures, int(np.count_nonzero(cures)) == 1
-    while (times := _times(*_off(weight, away))).max() > 1.0:
-        one = int(np.argmax(times))
+    while (ratio := _ratio(*_off(weight, away))).max() > 1.0:
+        one = int(np.argmax(ratio))
         weight, kept[one] = _without(weight, one), False
     return ~kept, True
 
 
-def _times(off: Floats, sigma: Floats) -> Floats:
+def _ratio(off: Floats, sigma: Floats) -> Floats:
     """By how many times what is let pass each is off."""
     return np.asarray(np.abs(off) / np.maximum(FAR * sigma, LEAST_MM))
 

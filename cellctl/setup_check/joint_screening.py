@@ -14,8 +14,8 @@ import numpy as np
 from cellctl.calibration.model.unknowns import PLACED
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.kinematics import Floats
-from cellctl.setup_check.case import Case
 from cellctl.setup_check.misfit import CORE
+from cellctl.setup_check.setup import Setup
 
 ROWS = 40
 CHUNK = 256
@@ -23,65 +23,65 @@ RIDGE = 1e-10
 """Of the largest diagonal element: enough to solve where base and tool cannot be told apart."""
 
 
-def rough_sizes(case: Case, sign: Floats, offset: Floats) -> Floats:
+def rough_sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
     """RMS over the nearest rows (C,), mm, were joints reversed as `sign` (C, n), ±1, and off by `offset` (C, n), deg.
 
     At the rows of the case, all of them: thin it before.
     """
     parts = [np.s_[start : start + CHUNK] for start in range(0, len(sign), CHUNK)]
-    return np.concatenate([np.zeros(0), *(_sizes(case, sign[part], offset[part]) for part in parts)])
+    return np.concatenate([np.zeros(0), *(_sizes(setup, sign[part], offset[part]) for part in parts)])
 
 
-def _sizes(case: Case, sign: Floats, offset: Floats) -> Floats:
-    signs, offsets = sign * case.joints.sign, offset + case.joints.offset
-    q = np.deg2rad(signs[:, None] * case.readings + offsets[:, None])
+def _sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
+    signs, offsets = sign * setup.joints.sign, offset + setup.joints.offset
+    q = np.deg2rad(signs[:, None] * setup.readings + offsets[:, None])
     squares, start = [], 0
-    for block in case.task.rows.blocks:
-        squares.append(_squares(case, block, q[:, start : start + len(block)]))
+    for block in setup.task.rows.blocks:
+        squares.append(_squares(setup, block, q[:, start : start + len(block)]))
         start += len(block)
     return np.asarray(np.sqrt(np.concatenate(squares, axis=1).mean(axis=1)))
 
 
-def _squares(case: Case, block: Measured, q: Floats) -> Floats:
+def _squares(setup: Setup, block: Measured, q: Floats) -> Floats:
     """Squared distances (C, K) of a block's nearest rows."""
-    chain = case.task.model.chain
+    chain = setup.task.model.chain
     if isinstance(block, TouchRows | SocketRows | PlaneRows):
-        tips = chain.forward(q)[..., :3, 3]
+        tcps = chain.forward(q)[..., :3, 3]
         if isinstance(block, PlaneRows):
-            found = [_of_plane(tips[:, block.point == index]) for index in np.unique(block.point)]
+            found = [_of_plane(tcps[:, block.point == index]) for index in np.unique(block.point)]
         elif isinstance(block, SocketRows):
-            found = [_of_socket(tips[:, block.point == index]) for index in np.unique(block.point)]
+            found = [_of_socket(tcps[:, block.point == index]) for index in np.unique(block.point)]
         else:
             pairs = np.column_stack([block.point, block.datum])
             groups = [(pair[1] >= 0, np.all(pairs == pair, axis=1)) for pair in np.unique(pairs, axis=0)]
-            found = [_of_point(tips[:, mine], block.reach[mine], shifted) for shifted, mine in groups]
+            found = [_of_point(tcps[:, mine], block.reach[mine], shifted) for shifted, mine in groups]
         return _nearest(np.concatenate(found, axis=1))
     assert isinstance(block, PositionRows | PoseRows)
-    if case.task.registered != PLACED:
+    if setup.task.registered != PLACED:
         return _nearest(np.sum((chain.forward(q)[..., :3, 3] - block.xyz) ** 2, axis=-1))
     return _of_instrument(chain.with_base(np.eye(4)).forward_flange(q), block.xyz)
 
 
-def _of_socket(tips: Floats) -> Floats:
+def _of_socket(tcps: Floats) -> Floats:
     """Squared distances (C, N) from a socket, where `tips` (C, N, 3) want it."""
-    return np.asarray(np.sum((tips - tips.mean(axis=1, keepdims=True)) ** 2, axis=-1))
+    return np.asarray(np.sum((tcps - tcps.mean(axis=1, keepdims=True)) ** 2, axis=-1))
 
 
-def _of_plane(tips: Floats) -> Floats:
+def _of_plane(tcps: Floats) -> Floats:
     """Squared distances (C, N) from a plane, where `tips` (C, N, 3), of balls of one size, want it."""
-    away = tips - tips.mean(axis=1, keepdims=True)
+    away = tcps - tcps.mean(axis=1, keepdims=True)
     normal = np.linalg.eigh(np.matmul(away.swapaxes(1, 2), away))[1][..., :1]
     return np.asarray(np.matmul(away, normal)[..., 0] ** 2)
 
 
-def _of_point(tips: Floats, reach: Floats, shifted: bool) -> Floats:
+def _of_point(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
     """Squared distances (C, N) from a sphere's surface, where `tips` (C, N, 3) want it.
 
     shifted: its radius and what `reach` (N,) says are apart by something that nobody knows.
     """
-    if tips.shape[1] < 5 + shifted:
-        return _of_socket(tips)
-    away = tips - tips.mean(axis=1, keepdims=True)
+    if tcps.shape[1] < 5 + shifted:
+        return _of_socket(tcps)
+    away = tcps - tcps.mean(axis=1, keepdims=True)
     unit, own = np.ones((*away.shape[:2], 1)), reach - reach.mean() if shifted else reach
     besides = [np.broadcast_to(-2.0 * own[:, None], unit.shape)] if shifted else []
     lines = np.concatenate([2.0 * away, unit, *besides], axis=-1)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
-from cellctl.setup_check.case import Case
+from cellctl.setup_check.setup import Setup
 
 Source: TypeAlias = Literal["robot", "data", "artefact"]
 """The file that the mistake is in: the robot file, the data set, or what says how large the spheres are."""
@@ -35,7 +35,7 @@ class Change:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Supposition:
+class Hypothesis:
     """Changes that are supposed together. oddity: how far-fetched; between equals the less odd comes first.
 
     mastering: whether it says no more than that zeros are off by little: that is for the identification to find, and no
@@ -43,6 +43,6 @@ class Supposition:
     """
 
     changes: tuple[Change, ...]
-    case: Case
-    oddity: int = 0
+    setup: Setup
+    complexity: int = 0
     mastering: bool = False

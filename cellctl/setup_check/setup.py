@@ -17,7 +17,7 @@ from cellctl.kinematics import Floats, JointMap, SerialChain
 
 @final
 @dataclass(frozen=True, eq=False)
-class Case:
+class Setup:
     """What was measured, and what it is taken for.
 
     task: model and rows. joints: what the robot file says of signs and offsets. readings (M, n): the controller's, deg,

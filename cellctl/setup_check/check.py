@@ -19,10 +19,10 @@ from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
 from cellctl.kinematics import Floats, JointMap
-from cellctl.setup_check.case import Case
-from cellctl.setup_check.columns import other_unit, swapped_columns
-from cellctl.setup_check.joints import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
-from cellctl.setup_check.measured import other_hand, other_length, other_spheres
+from cellctl.setup_check.hypothesis import Change, Hypothesis
+from cellctl.setup_check.joint_columns import other_unit, swapped_columns
+from cellctl.setup_check.link_table import metres, other_convention
+from cellctl.setup_check.measured_values import other_hand, other_length, other_spheres
 from cellctl.setup_check.misfit import (
     CORE,
     EXPLAINED,
@@ -36,13 +36,13 @@ from cellctl.setup_check.misfit import (
     steps_of,
 )
 from cellctl.setup_check.mixed_units import mixed_units
-from cellctl.setup_check.order import out_of_step, put_in_step, wild_rows
-from cellctl.setup_check.plausibility import WideFit
-from cellctl.setup_check.supposition import Change, Supposition
-from cellctl.setup_check.table import metres, other_convention
-from cellctl.setup_check.turns import other_turns
+from cellctl.setup_check.orientations import other_orientations
+from cellctl.setup_check.row_order import count_outliers, out_of_step, put_in_step
+from cellctl.setup_check.setup import Setup
+from cellctl.setup_check.signs_and_zeros import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
+from cellctl.setup_check.wide_fit import WideFit
 
-Stage: TypeAlias = Callable[[Case], Iterator[Supposition]]
+Stage: TypeAlias = Callable[[Setup], Iterator[Hypothesis]]
 """Poses suppositions about a case."""
 
 SAMPLE = 150
@@ -75,7 +75,7 @@ MISPLACED_MM = 100.0
 
 @final
 @dataclass(frozen=True, slots=True)
-class Mistake:
+class SetupError:
     """Changes that, made together, bring nominal to the rows; RMS over the nearest rows before and after.
 
     unit: `mm`, or `°` where orientations are what was wrong.
@@ -98,7 +98,7 @@ class Mistake:
 
 @final
 @dataclass(frozen=True, slots=True)
-class SetUp:
+class SetupCheck:
     """What was found. implausible: whether nominal is too far from the rows for any robot of its kind; rms_mm,
     foreseen_mm: how far, and what tolerances foresee. mistakes: explanations, best first; any one of them explains all.
     wide_fit: where nothing explains it, what a fit within wide tolerances leaves.
@@ -106,16 +106,16 @@ class SetUp:
 
     implausible: bool
     rms_mm: float
-    foreseen_mm: float
-    mistakes: tuple[Mistake, ...] = ()
+    predicted_mm: float
+    errors: tuple[SetupError, ...] = ()
     wide_fit: WideFit | None = None
 
 
-NOTHING = SetUp(False, 0.0, 0.0)
+NOTHING = SetupCheck(False, 0.0, 0.0)
 """Nothing was found, or there was nothing to find it by."""
 
 
-def find_mistakes(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetUp:
+def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetupCheck:
     """Mistakes of set-up in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
 
     Where several explanations leave as little, all are named: the rows cannot tell which it is. Rows on which nominal
@@ -125,27 +125,27 @@ def find_mistakes(task: Task, joints: JointMap, readings: Floats, progress: Prog
         return NOTHING
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            return _searched(Case(task, joints, np.asarray(readings, float)), progress)
+            return _searched(Setup(task, joints, np.asarray(readings, float)), progress)
     except np.linalg.LinAlgError:
         return NOTHING
 
 
-def _searched(case: Case, progress: Progress) -> SetUp:
-    few = case.thinned(SAMPLE)
-    nominal = misfit(few).foreseen(few)
-    stages = _stages(case, nominal)
-    found = list(_some_rows(case, mixed_units(case))) if nominal.suspicious or _wild(case, nominal) else []
+def _searched(setup: Setup, progress: Progress) -> SetupCheck:
+    sample = setup.thinned(SAMPLE)
+    nominal = misfit(sample).with_prediction(sample)
+    stages = _stages(setup, nominal)
+    found = list(_some_rows(setup, mixed_units(setup))) if nominal.suspicious or _has_outliers(setup, nominal) else []
     if not found:
-        found = _explained(case, nominal, stages, progress) if stages else list(_single_rows(case, nominal))
-    found = found or list(_misplaced(few, nominal))
+        found = _explained(setup, nominal, stages, progress) if stages else list(_single_rows(setup, nominal))
+    found = found or list(_misplaced(sample, nominal))
     wide_fit = None
     if not found and nominal.far_mm(IMPLAUSIBLE):
         progress("whether robot file and data belong together", 0.9)
-        wide_fit = WideFit.of(few)
-    return SetUp(nominal.implausible, nominal.mm, nominal.foreseen_mm, tuple(found), wide_fit)
+        wide_fit = WideFit.of(sample)
+    return SetupCheck(nominal.implausible, nominal.mm, nominal.predicted_mm, tuple(found), wide_fit)
 
 
-def _stages(case: Case, nominal: Misfit) -> tuple[Stage, ...]:
+def _stages(setup: Setup, nominal: Misfit) -> tuple[Stage, ...]:
     """What is worth supposing, simple things first; nothing of a healthy set."""
     if nominal.implausible and nominal.far_mm(SUSPICIOUS):
         return _simple, out_of_step, offset_joint, _two_kinds, two_joints, three_joints
@@ -154,155 +154,155 @@ def _stages(case: Case, nominal: Misfit) -> tuple[Stage, ...]:
     if nominal.suspicious:
         return (_orientations,)
     # a sphere of another size, seen from one side, is much the same sphere elsewhere
-    return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in case.task.rows.kinds else ()
+    return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in setup.task.rows.kinds else ()
 
 
-def _explained(case: Case, nominal: Misfit, stages: tuple[Stage, ...], progress: Progress) -> list[Mistake]:
+def _explained(setup: Setup, nominal: Misfit, stages: tuple[Stage, ...], progress: Progress) -> list[SetupError]:
     """What explains all rows at once; two or three joints only where nothing simpler does. Nothing where zeros that
     are off by little explain it as well: the identification will find them.
     """
-    few = case.thinned(SAMPLE)
+    sample = setup.thinned(SAMPLE)
     for number, stage in enumerate(stages):
         progress("set-up errors", 0.9 * number / len(stages))
-        source = case if stage is out_of_step else few
-        judged = [_judged(supposed) for supposed in _screened(stage(source), nominal)]
+        source = setup if stage is out_of_step else sample
+        judged = [_judged(hypothesis) for hypothesis in _screened(stage(source), nominal)]
         right = [
-            (s, after) for s, after in judged if after.times <= EXPLAINED and nominal.times >= BETTER * after.times
+            (s, after) for s, after in judged if after.ratio <= EXPLAINED and nominal.ratio >= BETTER * after.ratio
         ]
         if right:
             equal = _equally_good(right)
-            return [] if any(s.mastering for s, _ in equal) else [_mistake(s, nominal, after) for s, after in equal]
+            return [] if any(s.mastering for s, _ in equal) else [_error(s, nominal, after) for s, after in equal]
     return []
 
 
-def _judged(supposed: Supposition) -> tuple[Supposition, Misfit]:
-    small = supposed.case.thinned(SAMPLE)
-    return supposed, misfit(small).foreseen(small)
+def _judged(hypothesis: Hypothesis) -> tuple[Hypothesis, Misfit]:
+    small = hypothesis.setup.thinned(SAMPLE)
+    return hypothesis, misfit(small).with_prediction(small)
 
 
-def _orientations(few: Case) -> Iterator[Supposition]:
+def _orientations(sample: Setup) -> Iterator[Hypothesis]:
     """What leaves positions as they are."""
-    yield from other_turns(few)
-    yield from other_hand(few)
+    yield from other_orientations(sample)
+    yield from other_hand(sample)
 
 
-def _simple(few: Case) -> Iterator[Supposition]:
-    for pose in (
+def _simple(sample: Setup) -> Iterator[Hypothesis]:
+    for propose in (
         other_unit, other_length, other_hand, other_spheres, other_convention, metres, swapped_columns, plain_joints,
     ):  # fmt: skip
-        yield from pose(few)
+        yield from propose(sample)
 
 
-def _two_kinds(few: Case) -> Iterator[Supposition]:
+def _two_kinds(sample: Setup) -> Iterator[Hypothesis]:
     """Two mistakes of different kinds: a unit, a hand, a convention, and another of these, or a joint."""
-    for first in _wholesale(few):
-        for second in (*_wholesale(first.case), *reversed_joint(first.case)):
+    for first in _wholesale(sample):
+        for second in (*_wholesale(first.setup), *reversed_joint(first.setup)):
             if second.changes[0].key != first.changes[0].key:
                 changes = (*first.changes, *second.changes)
-                yield Supposition(changes, second.case, 20 + first.oddity + second.oddity)
+                yield Hypothesis(changes, second.setup, 20 + first.complexity + second.complexity)
 
 
-def _wholesale(case: Case) -> Iterator[Supposition]:
-    for pose in (other_unit, other_length, other_hand, other_spheres, other_convention, metres):
-        yield from pose(case)
+def _wholesale(setup: Setup) -> Iterator[Hypothesis]:
+    for propose in (other_unit, other_length, other_hand, other_spheres, other_convention, metres):
+        yield from propose(setup)
 
 
-def _screened(supposed: Iterable[Supposition], nominal: Misfit) -> list[Supposition]:
+def _screened(hypothesis: Iterable[Hypothesis], nominal: Misfit) -> list[Hypothesis]:
     """Those that leave least at a few rows, of all that leave clearly less than there was."""
     sized = []
-    for one in supposed:
-        size = misfit(one.case.thinned(SCREEN), rounds=2).size
-        if size < nominal.size / 2.0 and not _flat(one.case):
+    for one in hypothesis:
+        size = misfit(one.setup.thinned(SCREEN), rounds=2).size
+        if size < nominal.size / 2.0 and not _flat(one.setup):
             sized.append((size, one))
     steps = steps_of(np.array([size for size, _ in sized]))
-    order = sorted(range(len(sized)), key=lambda place: (steps[place], sized[place][1].oddity, place))
+    order = sorted(range(len(sized)), key=lambda place: (steps[place], sized[place][1].complexity, place))
     return [sized[place][1] for place in order[:PROMISING]]
 
 
-def _flat(case: Case) -> bool:
+def _flat(setup: Setup) -> bool:
     """Whether nothing but planes was touched, and all touches lie in one: a robot that only moves in a plane touches
     any planes, and would explain everything.
     """
-    if case.task.rows.kinds != {PlaneRows}:
+    if setup.task.rows.kinds != {PlaneRows}:
         return False
-    tips = np.concatenate([case.task.model.tip(block.postures) for block in case.task.rows.blocks])
-    extents = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
+    tcps = np.concatenate([setup.task.model.tip(block.postures) for block in setup.task.rows.blocks])
+    extents = np.linalg.svd(tcps - tcps.mean(axis=0), compute_uv=False)
     return bool(extents[-1] < FLAT * extents[0])
 
 
-def _equally_good(right: list[tuple[Supposition, Misfit]]) -> list[tuple[Supposition, Misfit]]:
+def _equally_good(right: list[tuple[Hypothesis, Misfit]]) -> list[tuple[Hypothesis, Misfit]]:
     """Those that nothing tells from the best, the least odd first; in one file, none with more changes than another."""
     best = min(after.size for _, after in right)
     equal = sorted(
         [(s, after) for s, after in right if after.size <= EQUAL * best],
-        key=lambda pair: (pair[0].oddity, pair[1].size),
+        key=lambda pair: (pair[0].complexity, pair[1].size),
     )
-    kept: list[tuple[Supposition, Misfit]] = []
-    for supposed, after in equal:
-        sources = {change.source for change in supposed.changes}
-        keys = [change.key for change in supposed.changes]
+    kept: list[tuple[Hypothesis, Misfit]] = []
+    for hypothesis, after in equal:
+        sources = {change.source for change in hypothesis.changes}
+        keys = [change.key for change in hypothesis.changes]
         simpler = any(
-            ({change.source for change in other.changes} <= sources and len(other.changes) < len(supposed.changes))
-            or ([change.key for change in other.changes] == keys and other.oddity < supposed.oddity)
+            ({change.source for change in other.changes} <= sources and len(other.changes) < len(hypothesis.changes))
+            or ([change.key for change in other.changes] == keys and other.complexity < hypothesis.complexity)
             for other, _ in kept
         )
-        if not simpler and not any(_same(supposed, other) for other, _ in kept):
-            kept.append((supposed, after))
+        if not simpler and not any(_same(hypothesis, other) for other, _ in kept):
+            kept.append((hypothesis, after))
     return kept[:NAMED]
 
 
-def _same(one: Supposition, other: Supposition) -> bool:
+def _same(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two suppositions say the same, but for how exactly an angle was worked out."""
     if [change.key for change in one.changes] != [change.key for change in other.changes]:
         return False
-    apart = np.abs((one.case.joints.offset - other.case.joints.offset + 180.0) % 360.0 - 180.0)
+    apart = np.abs((one.setup.joints.offset - other.setup.joints.offset + 180.0) % 360.0 - 180.0)
     named = [re.sub(r"[\d.]+°", "", change.what) for change in one.changes]
     return named == [re.sub(r"[\d.]+°", "", change.what) for change in other.changes] and bool(np.all(apart < SAME_DEG))
 
 
-def _mistake(supposed: Supposition, before: Misfit, after: Misfit) -> Mistake:
+def _error(hypothesis: Hypothesis, before: Misfit, after: Misfit) -> SetupError:
     turned = before.mm < BETTER * after.mm
     if turned:
-        return Mistake(supposed.changes, before.deg, after.deg, "°")
-    return Mistake(supposed.changes, before.mm, after.mm, "mm")
+        return SetupError(hypothesis.changes, before.deg, after.deg, "°")
+    return SetupError(hypothesis.changes, before.mm, after.mm, "mm")
 
 
-def _single_rows(case: Case, nominal: Misfit) -> Iterator[Mistake]:
+def _single_rows(setup: Setup, nominal: Misfit) -> Iterator[SetupError]:
     """Rows out of step, or exchanged, in a set-up that is right but for them."""
-    if _wild(case, nominal):
-        yield from _some_rows(case, put_in_step(case, nominal))
+    if _has_outliers(setup, nominal):
+        yield from _some_rows(setup, put_in_step(setup, nominal))
 
 
-def _wild(case: Case, nominal: Misfit) -> bool:
-    return wild_rows(case, nominal) >= WILD
+def _has_outliers(setup: Setup, nominal: Misfit) -> bool:
+    return count_outliers(setup, nominal) >= WILD
 
 
-def _some_rows(case: Case, supposed: Iterable[Supposition]) -> Iterator[Mistake]:
+def _some_rows(setup: Setup, hypothesis: Iterable[Hypothesis]) -> Iterator[SetupError]:
     """Suppositions about some rows alone, with RMS over these from where all rows together then put nominal."""
-    for one in supposed:
-        about = misfit(one.case.thinned(SAMPLE))
-        distances = [_distances(each, about) for each in (case, one.case)]
+    for one in hypothesis:
+        about = misfit(one.setup.thinned(SAMPLE))
+        distances = [_distances(each, about) for each in (setup, one.setup)]
         before, after = (mm[distances[0] != distances[1]] for mm in distances)
-        yield Mistake(one.changes, rms(before), rms(np.sort(after)[: max(int(CORE * len(after)), 1)]), "mm")
+        yield SetupError(one.changes, rms(before), rms(np.sort(after)[: max(int(CORE * len(after)), 1)]), "mm")
 
 
-def _misplaced(few: Case, nominal: Misfit) -> Iterator[Mistake]:
+def _misplaced(sample: Setup, nominal: Misfit) -> Iterator[SetupError]:
     """Readings in another unit where points are all that is measured: tips that hardly move lie on spheres of any size,
     but not where these roughly are. RMS of how far the points are from there.
     """
-    rough = few.task.rough
-    if rough is None or not np.all(np.isfinite(rough)) or few.task.rows.kinds & {PositionRows, PoseRows}:
+    rough = sample.task.rough
+    if rough is None or not np.all(np.isfinite(rough)) or sample.task.rows.kinds & {PositionRows, PoseRows}:
         return
     before = rms(np.linalg.norm(nominal.state.points - rough, axis=1))
-    for supposed in other_unit(few) if before > MISPLACED_MM else ():
-        after = misfit(supposed.case).foreseen(supposed.case)
+    for hypothesis in other_unit(sample) if before > MISPLACED_MM else ():
+        after = misfit(hypothesis.setup).with_prediction(hypothesis.setup)
         nearer = rms(np.linalg.norm(after.state.points - rough, axis=1))
-        if after.times <= EXPLAINED and before >= BETTER * nearer:
-            yield Mistake(supposed.changes, before, nearer, "mm")
+        if after.ratio <= EXPLAINED and before >= BETTER * nearer:
+            yield SetupError(hypothesis.changes, before, nearer, "mm")
 
 
-def _distances(case: Case, nominal: Misfit) -> Floats:
-    return np.concatenate([mm for mm, _ in row_errors(case.task, nominal.state)])
+def _distances(setup: Setup, nominal: Misfit) -> Floats:
+    return np.concatenate([mm for mm, _ in row_errors(setup.task, nominal.state)])
 
 
 def _figure(value: float) -> str:
