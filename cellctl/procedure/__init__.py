@@ -1,5 +1,6 @@
 """Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
 
+from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell
 from cellctl.procedure.check import Devices, check, checked_parameters
 from cellctl.procedure.context import Row, StepContext
 from cellctl.procedure.inputs import inputs_of
@@ -25,6 +26,8 @@ __all__ = [
     "Action",
     "AnyStepKind",
     "BrokenSteps",
+    "CellContext",
+    "CellFiles",
     "Devices",
     "Loop",
     "NoInputs",
@@ -44,6 +47,7 @@ __all__ = [
     "UnknownStep",
     "UnresolvedReference",
     "check",
+    "check_cell",
     "checked_parameters",
     "inputs_of",
     "load_procedure",

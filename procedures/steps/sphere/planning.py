@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from typing import Any
 
@@ -13,19 +13,18 @@ from cellctl.formats import RobotFile, artefact_of
 from cellctl.formats.artefact import Artefact, Sphere
 from cellctl.planning import OutOfReach, PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
-from cellctl.procedure import StepContext
+from cellctl.procedure import CellContext
 
 
 def planned_touches(
-    context: StepContext, fit: int, held_out: int, names: Sequence[str], reference_every: int
+    context: CellContext, fit: int, held_out: int, names: Sequence[str], reference_every: int
 ) -> list[dict[str, Any]]:
     """Touches as `TouchPlan` takes them; the held-out ones drawn at random, evenly over the spheres `names` (or all).
 
     After each `reference_every` (0: never) comes a return to the first. Raises InputError where the cell has no such
     sphere, or too few touches can be reached.
     """
-    artefact = artefact_of(context.cell, ("artefact",))
-    spheres = [sphere_called(context, artefact, name).id for name in names] or [each.id for each in artefact.spheres]
+    spheres = _named(context, names)
     counts = dict(zip(spheres, _even(fit + held_out, len(spheres)), strict=True))
     touches = plan_on(context, counts, context.seed, reference_every=reference_every)
     sets = _sets(touches, spheres, held_out, context.seed)
@@ -33,7 +32,7 @@ def planned_touches(
 
 
 def plan_on(
-    context: StepContext,
+    context: CellContext,
     counts: dict[str, int],
     seed: int,
     *,
@@ -72,7 +71,30 @@ def plan_on(
         raise InputError(context.cell.problem(("artefact",), str(error), cure)) from error
 
 
-def assumption(context: StepContext) -> str | None:
+def check_plan(context: CellContext, known: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Raise InputError where the touches that `sphere.plan` asks for cannot be planned."""
+    wanted = {"fit", "held_out", "reference_every"}
+    if wanted <= known.keys():
+        planned_touches(context, known["fit"], known["held_out"], names, known["reference_every"])
+    else:
+        _named(context, names)
+
+
+def check_on_sphere(
+    context: CellContext, sphere: str | None, count: int | None, options: TouchOptions | None = None
+) -> None:
+    """Raise InputError where `sphere` is not there, or `count` touches on it cannot be reached by the nominal robot.
+
+    None: not known yet. In the run fewer can be reached: those within the joints of the fit.
+    """
+    if sphere is None:
+        return
+    _named(context, [sphere])
+    if count is not None:
+        plan_on(context, {sphere: count}, context.seed, options=options)
+
+
+def assumption(context: CellContext) -> str | None:
     """What was taken for granted because the cell file does not say it; None where it does."""
     artefact = artefact_of(context.cell, ("artefact",))
     if artefact.plate:
@@ -84,7 +106,7 @@ def assumption(context: StepContext) -> str | None:
     )
 
 
-def sphere_called(context: StepContext, artefact: Artefact, name: str) -> Sphere:
+def sphere_called(context: CellContext, artefact: Artefact, name: str) -> Sphere:
     """The cell's sphere of that name. Raises InputError."""
     sphere = artefact.sphere(name)
     if sphere is None:
@@ -94,7 +116,13 @@ def sphere_called(context: StepContext, artefact: Artefact, name: str) -> Sphere
     return sphere
 
 
-def seed_for(context: StepContext, purpose: str) -> int:
+def _named(context: CellContext, names: Sequence[str]) -> list[str]:
+    """The spheres called `names`, all of them where none is named. Raises InputError where one is not there."""
+    artefact = artefact_of(context.cell, ("artefact",))
+    return [sphere_called(context, artefact, name).id for name in names] or [each.id for each in artefact.spheres]
+
+
+def seed_for(context: CellContext, purpose: str) -> int:
     """A seed of its own for each purpose, following from the run's."""
     return int.from_bytes(sha256(f"{context.seed}/{purpose}".encode()).digest()[:4])
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
-from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
-from procedures.steps.touch_plans import Round, StandOffPlan, TouchPlan
+from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 
 class PlanProofInputs(StepInputs):
@@ -25,10 +26,16 @@ class ProofPlan(StepResult):
     touches: list[TouchPlan]
 
 
-@step("sphere.plan_proof")
+def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_on_sphere
+
+    check_on_sphere(context, known.get("sphere"), known.get("touches"))
+
+
+@step("sphere.plan_proof", check=_check_located)
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
-    from procedures.steps.proof_planning import locating_touches, worth_proving
+    from procedures.steps.sphere.proof_planning import locating_touches, worth_proving
 
     if not worth_proving(context):
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
@@ -57,11 +64,19 @@ class Compensation(StepResult):
     table: str | None
 
 
-@step("sphere.compensate", needs={"robot": TableStore})
+def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_on_sphere
+    from procedures.steps.sphere.proof_planning import standoff_options
+
+    options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
+    check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
+
+
+@step("sphere.compensate", needs={"robot": TableStore}, check=_check_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
-    from procedures.steps.proof_planning import worth_proving
-    from procedures.steps.standoff_table import standoffs_and_table
+    from procedures.steps.sphere.proof_planning import worth_proving
+    from procedures.steps.sphere.standoff_table import standoffs_and_table
 
     if not worth_proving(context):
         return Compensation(rounds=[], table=None)
@@ -119,7 +134,7 @@ class StoodOff(StepResult):
 @step("sphere.standoff", needs={"robot": CompensatedRobot, "probe": ContactProbe}, moves=True)
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
-    from procedures.steps.standoff_rows import standoff_row
+    from procedures.steps.sphere.standoff_rows import standoff_row
     from procedures.steps.table_push import require_in_force
 
     robot: CompensatedRobot = context.device("robot")
@@ -150,7 +165,7 @@ class Judged(StepResult):
 @step("sphere.judge", needs={"robot": TableStore}, moves=True)
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
-    from procedures.steps.judging import table_taken_back, verdict_of
+    from procedures.steps.sphere.judging import table_taken_back, verdict_of
 
     found = await context.clock.compute(verdict_of, context)
     if found["verdict"] != "better" and context.recorded("table"):

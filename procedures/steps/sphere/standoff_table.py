@@ -17,10 +17,10 @@ from cellctl.formats.table_making import compensated_targets, nominal_chain, tab
 from cellctl.kinematics import Floats
 from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
-from procedures.steps.proof_planning import standoff_lines
-from procedures.steps.reference_touches import drift_of, touch_sigma_mm
-from procedures.steps.sphere_planning import as_plan
-from procedures.steps.touch_plans import Round, StandOffPlan, TouchPlan
+from procedures.steps.sphere.planning import as_plan
+from procedures.steps.sphere.proof_planning import standoff_lines
+from procedures.steps.sphere.reference_touches import drift_of, touch_sigma_mm
+from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 if TYPE_CHECKING:
     from cellctl.compensation import Compensated

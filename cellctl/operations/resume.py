@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast, final
 
-from cellctl.cli.campaign import Campaign
-from cellctl.cli.provenance import code_hash
-from cellctl.cli.results import table_line
 from cellctl.devices import DeviceUncertain
 from cellctl.devices.cell import ClockMode
 from cellctl.files import InputError, Problem, sha256_of
 from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
+from cellctl.operations.campaign import Campaign
+from cellctl.operations.provenance import code_hash
+from cellctl.operations.results import table_line
 
 
 @final

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cellctl.formats import ModelFile
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
-from procedures.steps.touch_plans import StandOffPlan
+from procedures.steps.sphere.touch_plans import StandOffPlan
 
 if TYPE_CHECKING:
     from cellctl.calibration import RobotModel

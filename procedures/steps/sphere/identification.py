@@ -14,7 +14,7 @@ from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefac
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
-from procedures.steps.reference_touches import drift_of, drift_report
+from procedures.steps.sphere.reference_touches import drift_of, drift_report
 
 Row = Mapping[str, Any]
 

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from cellctl.devices import ContactProbe, SearchingRobot
-from cellctl.procedure import StepContext, StepInputs, StepResult, step
+from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
-from procedures.steps.proof import compensate, judge, plan_proof, push, standoff, withdraw
-from procedures.steps.touch_plans import Joints, TouchPlan
-
-__all__ = ["compensate", "identify", "judge", "plan", "plan_proof", "push", "standoff", "touch", "withdraw"]
-"""The steps of the family `sphere`; those of the proof stand in a module of their own."""
-
+from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
 TOUCHES_PER_SPHERE = 6
 """Touches of the fit that the verdict asks for, for each sphere: two numbers for each coordinate of its centre."""
+
+
+def _names(spheres: str) -> list[str]:
+    return [name.strip() for name in spheres.split(",") if name.strip()]
 
 
 class PlanInputs(StepInputs):
@@ -36,7 +36,7 @@ class PlanInputs(StepInputs):
     @property
     def names(self) -> list[str]:
         """The spheres by name; none where all are meant."""
-        return [name.strip() for name in self.spheres.split(",") if name.strip()]
+        return _names(self.spheres)
 
     @model_validator(mode="after")
     def _can_be_proved(self) -> Self:
@@ -55,10 +55,17 @@ class Plan(StepResult):
     touches: list[TouchPlan]
 
 
-@step("sphere.plan")
+def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_plan
+
+    if "spheres" in known:
+        check_plan(context, known, _names(known["spheres"]))
+
+
+@step("sphere.plan", check=_check_plan)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
-    from procedures.steps.sphere_planning import assumption, planned_touches
+    from procedures.steps.sphere.planning import assumption, planned_touches
 
     touches = await context.clock.compute(
         planned_touches, context, inputs.fit, inputs.held_out, inputs.names, inputs.reference_every
@@ -116,13 +123,13 @@ def _complete(context: StepContext, planned: TouchPlan, row: dict[str, Any]) -> 
     """The row, with the shift where it is a return to the reference touch."""
     if planned.repeats is None:
         return row
-    from procedures.steps.reference_touches import reference_row
+    from procedures.steps.sphere.reference_touches import reference_row
 
     return reference_row(context, row, planned.repeats)
 
 
 def _look_for_jump(context: StepContext, row: dict[str, Any]) -> None:
-    from procedures.steps.reference_touches import jump
+    from procedures.steps.sphere.reference_touches import jump
 
     context.say(f"reference touch: {row['shift_mm']:+.3f} mm (1 σ {row['sigma_mm']:.3f}) since the first visit")
     if fault := jump(context.recorded("reference")):
@@ -157,7 +164,7 @@ class Identified(StepResult):
 @step("sphere.identify", needs={"robot": SearchingRobot})
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
-    from procedures.steps.sphere_identification import identify_touches
+    from procedures.steps.sphere.identification import identify_touches
 
     robot: SearchingRobot = context.device("robot")
     serial = (await robot.connect()).serial

@@ -8,7 +8,7 @@ from cellctl.formats import ModelFile, artefact_of
 from cellctl.planning import PlannedTouch, TouchOptions
 from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
-from procedures.steps.sphere_planning import as_plan, plan_on, seed_for, sphere_called
+from procedures.steps.sphere.planning import as_plan, plan_on, seed_for, sphere_called
 
 _BEYOND_MM = 8.0
 """How far inside the expected surface a stand-off's search ends without contact."""
@@ -44,10 +44,15 @@ def standoff_lines(
         seed_for(context, "standoff"),
         centres={sphere: centre},
         reach=_seen(context),
-        options=TouchOptions(guard=distance_mm, depth=_BEYOND_MM),
+        options=standoff_options(distance_mm),
         reference_every=reference_every,
         reference=reference,
     )
+
+
+def standoff_options(distance_mm: float) -> TouchOptions:
+    """How to plan stand-offs from `distance_mm` off the surface."""
+    return TouchOptions(guard=distance_mm, depth=_BEYOND_MM)
 
 
 def _seen(context: StepContext) -> Reach:

@@ -7,11 +7,11 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Any, final
 
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.clock import Clock, WallClock
 from cellctl.devices import Device, Identity, Listener
 from cellctl.devices.cell import Cell, ClockMode
 from cellctl.devices.registry import DriverRegistry
+from cellctl.operations.simulated import SimulatedCell
 
 
 @final

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from cellctl.cli.campaign import Campaign
-from cellctl.cli.connected import open_devices, tell_targets
-from cellctl.cli.parent import aborting_without, under_nohup
-from cellctl.cli.provenance import code_hash, versions
-from cellctl.cli.results import SIMULATOR_MEMORY
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
+from cellctl.operations.campaign import Campaign
+from cellctl.operations.connected import open_devices, tell_targets
+from cellctl.operations.parent import aborting_without, under_nohup
+from cellctl.operations.provenance import code_hash, versions
+from cellctl.operations.results import SIMULATOR_MEMORY
+from cellctl.operations.simulated import SimulatedCell
 
 
 @final

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.cli.simulated import simulation_mistakes
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
-from cellctl.procedure import Procedure, StepRegistry, checked_parameters, load_procedure
+from cellctl.formats import RobotFile, artefact_of
+from cellctl.operations.simulated import simulation_mistakes
+from cellctl.procedure import CellFiles, Procedure, StepRegistry, check_cell, checked_parameters, load_procedure
 
 
 @final
@@ -25,10 +26,18 @@ class Campaign:
     drivers: DriverRegistry
 
 
-def load_campaign(procedure_file: Path, cell_file: Path | None, settings: list[str]) -> Campaign:
-    """Load and check a procedure and its cell (or another one). Opens no device.
+def load_campaign(
+    procedure_file: Path,
+    cell_file: Path | None,
+    settings: list[str],
+    *,
+    seed: int | None = None,
+    resumed: bool = False,
+) -> Campaign:
+    """Load and check a procedure and its cell (or another one), robot file and artefact included. Opens no device.
 
-    Raises InputError with all mistakes in both files and in the settings.
+    seed: the run's, None: the cell file's. resumed: the steps found nothing to refuse when the run began, and are not
+    asked again. Raises InputError with all mistakes in the files and in the settings.
     """
     drivers, registry = DriverRegistry(), StepRegistry.installed()
     problems: list[Problem] = []
@@ -40,6 +49,9 @@ def load_campaign(procedure_file: Path, cell_file: Path | None, settings: list[s
         parameters = checked_parameters(procedure, settings, registry, kinds)
     except InputError as error:
         problems += error.problems
+    if not problems and cell and not resumed:
+        context = CellFiles(cell.document, cell.robot_file, cell.seed if seed is None else seed)
+        problems += check_cell(procedure, parameters, registry, context)
     if problems or cell is None:
         raise InputError(problems)
     return Campaign(procedure, parameters, cell, registry, drivers)
@@ -59,4 +71,17 @@ def _cell(
         return None
     if cell.simulated:
         problems += simulation_mistakes(cell.document, path)
+    problems += _robot_and_artefact(cell)
     return cell
+
+
+def _robot_and_artefact(cell: Cell) -> list[Problem]:
+    """Mistakes in the robot file that the cell names, and in its artefact where it has one."""
+    problems: list[Problem] = []
+    artefact = (lambda: artefact_of(cell.document, ("artefact",)),) if "artefact" in cell.document.data else ()
+    for load in (lambda: RobotFile.load(cell.robot_file), *artefact):
+        try:
+            load()
+        except InputError as error:
+            problems += error.problems
+    return problems
