@@ -19,6 +19,8 @@ from cellctl.files import Document, InputError, load_yaml
 if TYPE_CHECKING:
     from cellctl.formats import Measurements, ModelFile, RobotFile
 
+NO_CHECK = "--no-check fits all the same, as if nothing were wrong: do not use such a model before you know the cause"
+
 
 def fit(
     robot: Annotated[Path, typer.Argument(help="Robot file: nominal link table, joints, base, tool.")],
@@ -80,7 +82,7 @@ def fit(
     from cellctl.cli.outputs import write_json
     from cellctl.formats import ModelFile, fit_report
     from cellctl.formats.measurements import refuse_alike
-    from cellctl.formats.setup_refusals import refuse_setup_errors
+    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
 
     files = _Files.of(robot, data, asked)
     measured = _measured(files, asked)
@@ -88,7 +90,7 @@ def fit(
     split, labels = split_of(measured, judging)
     if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
         with shown_progress("check") as progress:
-            refuse_setup_errors(files.document, data, measured, artefact, progress)
+            refuse_setup_errors(measured, SetupFiles(files.document, data, artefact), NO_CHECK, progress)
     with shown_progress("fit") as progress:
         result = fitted(measured.task, split, progress)
     report = fit_report(measured, result, labels)

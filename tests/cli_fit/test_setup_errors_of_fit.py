@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.calibration.estimation.progress import silent
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet, RobotFile, load_artefact, measurements
-from cellctl.formats.setup_refusals import refuse_setup_errors
+from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
 
 
 def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):
@@ -19,7 +18,7 @@ def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):
     document = load_yaml(robot)
     measured = measurements(RobotFile.from_document(document), DataSet.load(data), artefact=spheres)
     try:
-        refuse_setup_errors(document, data, measured, files / artefact if artefact else None, silent)
+        refuse_setup_errors(measured, SetupFiles(document, data, files / artefact if artefact else None), "")
     except InputError as error:
         return error.problems
     return []
