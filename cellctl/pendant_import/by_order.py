@@ -14,14 +14,15 @@ from cellctl.pendant_import.points import Point, PointList
 def paired_by_order(joints: PointList, positions: PointList, *, asked: bool) -> Pairing:
     """Row by row. A row that cannot be used keeps its place, so that those after it stay in step.
 
-    asked: the user insists, doubts are said only. Raises InputError on doubts otherwise, on different counts always.
+    asked: the user insists, and reasons against it are only reported. Otherwise they raise InputError, as different
+    counts always do.
     """
-    doubts = _out_of_step(joints, positions)
+    reasons = _out_of_step(joints, positions)
     if len(joints.points) != len(positions.points):
-        raise InputError(_uneven(joints, positions, doubts))
-    if doubts and not asked:
+        raise InputError(_uneven(joints, positions, reasons))
+    if reasons and not asked:
         cure = "correct the lists, or say --pair order where all is right as it is"
-        raise InputError([Problem(joints.file, 0, 0, "may be out of step with the positions", cure), *doubts])
+        raise InputError([Problem(joints.file, 0, 0, "may be out of step with the positions", cure), *reasons])
     pairs, left = [], []
     for place, (posture, position) in enumerate(zip(joints.points, positions.points, strict=True), 1):
         if posture.fault or position.fault:
@@ -29,7 +30,7 @@ def paired_by_order(joints: PointList, positions: PointList, *, asked: bool) -> 
             left.append(left_out(positions, position, position.fault or _unusable("posture", posture)))
         else:
             pairs.append((replace(posture, name=posture.name or position.name or str(place)), position))
-    in_doubt = [f"in doubt: {doubt}" for doubt in doubts]
+    in_doubt = [f"in doubt: {doubt}" for doubt in reasons]
     return Pairing.of(pairs, left, [f"paired by order, {len(joints.points)} rows in each list", *in_doubt])
 
 
@@ -37,14 +38,14 @@ def _unusable(kind: str, point: Point) -> str:
     return f"its {kind}, line {point.line}, cannot be used"
 
 
-def _uneven(joints: PointList, positions: PointList, doubts: Sequence[Problem]) -> list[Problem]:
+def _uneven(joints: PointList, positions: PointList, reasons: Sequence[Problem]) -> list[Problem]:
     unusable = sum(bool(point.fault) for point in joints.points)
     among = f" ({unusable} that cannot be used among them)" if unusable else ""
     what = f"{_count(joints, 'posture')}{among}, but {_count(positions, 'position')} in {positions.file}"
     cures = ["find the row that is missing or there twice; from there on every pair would be a wrong one"]
     if joints.named != positions.named and are_numbers(joints if joints.named else positions):
         cures.append("--pair name, where number n means the n-th row of the other list")
-    return [Problem(joints.file, 0, 0, what, "; or ".join(cures)), *doubts]
+    return [Problem(joints.file, 0, 0, what, "; or ".join(cures)), *reasons]
 
 
 def _count(points: PointList, what: str) -> str:
@@ -54,23 +55,23 @@ def _count(points: PointList, what: str) -> str:
 def _out_of_step(joints: PointList, positions: PointList) -> list[Problem]:
     """Signs that rows may be out of step: numbers with gaps, a row that looks typed twice, names that differ."""
     if joints.named and positions.named:
-        doubts = _misnamed(joints, positions)
+        reasons = _misnamed(joints, positions)
     elif joints.named or positions.named:
-        doubts = _gaps(joints if joints.named else positions)
+        reasons = _gaps(joints if joints.named else positions)
     else:
-        doubts = []
-    return [*doubts, *_copies(joints, positions)]
+        reasons = []
+    return [*reasons, *_copies(joints, positions)]
 
 
 def _copies(joints: PointList, positions: PointList) -> list[Problem]:
     """Positions like the one before them, though the joints are not."""
-    doubts = []
+    reasons = []
     for place, (one, other) in enumerate(zip(positions.points, positions.points[1:], strict=False)):
         still = joints.points[place : place + 2]
         moved = len(still) < 2 or still[0].values != still[1].values
         if one.values == other.values and not one.fault and moved:
-            doubts.append(Problem(positions.file, other.line, 0, f"the same numbers as line {one.line}: typed twice?"))
-    return doubts
+            reasons.append(Problem(positions.file, other.line, 0, f"the same numbers as line {one.line}: typed twice?"))
+    return reasons
 
 
 def _misnamed(joints: PointList, positions: PointList) -> list[Problem]:

@@ -43,9 +43,9 @@ class Cells:
 def cells_of(text: str, file: str) -> Cells:
     """The rows that hold anything. Raises InputError where no separator gives rows with three numbers."""
     lines = [(number, line) for number, line in enumerate(lines_of(text), 1) if line.strip()]
-    said = _SEP_LINE.fullmatch(lines[0][1]) if lines else None
-    tried = [said[1]] if said else list(_SEPARATORS)
-    lines = lines[bool(said) :]
+    stated = _SEP_LINE.fullmatch(lines[0][1]) if lines else None
+    tried = [stated[1]] if stated else list(_SEPARATORS)
+    lines = lines[bool(stated) :]
     good = {mark: sum(row.numbers >= _NUMBERS_IN_A_ROW for row in _rows(lines[:_ENOUGH], mark)) for mark in tried}
     mark = max(tried, key=lambda each: good[each])
     if not good[mark]:

@@ -1,4 +1,4 @@
-"""What the user says where a file leaves it open."""
+"""The user's choices where a file is ambiguous."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the heading of a column says: which number it is, and in which unit."""
+"""The meaning of a column's heading: which number it is, and in which unit."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Heading:
 
 
 def heading(text: str) -> Heading:
-    """What a heading says. `J…`: a joint whose heading says nothing of degrees or radians."""
+    """The meaning of a heading. `J…`: a joint whose heading does not state degrees or radians."""
     words, unit = _split(text)
     letters = [word.casefold() for word in _WORDS.findall(words)]
     if words.strip() == "#" or (letters and set(letters) <= _NAMES):
@@ -77,9 +77,9 @@ def places(cells: Sequence[str], columns: Mapping[str, str]) -> dict[str, list[t
     found: dict[str, list[tuple[int, str]]] = {}
     for place, cell in enumerate(cells):
         target = named.get(cell.casefold())
-        said = Heading(target, _split(cell)[1]) if target else heading(cell)
-        if said.column and (target or said.column not in columns):
-            found.setdefault(said.column, []).append((place, said.unit))
+        stated = Heading(target, _split(cell)[1]) if target else heading(cell)
+        if stated.column and (target or stated.column not in columns):
+            found.setdefault(stated.column, []).append((place, stated.unit))
     return found
 
 

@@ -33,13 +33,13 @@ class Imported:
 def imported(joints: Path, positions: Path | None, choices: Choices, robot: RobotFile | None = None) -> Imported:
     """The rows that a joint list and a table of positions make; without `positions` the joint table holds X, Y, Z too.
 
-    Raises InputError with every mistake of both files where something is not certain, or no row is left.
+    Raises InputError with every error of both files where something is not certain, or no row is left.
     """
     if positions is None:
         result = _of_one(joints, choices, robot)
     else:
         postures, points = _both(joints, positions, choices, robot)
-        result = _of_pairing(paired(postures, points, choices), [*_said(postures), *_said(points)])
+        result = _of_pairing(paired(postures, points, choices), [*_decided(postures), *_decided(points)])
     if result.records:
         return result
     some = [Problem(row.file, row.line, 0, _named(row)) for row in result.left_out[:20]]
@@ -53,11 +53,11 @@ def _of_one(path: Path, choices: Choices, robot: RobotFile | None) -> Imported:
     points = measured(raw, joint_points(raw, choices, robot, wanted), choices)
     usable = [(point, point) for point in points.points if not point.fault]
     left = tuple(LeftOut(points.file, point.line, point.name, point.fault) for point in points.points if point.fault)
-    return _of_pairing(Pairing(tuple(usable), left, ()), _said(points))
+    return _of_pairing(Pairing(tuple(usable), left, ()), _decided(points))
 
 
 def _both(joints: Path, positions: Path, choices: Choices, robot: RobotFile | None) -> tuple[PointList, PointList]:
-    """Both lists, or the mistakes of both at once."""
+    """Both lists, or the errors of both at once."""
     postures: tuple[RawList, PointList] | None = None
     points: tuple[RawList, PointList] | None = None
     problems: list[Problem] = []
@@ -89,9 +89,9 @@ def _check_columns(choices: Choices, *lists: RawList) -> None:
         )
 
 
-def _of_pairing(pairing: Pairing, said: Sequence[str]) -> Imported:
+def _of_pairing(pairing: Pairing, stated: Sequence[str]) -> Imported:
     records = tuple(_record(posture, position) for posture, position in pairing.pairs)
-    return Imported(records, pairing.left_out, (*said, *pairing.decided))
+    return Imported(records, pairing.left_out, (*stated, *pairing.decided))
 
 
 def _record(posture: Point, position: Point) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def _record(posture: Point, position: Point) -> dict[str, Any]:
     return {**record, "remark": remark} if remark else record
 
 
-def _said(points: PointList) -> list[str]:
+def _decided(points: PointList) -> list[str]:
     return [f"{points.file}: {'; '.join(part for part in points.decided if part)}"]
 
 

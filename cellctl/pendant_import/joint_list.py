@@ -103,13 +103,13 @@ def _joints(raw: RawList, robot: RobotFile | None) -> list[str]:
 
 def _unit(raw: RawList, read: PointList, names: Sequence[str], choices: Choices) -> tuple[AngleUnit, str]:
     """Degrees or radians, and how that is known."""
-    said: set[AngleUnit] = {"rad" if raw.units[name] == "rad" else "deg" for name in names if raw.units.get(name)}
+    stated: set[AngleUnit] = {"rad" if raw.units[name] == "rad" else "deg" for name in names if raw.units.get(name)}
     usable = [point for point in read.points if not point.fault]
     beyond = [point for point in usable if _reach(point, names) > _NO_RADIANS]
-    if len(said) > 1 or (choices.angles and said - {choices.angles}):
-        what = f"its joints are said to be in {' and '.join(sorted(said | {choices.angles or 'deg'}))}"
+    if len(stated) > 1 or (choices.angles and stated - {choices.angles}):
+        what = f"its joints are said to be in {' and '.join(sorted(stated | {choices.angles or 'deg'}))}"
         raise InputError(Problem(raw.file, raw.heading_line, 0, what, f"correct the headings, or {_CURE_ANGLES}"))
-    unit = choices.angles or next(iter(said), None)
+    unit = choices.angles or next(iter(stated), None)
     if unit:
         how = "--angles" if choices.angles else "the file"
         small = unit == "deg" and not any(_reach(point, names) > 2.0 * math.pi for point in usable)
@@ -141,10 +141,10 @@ def _external_axes(read: PointList) -> tuple[set[str], str]:
             if _EXTERNAL.fullmatch(name):
                 found.setdefault(name, set()).add(point.values[name])
     moving = sorted(name for name, values in found.items() if len(values) > 1)
-    said = (
+    stated = (
         f"{', '.join(moving)} not the same in all postures: kept, but a fit takes the base as fixed" if moving else ""
     )
-    return found.keys() - set(moving), said
+    return found.keys() - set(moving), stated
 
 
 def _renamed(point: Point, names: dict[str, str], dropped: set[str]) -> Point:

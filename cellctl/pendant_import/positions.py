@@ -56,18 +56,18 @@ def measured(raw: RawList, read: PointList, choices: Choices) -> PointList:
 
 
 def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str, str], str]:
-    said = {axis: raw.units[axis] for axis in XYZ if raw.units.get(axis)}
+    stated = {axis: raw.units[axis] for axis in XYZ if raw.units.get(axis)}
     line = raw.heading_line
     if choices.unit:
-        other = sorted(set(said.values()) - {choices.unit})
+        other = sorted(set(stated.values()) - {choices.unit})
         if other:
             what = f"its headings say {', '.join(other)}, --unit says {choices.unit}"
             raise InputError(Problem(raw.file, line, 0, what, "correct one of them"))
         return dict.fromkeys(XYZ, choices.unit), f"positions in {choices.unit}, as --unit says"
-    if len(said) == len(XYZ):
-        return said, f"positions in {', '.join(dict.fromkeys(said.values()))}, as the headings say"
-    if said:
-        without = ", ".join(axis for axis in XYZ if axis not in said)
+    if len(stated) == len(XYZ):
+        return stated, f"positions in {', '.join(dict.fromkeys(stated.values()))}, as the headings say"
+    if stated:
+        without = ", ".join(axis for axis in XYZ if axis not in stated)
         raise InputError(
             Problem(raw.file, line, 0, f"the headings say no unit for {without}", f"add it, or {_UNIT_CURE}")
         )
