@@ -47,7 +47,7 @@ def fit(
         str | None,
         typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points,datums or effects."),
     ] = None,
-    check: Annotated[bool, typer.Option(help="Look for mistakes of set-up first: units, signs, order of rows.")] = True,
+    check: Annotated[bool, typer.Option(help="Look for set-up errors first: units, signs, order of rows.")] = True,
     holdout: Annotated[float | None, typer.Option(help="Share of the rows to hold out, at random.")] = None,
     folds: Annotated[int | None, typer.Option(help="Judge by K folds. Default: column set, else 5.")] = None,
     column: Annotated[str | None, typer.Option(help="The column that says fit or test: set.")] = None,

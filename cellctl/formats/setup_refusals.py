@@ -81,9 +81,9 @@ def _spacing(spacing: SpacingError | ScaleError, artefact: Path | None, cure: st
     if artefact is not None:
         document = load_yaml(artefact)
         at: tuple[str, ...] = ("artefact",) if "artefact" in document.data else ()
-        for index, said in enumerate((document.data[at[0]] if at else document.data).get("distances") or []):
+        for index, distance in enumerate((document.data[at[0]] if at else document.data).get("distances") or []):
             names = {point.partition("@")[0] for point in spacing.between}
-            if set(said["between"]) == names and said["mm"] == spacing.given:
+            if set(distance["between"]) == names and distance["mm"] == spacing.given:
                 return document.problem((*at, "distances", index, "mm"), spacing.what, cure)
     return Problem("--spacing", 0, 0, spacing.what, cure)
 

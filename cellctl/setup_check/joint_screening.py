@@ -1,7 +1,7 @@
-"""Thousands of suppositions about joints at once, roughly: how far each leaves nominal from a few rows.
+"""Thousands of hypotheses about joints at once, roughly: how far each leaves nominal from a few rows.
 
 For an instrument's rows base and tool are found by a linear problem in which the base may be any affine map (see
-`registration`); points are found by linear problems anyway. Each is solved for all suppositions in one batch, and a
+`registration`); points are found by linear problems anyway. Each is solved for all hypotheses in one batch, and a
 second time on the rows that fitted best.
 """
 
@@ -14,13 +14,13 @@ import numpy as np
 from cellctl.calibration.model.unknowns import PLACED
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.kinematics import Floats
+from cellctl.setup_check.hypothesis import Setup
 from cellctl.setup_check.misfit import CORE
-from cellctl.setup_check.setup import Setup
 
 ROWS = 40
 CHUNK = 256
 RIDGE = 1e-10
-"""Of the largest diagonal element: enough to solve where base and tool cannot be told apart."""
+"""Of the largest diagonal element: enough to solve where base and tool cannot be separated."""
 
 
 def rough_sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
@@ -77,7 +77,7 @@ def _of_plane(tcps: Floats) -> Floats:
 def _of_point(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
     """Squared distances (C, N) from a sphere's surface, where `tips` (C, N, 3) want it.
 
-    shifted: its radius and what `reach` (N,) says are apart by something that nobody knows.
+    shifted: its radius and `reach` (N,) differ by an unknown amount.
     """
     if tcps.shape[1] < 5 + shifted:
         return _of_socket(tcps)

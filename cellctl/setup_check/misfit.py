@@ -1,4 +1,4 @@
-"""How far nominal, registered, is from the rows, and how far tolerances let a robot of its kind be."""
+"""How far nominal, registered, is from the rows, and what tolerances predict for a robot of its kind."""
 
 from __future__ import annotations
 
@@ -13,31 +13,39 @@ from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Floats
-from cellctl.setup_check.setup import Setup
+from cellctl.setup_check.hypothesis import Setup
 
 CORE = 0.6
-"""The share of each block's rows, the nearest, that speak for all: up to 40 % wild rows accuse no robot."""
+"""The share of each block's rows, the nearest, that decide: up to 40 % outliers change nothing."""
+
+SAMPLE = 150
+"""Rows that judge a hypothesis."""
+
+SCREEN = 60
+"""Rows that say which hypotheses are worth judging."""
 
 ROUNDS = 4
 
 SUSPICIOUS = 3.0
-"""Times as far from the rows as tolerances foresee (RMS): a robot three times as bad as its tolerances, or a mistake
-that these rows hardly show. Only mistakes without a number to fit (signs, units, columns, order) are then looked for.
-"""
+"""Times the predicted RMS: a robot three times as bad as its tolerances, or an error that these rows hardly show. Only
+errors without an angle to fit (signs, units, columns, order) are then looked for."""
 
 IMPLAUSIBLE = 6.0
-"""Times as far: no robot of its kind. Drawn from the tolerances, robots reach 1.5."""
+"""Times the predicted RMS: no robot of its kind. Robots drawn from the tolerances reach 1.5."""
 
 EXPLAINED = 3.0
-"""Up to this, what remains under a supposition is what robots do."""
+"""Times the predicted RMS up to which a hypothesis explains the rows."""
+
+FAR = 8.0
+"""Times the predicted distance from which on a row is an outlier."""
 
 LEAST_MM = 2.0
 LEAST_DEG = 0.5
-"""Nothing smaller is a mistake of set-up, however tight the tolerances are."""
+"""Nothing smaller is a set-up error, however tight the tolerances are."""
 
 FLOOR_MM = 0.3
 FLOOR_DEG = 0.03
-"""Foreseen is never less: an older model may be surer of itself than a set-up is."""
+"""Predictions are never smaller: a prior model may be more certain than a set-up is."""
 
 
 @final
@@ -45,7 +53,7 @@ FLOOR_DEG = 0.03
 class Misfit:
     """Nominal registered on the rows that are nearest to it. mm, deg: RMS over these (deg: of poses, else 0).
 
-    kept: these rows, by block. foreseen_mm, foreseen_deg: what tolerances and noise let that be.
+    kept: these rows, by block. predicted_mm, predicted_deg: what tolerances and noise predict for mm and deg.
     """
 
     state: State
@@ -57,12 +65,12 @@ class Misfit:
 
     @property
     def ratio(self) -> float:
-        """How many times as far as foreseen."""
+        """How many times the prediction."""
         return max(self.mm / self.predicted_mm, self.deg / self.predicted_deg)
 
     @property
     def suspicious(self) -> bool:
-        """Whether a mistake is worth looking for."""
+        """Whether a set-up error is worth looking for."""
         return self.far_mm(SUSPICIOUS) or self.deg > max(SUSPICIOUS * self.predicted_deg, LEAST_DEG)
 
     @property
@@ -71,16 +79,21 @@ class Misfit:
         return self.far_mm(IMPLAUSIBLE) or self.deg > max(IMPLAUSIBLE * self.predicted_deg, LEAST_DEG)
 
     def far_mm(self, ratio: float) -> bool:
-        """Whether positions alone are more than `times` as far as foreseen."""
+        """Whether positions alone are further than `ratio` times the prediction."""
         return self.mm > max(ratio * self.predicted_mm, LEAST_MM)
 
     @property
     def size(self) -> float:
-        """One number to compare suppositions by: what tolerances call large in either quantity."""
+        """One number to compare hypotheses by: 1 mm counts as much as 0.1°."""
         return float(np.hypot(self.mm / 1.0, self.deg / 0.1))
 
+    @property
+    def limit_mm(self) -> float:
+        """A row that is further from nominal is an outlier, mm."""
+        return FAR * max(self.predicted_mm, self.mm)
+
     def with_prediction(self, setup: Setup) -> Self:
-        """With what the tolerances foresee here."""
+        """With what the tolerances predict for the rows of `setup`."""
         mm, deg = _predicted(setup.task, self.state, self.kept)
         return replace(self, predicted_mm=mm, predicted_deg=deg)
 
@@ -101,7 +114,7 @@ def misfit(setup: Setup, rounds: int = ROUNDS) -> Misfit:
 
 
 def row_errors(task: Task, state: State) -> list[tuple[Floats, Floats | None]]:
-    """For each block the rows' distances (N,), mm, and turns (N,), deg, None where nothing measured them."""
+    """For each block the rows' distances (N,), mm, and rotations (N,), deg, None where nothing measured them."""
     result: list[tuple[Floats, Floats | None]] = []
     for block in task.rows.blocks:
         if isinstance(block, PoseRows):
@@ -111,6 +124,11 @@ def row_errors(task: Task, state: State) -> list[tuple[Floats, Floats | None]]:
         else:
             result.append((block.errors(state), None))
     return result
+
+
+def distances(setup: Setup, state: State) -> Floats:
+    """The distances (M,) of all rows, mm."""
+    return np.concatenate([mm for mm, _ in row_errors(setup.task, state)])
 
 
 def rms(values: Any) -> float:
@@ -136,7 +154,7 @@ def nearest(errors: Floats) -> Any:
 
 
 def _predicted(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, float]:
-    """RMS distance, mm, and turn, deg, at the rows `kept` of robots drawn from the tolerances, once registered."""
+    """RMS distance, mm, and rotation, deg, at the rows `kept` of robots drawn from the tolerances, once registered."""
     unknowns = task.unknowns(state)
     known = np.diag(unknowns.sigma**2) if unknowns.prior is None else unknowns.prior
     values, vectors = np.linalg.eigh(known)

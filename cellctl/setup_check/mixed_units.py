@@ -1,28 +1,23 @@
 """Some rows in another unit than the others: positions, or one coordinate of them, in metres; angles in radians.
 
-Which rows these are shows in how small their numbers are, roughly, and then in where the robot is: each row is taken in
-the unit in which it is nearer to the robot, which is registered again, until no row changes.
+The size of their numbers gives a first guess of these rows. Then each row is taken in the unit in which it is nearer to
+the robot, and the robot is registered again, until no row changes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows
+from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.kinematics import Bools, Floats
-from cellctl.setup_check.hypothesis import Change, Hypothesis
-from cellctl.setup_check.joint_columns import RADIANS_UP_TO
-from cellctl.setup_check.measured_values import UNITS
-from cellctl.setup_check.misfit import EXPLAINED, Misfit, misfit, row_errors
-from cellctl.setup_check.setup import Setup
-
-FAR = 8.0
-"""Times the foreseen distance from which on a row is not where the model says."""
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+from cellctl.setup_check.misfit import EXPLAINED, SAMPLE, SCREEN, Misfit, distances, misfit
+from cellctl.setup_check.units_and_conventions import RADIANS_UP_TO, UNITS
 
 NEARER = 4.0
 """The other unit has to bring a row this many times nearer."""
@@ -30,8 +25,6 @@ NEARER = 4.0
 AT_LEAST = 2
 """Rows of each unit."""
 
-SCREEN = 60
-SAMPLE = 150
 GAPS = 6
 """Places where rows may part into small numbers and large ones: the widest gaps between sizes, as ratios."""
 
@@ -68,7 +61,7 @@ class _Unit:
 
 
 def mixed_units(setup: Setup) -> Iterator[Hypothesis]:
-    """Rows in another unit than the rest, at most one supposition; both have to be told beyond doubt."""
+    """Rows in another unit than the rest, at most one hypothesis; rows of both units have to be certain."""
     sample = setup.thinned(SAMPLE)
     guessed: list[tuple[float, int, _Unit, Bools]] = []
     for unit in _units(sample):
@@ -84,14 +77,14 @@ def mixed_units(setup: Setup) -> Iterator[Hypothesis]:
 
 def _rough(setup: Setup) -> float:
     """How far all rows are from nominal on average, mm, none of them counted for more than `CAPPED_MM`."""
-    return float(np.mean(np.minimum(_errors(setup, misfit(setup, rounds=2).state), CAPPED_MM)))
+    return float(np.mean(np.minimum(distances(setup, misfit(setup, rounds=2).state), CAPPED_MM)))
 
 
 def _settled(sample: Setup, unit: _Unit, guess: Bools) -> Misfit:
     """Nominal registered with each row in the unit in which it is nearer."""
     for _ in range(ROUNDS):
         about, before = misfit(unit.changed(sample, guess)), guess
-        guess = _errors(unit.changed(sample, np.ones(len(guess), bool)), about.state) < _errors(sample, about.state)
+        guess = distances(unit.changed(sample, np.ones(len(guess), bool)), about.state) < distances(sample, about.state)
         if np.array_equal(guess, before):
             break
     return about.with_prediction(unit.changed(sample, guess))
@@ -99,9 +92,9 @@ def _settled(sample: Setup, unit: _Unit, guess: Bools) -> Misfit:
 
 def _rows_of(setup: Setup, unit: _Unit, about: Misfit) -> Bools:
     """Which of all rows (M,) are wrong as they are, and right in the unit; all, where none contradicts that."""
-    limit = FAR * max(about.predicted_mm, about.mm)
-    plain = _errors(setup, about.state)
-    other = _errors(unit.changed(setup, np.ones(len(plain), bool)), about.state)
+    limit = about.limit_mm
+    plain = distances(setup, about.state)
+    other = distances(unit.changed(setup, np.ones(len(plain), bool)), about.state)
     found = (plain > limit) & (other < limit) & (NEARER * other < plain)
     if unit.whole and found.any() and np.all((plain > limit) | (other < limit)):
         return np.ones_like(found)
@@ -112,18 +105,14 @@ def _enough(found: Bools, unit: _Unit) -> bool:
     return int(np.count_nonzero(found)) >= AT_LEAST and (unit.whole or int(np.count_nonzero(~found)) >= AT_LEAST)
 
 
-def _errors(setup: Setup, state: State) -> Floats:
-    return np.concatenate([mm for mm, _ in row_errors(setup.task, state)])
-
-
 def _units(setup: Setup) -> Iterator[_Unit]:
     if setup.task.rows.kinds & {PositionRows, PoseRows}:
         for name, factor in UNITS.items():
-            for axes in ((0, 1, 2), (0,), (1,), (2,)):
+            for axes in ([0, 1, 2], [0], [1], [2]):
                 columns = tuple("XYZ"[axis] for axis in axes)
                 look = "look" if len(axes) > 1 else "looks"
                 what = f"{', '.join(columns)} {look} like {name} (× {factor:g})"
-                yield _Unit(what, columns, _Sizes(axes), _Scaled(axes, factor), whole=len(axes) == 1)
+                yield _Unit(what, columns, partial(_sizes, axes), partial(_scaled, axes, factor), whole=len(axes) == 1)
     if np.count_nonzero(_turned_little(setup)) >= AT_LEAST:
         columns = tuple(f"A{joint + 1}" for joint in range(setup.n))
         what = f"{columns[0]}…{columns[-1]} look like radians (× 180/π)"
@@ -140,64 +129,29 @@ def _in_radians(setup: Setup, which: Bools) -> Setup:
     return setup.with_readings(np.where(mine[:, None], np.rad2deg(setup.readings), setup.readings))
 
 
-@final
-@dataclass(frozen=True)
-class _Sizes:
+def _sizes(axes: list[int], setup: Setup) -> Floats:
     """How large the coordinates at `axes` are (M,), mm; NaN for rows without any."""
-
-    axes: tuple[int, ...]
-
-    def __call__(self, setup: Setup) -> Floats:
-        found = [_size(block, list(self.axes)) for block in setup.task.rows.blocks]
-        return np.concatenate(found)
+    return np.asarray(np.linalg.norm(setup.positions[:, axes], axis=1))
 
 
-def _size(block: Measured, axes: list[int]) -> Floats:
-    if not isinstance(block, PositionRows | PoseRows):
-        return np.full(len(block), np.nan)
-    return np.asarray(np.linalg.norm(block.xyz[:, axes], axis=1))
-
-
-@final
-@dataclass(frozen=True)
-class _Scaled:
-    """Coordinates at `axes` of some rows times `factor`."""
-
-    axes: tuple[int, ...]
-    factor: float
-
-    def __call__(self, setup: Setup, which: Bools) -> Setup:
-        starts = iter(np.cumsum([0, *map(len, setup.task.rows.blocks)]).tolist())
-
-        def scaled(block: Measured) -> Measured:
-            start = next(starts)
-            return self._block(block, which[start : start + len(block)])
-
-        return setup.with_blocks(scaled)
-
-    def _block(self, block: Measured, mine: Bools) -> Measured:
-        if not isinstance(block, PositionRows | PoseRows):
-            return block
-        by = np.ones((len(block), 3))
-        by[np.ix_(mine, np.array(self.axes))] = self.factor
-        if isinstance(block, PositionRows):
-            return replace(block, xyz=block.xyz * by)
-        poses = block.poses.copy()
-        poses[:, :3, 3] *= by
-        return replace(block, poses=poses)
+def _scaled(axes: list[int], factor: float, setup: Setup, which: Bools) -> Setup:
+    """The coordinates at `axes` of the rows at `which` (M,) times `factor`."""
+    by = np.ones((len(which), 3))
+    by[np.ix_(which, np.array(axes))] = factor
+    return setup.with_positions(by * setup.positions)
 
 
 def _change(unit: _Unit, found: Bools) -> Change:
     """In words: `in lines 22…41 X, Y, Z look like metres (× 1000)`, with places for the rows' names."""
     stretches = _stretches(np.flatnonzero(found))
     rows: list[int] = []
-    said = []
+    places = []
     for first, last in stretches[:NAMED]:
-        said.append(f"{{{len(rows)}}}" if first == last else f"{{{len(rows)}}} to {{{len(rows) + 1}}}")
+        places.append(f"{{{len(rows)}}}" if first == last else f"{{{len(rows)}}} to {{{len(rows) + 1}}}")
         rows += [first] if first == last else [first, last]
     count = int(np.count_nonzero(found))
     more = f", … ({count} rows)" if len(stretches) > NAMED else ""
-    where = "all rows" if found.all() else f"{', '.join(said)}{more}"
+    where = "all rows" if found.all() else f"{', '.join(places)}{more}"
     cure = f"write {', '.join(unit.columns)} in one unit: {'degrees' if unit.columns[0] == 'A1' else 'mm'}"
     return Change(f"in {where} {unit.what}", "data", cure, unit.columns, tuple(rows))
 

@@ -1,9 +1,9 @@
-"""Measured orientations written in another way than the data set's Rz(A) Ry(B) Rx(C), degrees."""
+"""Measured orientations in another form than the data set's Rz(A) Ry(B) Rx(C), degrees."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,64 +11,60 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.rows import Measured, PoseRows
 from cellctl.kinematics import Floats, abc_from_rotation
-from cellctl.setup_check.hypothesis import Change, Hypothesis
-from cellctl.setup_check.setup import Setup
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+from cellctl.setup_check.units_and_conventions import RADIANS_UP_TO
 
 ABC = ("A", "B", "C")
-RADIANS_UP_TO = 2.1 * np.pi
+CONVERT = "convert to Rz(A) Ry(B) Rx(C), or give QW, QX, QY, QZ"
 SEQUENCES = [f"{a}{b}{c}" for a, b, c in itertools.product("XYZ", repeat=3) if a != b != c]
 
 
 def other_orientations(setup: Setup) -> Iterator[Hypothesis]:
-    """Other Euler angles, rotation vectors, radians; rotations the other way round.
+    """Other Euler angles, rotation vectors, radians; inverse rotations.
 
-    The angles are worked out from the rotations that were read: |B| ≤ 90° is then taken for granted.
+    The angles are computed from the rotations that were read, so that |B| ≤ 90°.
     """
-    if PoseRows not in setup.task.rows.kinds:
+    blocks = [block for block in setup.task.rows.blocks if isinstance(block, PoseRows)]
+    if not blocks:
         return
-    yield _hypothesis(setup, "orientations are inverse: from tool to frame", "invert each", 2, lambda turn: turn.inv())
-    small = all(
-        np.abs(abc_from_rotation(block.poses[:, :3, :3])).max(initial=0.0) < RADIANS_UP_TO
-        for block in setup.task.rows.blocks
-        if isinstance(block, PoseRows)
-    )
-    for unit, factor in (("", 1.0), (" in radians", 180.0 / np.pi)) if small else (("", 1.0),):
-        yield from _euler(setup, unit, factor)
-        what, cure = f"A, B, C are a rotation vector{unit}", "convert to Rz(A) Ry(B) Rx(C), or give QW, QX, QY, QZ"
-        yield _hypothesis(
-            setup, what, cure, 1, lambda turn, by=factor: Rotation.from_rotvec(by * _abc(turn), degrees=True)
-        )
+    yield _hypothesis(setup, "orientations are inverse: from tool to frame", "invert each", 2, Rotation.inv)
+    largest = max(np.abs(abc_from_rotation(block.poses[:, :3, :3])).max(initial=0.0) for block in blocks)
+    for unit, factor in (("", 1.0), (" in radians", 180.0 / np.pi))[: 1 + (largest < RADIANS_UP_TO)]:
+        yield from _euler_angles(setup, unit, factor)
+
+        def of_vector(read: Rotation, factor: float = factor) -> Rotation:
+            return Rotation.from_rotvec(factor * _abc(read), degrees=True)
+
+        yield _hypothesis(setup, f"A, B, C are a rotation vector{unit}", CONVERT, 1, of_vector)
 
 
-def _euler(setup: Setup, unit: str, factor: float) -> Iterator[Hypothesis]:
-    for letters in SEQUENCES:
-        for sequence in (letters, letters.lower()):
-            if sequence == "ZYX" and not unit:
-                continue
-            said = "about the turned axes" if sequence.isupper() else "about the fixed axes"
-            what = "A, B, C are radians" if sequence == "ZYX" else f"A, B, C are {letters} angles{unit}, {said}"
-            what = "A, B, C are radians" if sequence == "ZYX" else what
-            cure = "write degrees" if sequence == "ZYX" else "convert to Rz(A) Ry(B) Rx(C), or give QW, QX, QY, QZ"
-            complexity = 0 if sequence in ("ZYX", "XYZ", "xyz") else 1 if len(set(letters)) == 3 else 2
-            yield _hypothesis(
-                setup,
-                what,
-                cure,
-                complexity,
-                lambda turn, by=factor, order=sequence: Rotation.from_euler(order, by * _abc(turn), degrees=True),
-            )
+def _euler_angles(setup: Setup, unit: str, factor: float) -> Iterator[Hypothesis]:
+    for sequence in (form for letters in SEQUENCES for form in (letters, letters.lower())):
+
+        def of_angles(read: Rotation, sequence: str = sequence) -> Rotation:
+            return Rotation.from_euler(sequence, factor * _abc(read), degrees=True)
+
+        if sequence != "ZYX":
+            axes = "turned" if sequence.isupper() else "fixed"
+            what = f"A, B, C are {sequence.upper()} angles{unit}, about the {axes} axes"
+            complexity = 0 if sequence.upper() == "XYZ" else 1 if len(set(sequence)) == 3 else 2
+            yield _hypothesis(setup, what, CONVERT, complexity, of_angles)
+        elif unit:
+            yield _hypothesis(setup, "A, B, C are radians", "write degrees", 0, of_angles)
 
 
-def _abc(turn: Rotation) -> Floats:
-    return abc_from_rotation(turn.as_matrix())
+def _abc(rotation: Rotation) -> Floats:
+    return abc_from_rotation(rotation.as_matrix())
 
 
-def _hypothesis(setup: Setup, what: str, cure: str, complexity: int, change: object) -> Hypothesis:
+def _hypothesis(
+    setup: Setup, what: str, cure: str, complexity: int, change: Callable[[Rotation], Rotation]
+) -> Hypothesis:
     def turned(block: Measured) -> Measured:
         if not isinstance(block, PoseRows):
             return block
         poses = block.poses.copy()
-        poses[:, :3, :3] = change(Rotation.from_matrix(poses[:, :3, :3])).as_matrix()  # type: ignore[operator]
+        poses[:, :3, :3] = change(Rotation.from_matrix(poses[:, :3, :3])).as_matrix()
         return replace(block, poses=poses)
 
     return Hypothesis((Change(what, "data", cure, ABC),), setup.with_blocks(turned), complexity)

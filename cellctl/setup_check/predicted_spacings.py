@@ -1,4 +1,4 @@
-"""Distances as rows foretell them, and which of those that are given these, or the other distances, deny."""
+"""Certified distances as the rows predict them, and which of them contradict the rows or each other."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from cellctl.calibration.rows import SpacingRows
 from cellctl.kinematics import Bools, Floats
 
 FAR = 6.0
-"""Standard deviations, of certificate and foretelling together, from which on a distance is denied."""
+"""Standard deviations, of certificate and prediction together, from which on a distance is contradicted."""
 
 LEAST_MM = 0.3
-"""Nothing smaller is denied: as much may be what the robot bends, where the model is geometry alone."""
+"""A smaller difference is no contradiction: the robot may bend as much, and the model is geometry alone."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PredictedSpacings:
-    """K distances given and said by the rows alone, mm; covariance (K, K) of what is said, and the given ones' σ."""
+    """K distances, mm, as given and as estimated from rows alone; the covariance (K, K) of the estimates, mm², and the
+    σ (K,) of the given distances.
+    """
 
     given: Floats
-    said: Floats
+    estimate: Floats
     covariance: Floats
     sigma: Floats
 
@@ -33,13 +35,13 @@ class PredictedSpacings:
         """From a robot and points that were `found` without `spacings`."""
         state = found.state
         lines = spacings.jacobian(state)[:, 0]
-        said = spacings.mm + spacings.residual(state)[:, 0]
-        return cls(spacings.mm, said, lines @ found.covariance @ lines.T, spacings.sigma[:, 0])
+        estimate = spacings.mm + spacings.residual(state)[:, 0]
+        return cls(spacings.mm, estimate, lines @ found.covariance @ lines.T, spacings.sigma[:, 0])
 
     @property
     def away(self) -> Floats:
-        """How far each distance is beyond what the rows alone say (K,), mm."""
-        return self.given - self.said
+        """By how much each given distance is larger than its estimate (K,), mm."""
+        return self.given - self.estimate
 
     @property
     def spread(self) -> Floats:
@@ -51,7 +53,7 @@ class PredictedSpacings:
         return replace(self, given=self.given * factor, sigma=self.sigma * factor)
 
     def contradicted(self) -> Bools:
-        """Which distances (K,) the rows deny by themselves."""
+        """Which distances (K,) the rows alone contradict."""
         return np.asarray(_ratio(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
 
     def given_others(self, kept: Bools, one: int) -> tuple[float, float]:
@@ -62,9 +64,9 @@ class PredictedSpacings:
 
 
 def wrong(predicted: PredictedSpacings) -> tuple[Bools, Bools]:
-    """Which distances (K,) are wrong, and of which (K,) of these it is sure.
+    """Which distances (K,) are wrong, and for which (K,) of these that is certain.
 
-    Those that are wrong together agree among each other, so the rows are asked by themselves first.
+    Distances that are wrong by one factor agree with each other, so the rows alone decide first.
     """
     contradicted = predicted.contradicted()
     certain = contradicted.copy()
@@ -76,7 +78,7 @@ def wrong(predicted: PredictedSpacings) -> tuple[Bools, Bools]:
 
 
 def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
-    """Which distances (K,) the others and the rows deny, and whether it is sure that it is these."""
+    """Which distances (K,) the others and the rows contradict, and whether it is certain that it is these."""
     weight: Floats = np.asarray(np.linalg.inv(spread), float)
     kept = np.ones(len(away), bool)
     if not (_ratio(*_off(weight, away)) > 1.0).any():

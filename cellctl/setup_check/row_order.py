@@ -1,51 +1,24 @@
-"""Rows out of step: measurements that belong to the joints of a row before or after, from some row on; two exchanged.
+"""Rows out of step: measurements that belong to the joints of a row before or after; two exchanged rows.
 
-A robot that is registered on rows that are in step says of every other row to whose joints its measurement belongs.
+A robot that is registered on rows that are in step shows to which joints the measurement of every other row belongs.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any, final
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.model.unknowns import State
-from cellctl.setup_check.hypothesis import Change, Hypothesis
-from cellctl.setup_check.misfit import EXPLAINED, Misfit, misfit, row_errors
-from cellctl.setup_check.setup import Setup
-
-FURTHEST = 5
-"""Rows by which measurements and joints may be out of step."""
-
-RUN = 4
-"""Rows in a row that have to be out of step alike: fewer may lie so by chance."""
-
-FAR = 8.0
-"""Times the foreseen distance from which on a row is not where the model says."""
-
-MOST = 20_000
-"""Rows that are looked at, the first; beyond, a shift is the same from there on."""
-
-EXCHANGED_AT_MOST = 100
-"""Wild rows among which pairs are looked for."""
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """Rows first … last of a block whose measurements belong to the joints `by` rows before (negative: after)."""
-
-    first: int
-    last: int
-    by: int
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+from cellctl.setup_check.misfit import EXPLAINED, Misfit, distances, misfit
+from cellctl.setup_check.row_matches import MOST, RUN, SHIFTS, RowMatches, Stretch
 
 
 def out_of_step(setup: Setup) -> Iterator[Hypothesis]:
     """Rows put back in step, with nominal registered on a part of them that is in step with itself; of several sessions
-    each by itself, then all of them as one supposition.
+    each by itself, then all of them as one hypothesis.
     """
     sessions = sorted({block.session for block in setup.task.rows.blocks if len(block)})
     if len(sessions) == 1:
@@ -72,7 +45,7 @@ def _in_session(change: Change, rows: Any, name: str) -> Change:
 
 def _in_one_session(setup: Setup) -> Iterator[Hypothesis]:
     for block, window in _windows(setup):
-        for by in (0, *_shifts()):
+        for by in (0, *SHIFTS):
             trial = setup.pick(window)
             trial = trial if not by else _shifted_whole(trial, by)
             if len(trial.readings) < 2 * RUN:
@@ -83,103 +56,25 @@ def _in_one_session(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def put_in_step(setup: Setup, nominal: Misfit, only: int | None = None) -> Iterator[Hypothesis]:
-    """What lies out of step or exchanged where `nominal`, registered on rows that are in step, is right."""
+    """Rows that are out of step or exchanged if `nominal`, registered on rows that are in step, is right."""
     changes: list[Change] = []
     order, start = np.arange(len(setup.readings)), 0
-    limit = FAR * max(nominal.predicted_mm, nominal.mm)
     blocks = setup.task.rows.blocks
     for number, block in enumerate(blocks):
         if len(block) >= 2 * RUN and only in (None, number):
-            lost = _Block(setup, number, nominal.state, limit)
-            stretches = lost.stretches()
+            matches = RowMatches(block, nominal)
+            stretches = matches.stretches()
             for stretch in stretches:
                 rows = np.arange(stretch.first, stretch.last + 1)
                 order[start + rows] = start + np.clip(rows - stretch.by, 0, len(block) - 1)
                 changes.append(_step(stretch, start, len(block)))
-            for first, second in lost.exchanged(stretches):
+            for first, second in matches.exchanged(stretches):
                 order[start + first], order[start + second] = start + second, start + first
                 changes.append(_exchange(start + first, start + second))
         start += len(block)
     if changes:
         inside = sum("to {1}" in change.what for change in changes)
         yield Hypothesis(tuple(changes), setup.with_readings(setup.readings[order]), 5 * len(changes) + inside)
-
-
-class _Block:
-    """One block of rows, and how far each measurement is from the robot at other rows' joints."""
-
-    def __init__(self, setup: Setup, number: int, state: State, limit: float) -> None:
-        self.block = setup.task.rows.blocks[number].pick(np.s_[:MOST])
-        self.setup, self.state, self.limit = setup, state, limit
-        self.size = len(self.block)
-        self.near = self._near(np.arange(self.size), np.arange(self.size))
-
-    def stretches(self) -> list[Stretch]:
-        """Runs of wild rows that all belong to joints equally far before or behind."""
-        if np.count_nonzero(~self.near) < RUN:
-            return []
-        rows = np.arange(self.size)
-        best: dict[int, Any] = {}
-        for by in _shifts():
-            inside = (rows - by >= 0) & (rows - by < self.size)
-            fits = np.zeros(self.size, bool)
-            fits[inside] = self._near(rows[inside], rows[inside] - by)
-            best[by] = fits
-        return list(self._runs(best))
-
-    def exchanged(self, stretches: list[Stretch]) -> list[tuple[int, int]]:
-        """Pairs of wild rows that are each right at the other's joints."""
-        taken = {row for stretch in stretches for row in range(stretch.first, stretch.last + 1)}
-        wild = [int(row) for row in np.flatnonzero(~self.near) if row not in taken]
-        if not 2 <= len(wild) <= EXCHANGED_AT_MOST:
-            return []
-        pairs = np.array(list(itertools.combinations(wild, 2)))
-        both = self._near(pairs[:, 0], pairs[:, 1]) & self._near(pairs[:, 1], pairs[:, 0])
-        result: list[tuple[int, int]] = []
-        for first, second in pairs[both].tolist():
-            if not {first, second} & {row for pair in result for row in pair}:
-                result.append((first, second))
-        return result
-
-    def _runs(self, fits: dict[int, Any]) -> Iterator[Stretch]:
-        """Greedily from the first row: the shift that explains most of what follows; single rows may be wild anyway."""
-        row = 0
-        while row < self.size:
-            if self.near[row]:
-                row += 1
-                continue
-            reach = {by: self._length(row, which) for by, which in fits.items()}
-            by = max(reach, key=lambda shift: (reach[shift], -abs(shift)))
-            if reach[by] >= RUN:
-                yield Stretch(row, row + reach[by] - 1, by)
-            row += max(reach[by], 1)
-
-    def _length(self, row: int, fits: Any) -> int:
-        """How many rows from `row` on a shift explains, better than no shift does; two misses in a row end it."""
-        misses, end = 0, row
-        for place in range(row, self.size):
-            if fits[place] and not (self.near[place] and self._back(place)):
-                misses, end = 0, place + 1
-            else:
-                misses += 1
-            if misses == 3 or (self.near[place] and self._back(place)):
-                break
-        return end - row if np.mean(fits[row:end] if end > row else [False]) > 0.7 else 0
-
-    def _back(self, place: int) -> bool:
-        """Whether the rows are in step again from `place` on: three in a row are."""
-        ahead = self.near[place : place + 3]
-        return bool(len(ahead) == 3 and np.all(ahead))
-
-    def _near(self, measured: Any, joints: Any) -> Any:
-        """Which measurements belong to which rows' joints: pairs of rows (K,) each."""
-        posture = self.block.postures.pick(joints)
-        rows = replace(self.block.pick(measured), at=posture)
-        return rows.errors(self.state) < self.limit
-
-
-def _shifts() -> list[int]:
-    return sorted((by for by in range(-FURTHEST, FURTHEST + 1) if by), key=abs)
 
 
 def _windows(setup: Setup) -> Iterator[tuple[int, Any]]:
@@ -218,7 +113,6 @@ def _exchange(first: int, second: int) -> Change:
 
 
 def count_outliers(setup: Setup, nominal: Misfit) -> int:
-    """How many rows are not where `nominal` says, though most are."""
-    limit = FAR * max(nominal.predicted_mm, nominal.mm)
+    """How many rows are outliers to `nominal`."""
     first = setup.pick(np.arange(min(len(setup.readings), MOST)))
-    return sum(int(np.count_nonzero(mm >= limit)) for mm, _ in row_errors(first.task, nominal.state))
+    return int(np.count_nonzero(distances(first, nominal.state) >= nominal.limit_mm))

@@ -1,6 +1,6 @@
-"""Spheres whose touches fit a second centre: it lies mirrored in the plane that the touches are nearest to.
+"""Spheres whose touches fit a second centre: its mirror image in the plane that the touches are nearest to.
 
-A fit ends in one of the two, and its σ knows nothing of the other. So each is tried, the whole robot fitted to it.
+A fit ends in one of the two, and its σ does not include the other. So each is tried, with the whole robot fitted to it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STEPS = 20
 
 
 def with_best_centres(found: Estimate, rows: Mixture) -> tuple[Estimate, Bools]:
-    """`found`, or a better fit of `rows` with other centres; and which points (S,) might as well be elsewhere."""
+    """`found`, or a better fit of `rows` with other centres; and which points (S,) may also be at another place."""
     points = len(found.state.points)
     open_ = np.zeros(points, bool)
     for point in range(points):

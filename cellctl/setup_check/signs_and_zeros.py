@@ -1,30 +1,23 @@
-"""Joints that turn the other way, or count from another zero."""
+"""Joints that turn the other way, or count from another zero; hypotheses about one, two and three of them."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import estimate
 from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.kinematics import Floats
-from cellctl.setup_check.hypothesis import Change, Hypothesis
+from cellctl.setup_check.hypothesis import Hypothesis, Setup
+from cellctl.setup_check.joint_changes import JointChanges
 from cellctl.setup_check.joint_screening import ROWS, rough_sizes
 from cellctl.setup_check.misfit import misfit, steps_of
-from cellctl.setup_check.setup import Setup
-
-LEAST_OFFSET_DEG = 2.0
-"""A zero that is off by less is a mastering error: for the identification, not for the robot file."""
-
-RIGHT_ANGLE_DEG = 1.0
-"""This near to a right angle, or several, an offset is one."""
 
 GRID_DEG = 30.0
-"""Between suppositions of an offset: tool positions are linear in its cosine and sine, so that a valley is wide."""
+"""Between offsets that are tried: tool positions are linear in its cosine and sine, so that a local optimum is wide."""
 
 AT_ONCE = 3
 """Joints that are looked for at once."""
@@ -33,101 +26,58 @@ BREADTH = 10
 """Pairs that the search for a third joint goes on from."""
 
 REFINED = 6
-"""Suppositions on the grid whose angles are worked out."""
+"""Hypotheses on the grid whose angles are fitted."""
 
 SMALL_DEG = 10.0
 """An offset near none is looked for from here."""
 
 SEARCHED = 60
-"""Rows that the angles are worked out from."""
+"""Rows that the angles are fitted to."""
+
+REVERSED = (-1.0, 0.0)
+"""A joint with the other sign and no offset."""
 
 LOOSE_DEG = 60.0
-"""Prior 1 σ of an offset that is worked out: as good as nothing known."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Joints:
-    """Reversed joints (n,), as −1, and offsets (n,), deg, besides what the robot file says."""
-
-    sign: Floats
-    offset: Floats
-
-    @classmethod
-    def of(cls, n: int, joints: Sequence[int], ways: Sequence[tuple[float, float]]) -> Self:
-        """`joints` with a sign and an offset each, the others as they are."""
-        sign, offset = np.ones(n), np.zeros(n)
-        for joint, (way, angle) in zip(joints, ways, strict=True):
-            sign[joint], offset[joint] = way, angle
-        return cls(sign, offset)
-
-    def applied(self, setup: Setup) -> Setup:
-        """The case with these."""
-        return setup.with_joints(setup.joints.sign * self.sign, setup.joints.offset + self.offset)
-
-    def and_with(self, joint: int, sign: float, offset: float) -> Self:
-        """These with one joint otherwise."""
-        signs, offsets = self.sign.copy(), self.offset.copy()
-        signs[joint], offsets[joint] = sign, offset
-        return replace(self, sign=signs, offset=offsets)
-
-    @property
-    def complexity(self) -> int:
-        """Few joints before many; reversed ones before right angles before any angles."""
-        angles = [offset for offset in self.offset.tolist() if offset]
-        both = np.count_nonzero((self.sign < 0.0) & (self.offset != 0.0))
-        return 10 * len(self.changed()) + sum(1 if angle % 90.0 == 0.0 else 3 for angle in angles) + int(both)
-
-    @property
-    def mastering(self) -> bool:
-        """Whether they say no more than that zeros are off by little."""
-        return bool(np.all(self.sign > 0.0) and np.all(np.abs(self.offset) < LEAST_OFFSET_DEG))
-
-    def changed(self) -> Any:
-        """Which joints are not as the robot file says."""
-        return np.flatnonzero((self.sign < 0.0) | (self.offset != 0.0))
+"""Prior 1 σ of an offset that is fitted: practically free."""
 
 
 def plain_joints(setup: Setup) -> Iterator[Hypothesis]:
     """The most promising of: any joints reversed (of robots with more than seven: three), one or two off by right
     angles.
     """
-    reversed_ = [
-        _Joints.of(setup.n, joints, [(-1.0, 0.0)] * count)
-        for count in range(1, (setup.n if setup.n <= 7 else AT_ONCE) + 1)
-        for joints in itertools.combinations(range(setup.n), count)
-    ]
-    ways = [(sign, angle) for sign in (1.0, -1.0) for angle in (90.0, -90.0, 180.0)] + [(-1.0, 0.0)]
-    for joints in _best(setup, [*reversed_, *_singles(setup, ways), *_doubles(setup, ways)])[: 2 * REFINED]:
-        yield _hypothesis(setup, joints)
+    most = setup.n if setup.n <= 7 else AT_ONCE
+    reversed_ = [joints for count in range(most) for joints in _combined(setup, count + 1, [REVERSED])]
+    ways = [(sign, angle) for sign in (1.0, -1.0) for angle in (90.0, -90.0, 180.0)] + [REVERSED]
+    for joints in _best(setup, [*reversed_, *_combined(setup, 1, ways), *_combined(setup, 2, ways)])[: 2 * REFINED]:
+        yield joints.hypothesis(setup)
 
 
 def reversed_joint(setup: Setup) -> Iterator[Hypothesis]:
     """One joint reversed."""
-    for joint in range(setup.n):
-        yield _hypothesis(setup, _Joints.of(setup.n, [joint], [(-1.0, 0.0)]))
+    for joints in _combined(setup, 1, [REVERSED]):
+        yield joints.hypothesis(setup)
 
 
 def offset_joint(setup: Setup) -> Iterator[Hypothesis]:
     """One joint off by any angle, reversed besides or not."""
-    yield from _worked_out(setup, _best(setup, _singles(setup, _ways()))[:REFINED])
+    yield from _fitted(setup, _best(setup, _combined(setup, 1, _ways()))[:REFINED])
 
 
 def two_joints(setup: Setup) -> Iterator[Hypothesis]:
     """Two joints off by any angle, reversed besides or not."""
-    yield from _worked_out(setup, _by_joints(setup, _doubles(setup, _ways()))[: 2 * REFINED])
+    yield from _fitted(setup, _by_joints(setup, _combined(setup, 2, _ways()))[: 2 * REFINED])
 
 
 def three_joints(setup: Setup) -> Iterator[Hypothesis]:
     """A third joint besides the best pairs."""
-    pairs = _by_joints(setup, _doubles(setup, _ways()))[:BREADTH]
+    pairs = _by_joints(setup, _combined(setup, 2, _ways()))[:BREADTH]
     threes = [
         pair.and_with(joint, *way)
         for pair in pairs
         for joint in sorted(set(range(setup.n)) - set(pair.changed().tolist()))
         for way in _ways()
     ]
-    yield from _worked_out(setup, _by_joints(setup, threes)[: 2 * REFINED])
+    yield from _fitted(setup, _by_joints(setup, threes)[: 2 * REFINED])
 
 
 def _ways() -> list[tuple[float, float]]:
@@ -137,21 +87,18 @@ def _ways() -> list[tuple[float, float]]:
     return [*((1.0, angle) for angle in turned), *((-1.0, angle) for angle in angles)]
 
 
-def _singles(setup: Setup, ways: list[tuple[float, float]]) -> list[_Joints]:
-    return [_Joints.of(setup.n, [joint], [way]) for joint in range(setup.n) for way in _seen(setup, joint, ways)]
-
-
-def _doubles(setup: Setup, ways: list[tuple[float, float]]) -> list[_Joints]:
+def _combined(setup: Setup, count: int, ways: list[tuple[float, float]]) -> list[JointChanges]:
+    """Each of `ways` for each of `count` joints, in all combinations."""
     return [
-        _Joints.of(setup.n, (first, second), two)
-        for first, second in itertools.combinations(range(setup.n), 2)
-        for two in itertools.product(_seen(setup, first, ways), _seen(setup, second, ways))
+        JointChanges.of(setup.n, joints, chosen)
+        for joints in itertools.combinations(range(setup.n), count)
+        for chosen in itertools.product(*(_observable(setup, joint, ways) for joint in joints))
     ]
 
 
-def _seen(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Those of `ways` that these rows can tell: another zero of the first joint is another heading of base or points,
-    one of the last another turn of a tool that is registered. That harms nothing, and nobody is told of it.
+def _observable(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Those of `ways` that these rows can show. Another zero of the first joint is the same as another heading of base
+    or points; one of the last joint, as another rotation of a tool that is registered. Neither does harm.
     """
     instrument = setup.task.rows.kinds & {PositionRows, PoseRows}
     of_base = joint == 0 and (not instrument or "base" in setup.task.registered)
@@ -160,35 +107,35 @@ def _seen(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> list[tup
     return ways
 
 
-def _best(setup: Setup, many: list[_Joints]) -> list[_Joints]:
+def _best(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
     """By how near they bring nominal to a few rows, roughly; the simplest of equals first."""
     sizes = _sizes(setup, many)
     complexity = np.array([joints.complexity for joints in many])
     return [many[place] for place in np.lexsort((sizes, complexity, steps_of(sizes)))]
 
 
-def _by_joints(setup: Setup, many: list[_Joints]) -> list[_Joints]:
+def _by_joints(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
     """For each set of joints and signs the nearest, the nearest of these first: the grid is too coarse for more."""
-    best: dict[tuple[int, ...], _Joints] = {}
+    best: dict[tuple[int, ...], JointChanges] = {}
     for place in np.argsort(_sizes(setup, many), kind="stable"):
         joints = many[place]
         best.setdefault((*joints.sign.astype(int).tolist(), *joints.changed().tolist()), joints)
     return list(best.values())
 
 
-def _sizes(setup: Setup, many: list[_Joints]) -> Floats:
+def _sizes(setup: Setup, many: list[JointChanges]) -> Floats:
     signs, offsets = (np.array([getattr(joints, part) for joints in many]) for part in ("sign", "offset"))
     return rough_sizes(setup.thinned(ROWS), signs, offsets)
 
 
-def _worked_out(setup: Setup, rough: list[_Joints]) -> Iterator[Hypothesis]:
+def _fitted(setup: Setup, rough: list[JointChanges]) -> Iterator[Hypothesis]:
     sample = setup.thinned(SEARCHED)
     for joints in rough:
-        yield _hypothesis(setup, _refined(sample, _refined(sample, joints)))
+        yield _refined(sample, _refined(sample, joints)).hypothesis(setup)
 
 
-def _refined(sample: Setup, joints: _Joints) -> _Joints:
-    """Offsets worked out together with the registration, on the rows that fit best with those given."""
+def _refined(sample: Setup, joints: JointChanges) -> JointChanges:
+    """Offsets fitted together with the registration, on the rows that fit best with those given."""
     hypothesis = joints.applied(sample)
     about = misfit(hypothesis, rounds=2)
     blocks = [block.pick(kept) for block, kept in zip(hypothesis.task.rows.blocks, about.kept, strict=True)]
@@ -198,36 +145,8 @@ def _refined(sample: Setup, joints: _Joints) -> _Joints:
     sigma = np.where(loose, np.deg2rad(LOOSE_DEG), unknowns.sigma)
     free = loose | hypothesis.task.registration(unknowns)
     found = estimate(replace(unknowns, sigma=sigma, prior=None, free=free), blocks)
-    offset = joints.offset.copy()
     for name in turned:
         turn = float(np.rad2deg(found.deviations[unknowns.names.index(name)]))
         joint = int(name.removeprefix("theta")) - 1
-        offset[joint] = _rounded((offset[joint] + turn + 180.0) % 360.0 - 180.0)
-    return replace(joints, offset=offset)
-
-
-def _rounded(offset: float) -> float:
-    """None, or right angles, where an offset is nearly that: exactly."""
-    right = 90.0 * round(offset / 90.0)
-    return (right + 180.0) % 360.0 - 180.0 if abs(offset - right) < RIGHT_ANGLE_DEG else offset
-
-
-def _hypothesis(setup: Setup, joints: _Joints) -> Hypothesis:
-    changed = joints.changed()
-    changes = tuple(_change(setup, int(joint), joints) for joint in changed)
-    return Hypothesis(changes, joints.applied(setup), joints.complexity, joints.mastering)
-
-
-def _change(setup: Setup, joint: int, joints: _Joints) -> Change:
-    name, offset = f"A{joint + 1}", float(joints.offset[joint])
-    flipped = joints.sign[joint] < 0.0
-    sign = f"sign: {int(setup.joints.sign[joint] * joints.sign[joint])}"
-    total = (setup.joints.offset[joint] + offset + 180.0) % 360.0 - 180.0
-    zero = f"offset: {total:.1f}".removesuffix(".0")
-    of_joint = f" for joint {joint + 1}"
-    if not offset:
-        return Change(f"{name} reversed", "robot", sign + of_joint, ("joints", joint, "sign"))
-    if flipped:
-        what = f"{name} reversed and off by {abs(offset):.1f}°"
-        return Change(what, "robot", f"{sign} and {zero}{of_joint}", ("joints", joint, "sign"))
-    return Change(f"{name} off by {abs(offset):.1f}°", "robot", zero + of_joint, ("joints", joint, "offset"))
+        joints = joints.with_offset(joint, (joints.offset[joint] + turn + 180.0) % 360.0 - 180.0)
+    return joints

@@ -1,9 +1,9 @@
-"""Certified distances that do not go together with the rows, or with each other.
+"""Certified distances that contradict the rows, or each other.
 
-A certificate is a measurement too, and it may be the wild one: a wrong pair of spheres, a typing error, inches. So the
-robot is identified from rows alone, without any certificate. What these deny by themselves is wrong, or all by one
-factor; only then each distance is foretold from rows and from the others that are not denied. Where leaving out any of
-several makes the rest agree, all of them are named. A robot that obeys rows and certificate alike clears all of them.
+A certificate is a measurement too, and may be an outlier: a wrong pair of spheres, a typing error, inches. So the robot
+is identified from rows alone, without any certificate. Distances that the rows contradict are wrong, or all of them by
+one factor. Then each distance is predicted from the rows and the remaining distances. Where leaving out any one of
+several makes the rest agree, all of these are named. If one robot fits rows and certificate, nothing is named.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cellctl.setup_check.predicted_spacings import FAR, PredictedSpacings, wrong
 from cellctl.setup_check.second_centres import with_best_centres
 
 SAMPLE = 300
-"""Rows of instruments that foretell the distances, and as many touches and visits, evenly from all points."""
+"""Rows of instruments that predict the distances, and as many touches and visits, evenly from all points."""
 
 SAMPLE_OF_EACH = 20
 """So many of each instrument's rows, and of each point's, are always among them."""
@@ -34,26 +34,26 @@ TOUCHES_AT_LEAST = 5
 """Of fewer touches on a sphere two centres, or a ring of them, may be as good: its distances are not judged."""
 
 FITTING = 3.0
-"""Standard deviations of χ² within which a certificate fits a robot that also obeys the rows."""
+"""Standard deviations of χ² within which a certificate agrees with a robot that also fits the rows."""
 
 FEW = 3
 """Fewer different distances than this have no factor in common: each is named."""
 
 BETTER = 4.0
-"""By how many times nearer to what the rows say a common factor brings the distances."""
+"""A common factor has to bring the distances this many times nearer to their estimates."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class SpacingError:
-    """A certified distance, mm, between two points that is not what the rows and the other distances say, mm ± 1 σ.
+    """A certified distance, mm, that contradicts the estimate from the rows and the other distances, mm ± 1 σ.
 
     certain: whether it is this one that is wrong; else the rows cannot tell which of those that are named.
     """
 
     between: tuple[str, str]
     given: float
-    said: float
+    estimate: float
     sigma: float
     certain: bool
 
@@ -63,7 +63,7 @@ class SpacingError:
         digits = max(0, min(3, 1 - int(np.floor(np.log10(self.sigma)))))
         say = "these rows say" if self.certain else "these rows and the other spacings say"
         given = f"spacing {self.between[0]}–{self.between[1]}: {self.given:g} mm given"
-        return f"{given}, {say} {self.said:.{digits}f} ± {self.sigma:.{digits}f} mm"
+        return f"{given}, {say} {self.estimate:.{digits}f} ± {self.sigma:.{digits}f} mm"
 
 
 @final
@@ -71,7 +71,7 @@ class SpacingError:
 class ScaleError:
     """All certified distances that the rows can judge, `count` of them, are wrong by one factor ± 1 σ.
 
-    between, given: the first of them, mm. before, after: RMS, mm, by which they are off what the rows say, as given and
+    between, given: the first of them, mm. before, after: RMS, mm, of the differences from the estimates, as given and
     times `factor`.
     """
 
@@ -92,7 +92,7 @@ class ScaleError:
 
 
 def find_spacing_errors(task: Task) -> tuple[SpacingError | ScaleError, ...]:
-    """The certified distances of `task` that rows or other distances deny; none where there is nothing to tell."""
+    """The certified distances of `task` that contradict the rows or other distances."""
     if task.spacings is None or not len(task.spacings) or task.rows.size < 2 * task.registering:
         return ()
     try:
@@ -116,7 +116,7 @@ def _contradicted(task: Task, spacings: SpacingRows) -> tuple[SpacingError | Sca
         return ()
     best, unsure = with_best_centres(found.identified, used.noisier(found.noise))
     judged = _between(judged, ~unsure)
-    return _told(task, judged, best) if _suspected(judged, best) else ()
+    return _errors_of(task, judged, best) if _suspected(judged, best) else ()
 
 
 def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
@@ -125,12 +125,12 @@ def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
 
 
 def _suspected(spacings: SpacingRows, found: Estimate) -> bool:
-    """Whether any is denied."""
+    """Whether any is contradicted."""
     return len(spacings) > 0 and bool(wrong(PredictedSpacings.of(spacings, found))[0].any())
 
 
-def _told(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[SpacingError | ScaleError, ...]:
-    """The factor that they are wrong by together, or each that is denied."""
+def _errors_of(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[SpacingError | ScaleError, ...]:
+    """The factor that all are wrong by, or each that is contradicted."""
     predicted = PredictedSpacings.of(spacings, found)
     names = [(task.points[first], task.points[second]) for first, second in spacings.pairs]
     scale = _scale(predicted, names[0])
@@ -138,7 +138,7 @@ def _told(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[SpacingEr
 
 
 def _sample(rows: Mixture) -> Any:
-    """Which rows (N,) foretell the distances: of instruments, which may hold thousands, and of points as many."""
+    """Which rows (N,) predict the distances: of instruments, which may hold thousands, and of points as many."""
     owner = np.concatenate(
         [
             block.point if isinstance(block, TouchRows | SocketRows | PlaneRows) else np.full(len(block), -1 - number)
@@ -155,16 +155,16 @@ def _sample(rows: Mixture) -> Any:
 
 def _known(rows: Mixture, points: int) -> Bools:
     """Which points (S,) have rows enough for one place alone."""
-    told = np.zeros(points, int)
+    counted = np.zeros(points, int)
     for block in rows.blocks:
         if isinstance(block, TouchRows | SocketRows):
             each = 1 if isinstance(block, TouchRows) else TOUCHES_AT_LEAST
-            told += each * np.bincount(block.point, minlength=points)
-    return told >= TOUCHES_AT_LEAST
+            counted += each * np.bincount(block.point, minlength=points)
+    return counted >= TOUCHES_AT_LEAST
 
 
 def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
-    """Whether a robot no further from nominal, with rows no noisier, obeys the certificate too."""
+    """Whether a robot no further from nominal, with rows no noisier, fits the certificate too."""
     weights = Weights(found.noise, found.loosened)
     _, weighed = identify_kept(replace(alone, spacings=spacings), alone.rows.pick(np.array(found.used)), weights)
     more, count = weighed.found.cost - found.identified.cost, len(spacings)
@@ -172,13 +172,13 @@ def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
 
 
 def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError | None:
-    """The one factor that brings all distances to what the rows say, where these deny any and there is one."""
+    """The one factor that brings all distances to their estimates, where any is contradicted and there is one."""
     if np.unique(predicted.given).size < FEW or not predicted.contradicted().any():
         return None
-    about = predicted.scaled(float(np.median(predicted.said / predicted.given)))
+    about = predicted.scaled(float(np.median(predicted.estimate / predicted.given)))
     share: Any = np.linalg.solve(about.spread, predicted.given)
     known = float(share @ predicted.given)
-    factor, sigma = float(share @ predicted.said) / known, 1.0 / np.sqrt(known)
+    factor, sigma = float(share @ predicted.estimate) / known, 1.0 / np.sqrt(known)
     scaled = predicted.scaled(factor)
     before, after = (float(np.sqrt(np.mean(each.away**2))) for each in (predicted, scaled))
     if abs(factor - 1.0) < FAR * sigma or scaled.contradicted().any() or BETTER * after > before:
@@ -187,14 +187,14 @@ def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError |
 
 
 def _named(predicted: PredictedSpacings, names: Sequence[tuple[str, str]]) -> tuple[SpacingError, ...]:
-    """Each that is wrong, with what is said of it by: the rows alone, if they deny it; they and the undisputed
-    distances, if these do; they and all others, where nobody can tell which.
+    """Each that is wrong, with its estimate from: the rows alone, if they contradict it; the rows and the distances
+    that are right, if these contradict it; the rows and all other distances, where it is not certain which is wrong.
     """
     result, by_rows, (contradicted, certain) = [], predicted.contradicted(), wrong(predicted)
     for one in np.flatnonzero(contradicted).tolist():
         kept = ~by_rows if not certain[one] else ~contradicted & ~by_rows[one]
         off, sigma = predicted.given_others(kept, one)
-        said = float(np.sqrt(max(sigma**2 - float(predicted.sigma[one]) ** 2, 1e-8)))
+        spread = float(np.sqrt(max(sigma**2 - float(predicted.sigma[one]) ** 2, 1e-8)))
         given = float(predicted.given[one])
-        result.append(SpacingError(names[one], given, given - off, said, bool(certain[one])))
+        result.append(SpacingError(names[one], given, given - off, spread, bool(certain[one])))
     return tuple(result)

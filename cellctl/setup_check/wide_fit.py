@@ -20,8 +20,8 @@ from cellctl.calibration.estimation.identify import certain
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
 from cellctl.kinematics import Floats
+from cellctl.setup_check.hypothesis import Setup
 from cellctl.setup_check.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors
-from cellctl.setup_check.setup import Setup
 
 WIDENED = {"links": 40.0, "zeros": 200.0, "tool": 100.0}
 """Tolerances are widened by these factors: by default to links within 20 mm and 2°, as a tape measures them, joint
@@ -106,7 +106,7 @@ def _left(setup: Setup, state: State, kept: list[Any]) -> float:
 
 
 def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:
-    """Measurements at other rows' joints; a touch says the same of all of them, so there each joint by itself."""
+    """Measurements at other rows' joints; touches are alike, so there each joint is shuffled by itself."""
     readings, start = setup.readings.copy(), 0
     for block in setup.task.rows.blocks:
         mine = slice(start, start + len(block))

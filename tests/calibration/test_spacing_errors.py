@@ -23,9 +23,9 @@ def test_a_wrong_distance_is_named_with_what_is_given_and_what_the_rows_say(touc
     true = np.linalg.norm(touches.centres[0] - touches.centres[2])
     assert contradicted.between == ("S1", "S3")
     assert contradicted.certain
-    assert abs(contradicted.said - true) < 4.0 * contradicted.sigma < 0.5
+    assert abs(contradicted.estimate - true) < 4.0 * contradicted.sigma < 0.5
     assert contradicted.what.startswith(
-        f"spacing S1–S3: {contradicted.given:g} mm given, these rows say {contradicted.said:.1f}"[:-2]
+        f"spacing S1–S3: {contradicted.given:g} mm given, these rows say {contradicted.estimate:.1f}"[:-2]
     )
 
 
@@ -99,7 +99,7 @@ def test_thousands_of_positions_do_not_crowd_out_the_touches():
     assert find_spacing_errors(beside_an_instrument(9, 5000, 12)) == ()
     (contradicted,) = find_spacing_errors(beside_an_instrument(9, 5000, 12, by=50.0))
     assert contradicted.between == ("S0", "S1")
-    assert abs(contradicted.given - 50.0 - contradicted.said) < 4.0 * contradicted.sigma < 2.0
+    assert abs(contradicted.given - 50.0 - contradicted.estimate) < 4.0 * contradicted.sigma < 2.0
 
 
 def all_between(spheres):
@@ -128,4 +128,4 @@ def test_a_sphere_whose_touches_fit_two_centres_is_no_witness():
     off = np.where(np.arange(len(task.spacings)) == 1, 2.0, 0.0)
     (contradicted,) = find_spacing_errors(replace(task, spacings=replace(task.spacings, mm=task.spacings.mm + off)))
     assert contradicted.between == ("S0", "S2")
-    assert abs(contradicted.given - 2.0 - contradicted.said) < 4.0 * contradicted.sigma < 2.0
+    assert abs(contradicted.given - 2.0 - contradicted.estimate) < 4.0 * contradicted.sigma < 2.0
