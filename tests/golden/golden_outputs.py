@@ -22,7 +22,7 @@ INPUTS, EXPECTED = HERE / "inputs", HERE / "expected"
 
 WORDS = {
     "sentence", "verdict_reason", "sigma_reason", "reason", "text", "unobservable", "seconds", "wall_s", "created",
-    "run", "versions", "ended", "cure", "story", "warnings", "error", "message", "words", "title",
+    "run", "versions", "ended", "cell_sha256", "cure", "story", "warnings", "error", "message", "words", "title",
 }  # fmt: skip
 """Keys whose values are texts for people, or tell of this computer and this hour."""
 
