@@ -19,7 +19,7 @@ from cellctl.files import Document, InputError, load_yaml
 if TYPE_CHECKING:
     from cellctl.formats import Measurements, ModelFile, RobotFile
 
-NO_CHECK = "--no-check fits all the same, as if nothing were wrong: do not use such a model before you know the cause"
+NO_CHECK = "--no-check skips this check and fits anyway: do not use such a model before you know the cause"
 
 
 def fit(

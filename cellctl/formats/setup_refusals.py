@@ -33,7 +33,7 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
     """Return where `measured` agrees with the robot file. Else raise InputError with `note`.
 
     Each set-up error is one Problem at its place, with the evidence ("A3 reversed: RMS 214 → 0.9 mm") and the cure.
-    Where the rows cannot tell which of several it is, all are named. If no set-up error is found, the certified
+    Where the rows do not show which of several it is, all are named. If no set-up error is found, the certified
     distances are checked; if none explains the misfit, robot file and data may not belong together.
     """
     from cellctl.setup_check import check_setup, find_spacing_errors
@@ -65,14 +65,14 @@ def _unrelated(files: SetupFiles, fit: WideFit) -> Problem:
 
 
 def _cure(contradicted: SpacingError | ScaleError, *, several: bool) -> str:
-    """What to look at, and that the rows cannot tell where they cannot."""
+    """What to look at, and whether another of the named distances may be the wrong one."""
     from cellctl.setup_check import ScaleError
 
     if isinstance(contradicted, ScaleError):
         return "mm? another unit, or an artefact of another size? correct them or leave them out"
     cure = "mm? the right two points? correct it or leave it out"
     if several and not contradicted.certain:
-        cure += " (these rows cannot tell which of the distances named is wrong)"
+        cure += " (these rows do not show which of the named distances is wrong)"
     return cure
 
 
@@ -109,4 +109,4 @@ def _problem(files: SetupFiles, measured: Measurements, error: SetupError, chang
 def _others(found: tuple[SetupError, ...], error: SetupError) -> str:
     """What explains as much, in a few words: one of them is true."""
     others = ["; ".join(change.what for change in other.changes) for other in found if other is not error]
-    return f"; or else: {'; or: '.join(others)} (these rows cannot tell)" if others else ""
+    return f"; or else: {'; or: '.join(others)} (these rows do not show which)" if others else ""

@@ -97,7 +97,7 @@ class SetupCheck:
 def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetupCheck:
     """Set-up errors in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
 
-    Where several explanations leave as little, all are named: the rows cannot tell which it is. Nothing is found where
+    Where several explanations leave as little, all are named: the rows do not show which it is. Nothing is found where
     there are too few rows, or where nominal cannot be registered numerically.
     """
     if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:

@@ -48,7 +48,7 @@ BETTER = 4.0
 class SpacingError:
     """A certified distance, mm, that contradicts the estimate from the rows and the other distances, mm ± 1 σ.
 
-    certain: whether it is this one that is wrong; else the rows cannot tell which of those that are named.
+    certain: whether it is this one that is wrong; else it is one of those that are named.
     """
 
     between: tuple[str, str]
@@ -59,11 +59,11 @@ class SpacingError:
 
     @property
     def what(self) -> str:
-        """`spacing S1–S2: 503 mm given, these rows say 403.1 ± 0.1 mm`."""
+        """`spacing S1–S2: 503 mm given, 403.1 ± 0.1 mm estimated from these rows`."""
         digits = max(0, min(3, 1 - int(np.floor(np.log10(self.sigma)))))
-        say = "these rows say" if self.certain else "these rows and the other spacings say"
+        source = "these rows" if self.certain else "these rows and the other spacings"
         given = f"spacing {self.between[0]}–{self.between[1]}: {self.given:g} mm given"
-        return f"{given}, {say} {self.estimate:.{digits}f} ± {self.sigma:.{digits}f} mm"
+        return f"{given}, {self.estimate:.{digits}f} ± {self.sigma:.{digits}f} mm estimated from {source}"
 
 
 @final
@@ -85,10 +85,10 @@ class ScaleError:
 
     @property
     def what(self) -> str:
-        """`all 120 spacings that these rows know: × 25.40 brings them from 587 to 0.19 mm off what these rows say`."""
+        """`all 120 spacings that can be checked: × 25.40 reduces their RMS error from 587 to 0.19 mm`."""
         factor = f"{self.factor:.{max(0, min(6, -int(np.floor(np.log10(self.sigma)))))}f}"
-        off = f"from {self.before:.3g} to {self.after:.2g} mm off what these rows say"
-        return f"all {self.count} spacings that these rows know: × {factor} brings them {off}"
+        error = f"from {self.before:.3g} to {self.after:.2g} mm"
+        return f"all {self.count} spacings that can be checked: × {factor} reduces their RMS error {error}"
 
 
 def find_spacing_errors(task: Task) -> tuple[SpacingError | ScaleError, ...]:

@@ -96,7 +96,7 @@ def other_spheres(setup: Setup) -> Iterator[Hypothesis]:
     if TouchRows not in setup.task.rows.kinds:
         return
     factors = {f"radii are {unit}": factor for unit, factor in UNITS.items()}
-    factors |= {"diameters stand where radii belong": 0.5, "radii stand where diameters belong": 2.0}
+    factors |= {"diameters are given as radii": 0.5, "radii are given as diameters": 2.0}
     for what, factor in factors.items():
 
         def scaled(block: Measured, factor: float = factor) -> Measured:

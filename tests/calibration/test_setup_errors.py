@@ -1,4 +1,4 @@
-"""Mistakes of set-up planted in simulated and real measurements are named first; robots without are never accused.
+"""Set-up errors planted in simulated and real measurements are named first; robots without are never refused.
 
 The robots are 4×4 products written here, wrong by what their makers allow; nothing of cellctl's chain is in them.
 """
@@ -46,7 +46,7 @@ def flanges(table, angles_deg):
 class Measured:
     """Readings (N, 6), deg, and what a tracker says of a reflector on the flange: points and turns in its own frame."""
 
-    def __init__(self, seed, count, robot=KR5, wild=0, wrong=1.0, still=False):
+    def __init__(self, seed, count, robot=KR5, outliers=0, wrong=1.0, still=False):
         rng = np.random.default_rng(seed)
         table, signs = (KR5_TABLE, KR5_SIGNS) if robot is KR5 else (UR10_TABLE, UR10_SIGNS)
         low, high = [-90, -110, 40, -90, -80, -120], [90, -40, 120, 90, 80, 120]
@@ -61,7 +61,7 @@ class Measured:
         reflector = rng.normal([60, 50, 300], 60)
         points = reached[:, :3, :3] @ reflector + reached[:, :3, 3]
         self.xyz = stand.apply(points) + rng.normal([2100, -900, 40], 0.03, (count, 3))
-        self.xyz[rng.permutation(count)[:wild]] += rng.normal(0, 100, (wild, 3))
+        self.xyz[rng.permutation(count)[:outliers]] += rng.normal(0, 100, (outliers, 3))
         self.turns = stand * Rotation.from_matrix(reached[:, :3, :3]) * Rotation.from_euler("y", 40, degrees=True)
 
 
@@ -153,7 +153,7 @@ def test_a_joint_that_counts_from_another_zero_is_named_with_the_angle(measured,
     wrong = changed(measured.readings, **{f"A{joint}": lambda angle: angle + by})
     first, *others = found(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)
     explained = [error for error in (first, *others) if error.changes[0].what.startswith(f"A{joint} off by")]
-    assert explained, "the planted mistake is neither first nor among its equals"
+    assert explained, "the planted error is neither first nor among its equals"
     (change,) = explained[0].changes
     assert change.key == ("joints", joint - 1, "offset")
     assert abs(float(change.what.split()[-1].rstrip("°")) - abs(by)) < 0.5
@@ -169,8 +169,8 @@ def test_no_zero_is_claimed_that_base_or_tool_take_up(measured):
 def test_a_zero_off_by_less_than_two_degrees_is_left_to_the_identification(kuka, joint):
     for by in (1.7, -1.7, 4.0):
         wrong = changed(kuka.readings, **{f"A{joint}": lambda angle, by=by: angle - by})
-        accused = named(positions(KR5, wrong, kuka.xyz), KR5, wrong)
-        assert bool(accused) == (by == 4.0), accused
+        errors = named(positions(KR5, wrong, kuka.xyz), KR5, wrong)
+        assert bool(errors) == (by == 4.0), errors
 
 
 @pytest.mark.parametrize(
@@ -314,14 +314,14 @@ def test_link_lengths_in_metres_are_named(measured):
 
 
 @pytest.mark.long
-def test_two_mistakes_of_different_kinds_are_named_together(kuka):
+def test_two_errors_of_different_kinds_are_named_together(kuka):
     wrong = changed(kuka.readings, A2=np.negative)
     assert named(positions(KR5, wrong, kuka.xyz / 1000), KR5, wrong)[0] == ["X, Y, Z are metres", "A2 reversed"]
 
 
-@pytest.mark.parametrize("wild", [3, 25])
-def test_wild_rows_hide_no_mistake(wild):
-    data = Measured(21, 80, wild=wild)
+@pytest.mark.parametrize("outliers", [3, 25])
+def test_outliers_hide_no_error(outliers):
+    data = Measured(21, 80, outliers=outliers)
     wrong = changed(data.readings, A3=np.negative)
     assert named(positions(KR5, wrong, data.xyz), KR5, wrong)[0] == ["A3 reversed"]
 
@@ -350,8 +350,8 @@ def test_touches_name_radians(touches, touch_task):
     ("factor", "words"),
     [
         (0.001, "radii are metres"),
-        (0.5, "radii stand where diameters belong"),
-        (2.0, "diameters stand where radii belong"),
+        (0.5, "radii are given as diameters"),
+        (2.0, "diameters are given as radii"),
     ],
 )
 def test_touches_name_spheres_of_another_size(touches, touch_task, factor, words):
@@ -361,31 +361,34 @@ def test_touches_name_spheres_of_another_size(touches, touch_task, factor, words
 
 
 @pytest.mark.long
-def test_healthy_robots_are_never_accused():
-    """60 robots, each by positions, by poses, in 20 rows, with wild rows, three times as wrong as tolerances allow."""
+def test_healthy_robots_are_never_refused():
+    """60 robots, each by positions, by poses, in 20 rows, with outliers, three times as wrong as tolerances allow."""
     for seed in range(60):
         usual, sample = Measured(seed, 60), Measured(seed, 20)
-        wild, bad = Measured(seed, 60, wild=(2, 6, 18, 24)[seed % 4]), Measured(seed, 60, wrong=3.0, robot=UR10)
-        for data in (usual, sample, wild, bad):
+        with_outliers, bad = (
+            Measured(seed, 60, outliers=(2, 6, 18, 24)[seed % 4]),
+            Measured(seed, 60, wrong=3.0, robot=UR10),
+        )
+        for data in (usual, sample, with_outliers, bad):
             assert named(positions(data.robot, data.readings, data.xyz), data.robot, data.readings) == []
         assert named(poses(KR5, usual.readings, usual.xyz, usual.turns), KR5, usual.readings) == []
 
 
 @pytest.mark.long
-def test_robots_of_constant_orientation_are_never_accused():
+def test_robots_of_constant_orientation_are_never_refused():
     for seed in range(50):
         data = Measured(seed, 40, still=True)
         assert named(positions(KR5, data.readings, data.xyz), KR5, data.readings) == []
 
 
-def test_real_robots_are_not_accused(tracker):
+def test_real_robots_are_not_refused(tracker):
     assert named(positions(UR10, tracker.readings, tracker.xyz), UR10, tracker.readings) == []
     turns = Rotation.from_euler("XYZ", tracker.angles, degrees=True)
     assert named(poses(UR10, tracker.readings, tracker.xyz, turns), UR10, tracker.readings) == []
 
 
 @pytest.mark.long
-def test_touches_are_not_accused(touches, touch_task, draw):
+def test_touches_are_not_refused(touches, touch_task, draw):
     assert named(touch_task(touches), KR5, touches.readings) == []
     for seed in range(3):
         one = draw(seed, 30, spheres=[[950.0, -350.0, 250.0]])
@@ -423,7 +426,7 @@ def sockets(readings, which):
 
 
 @pytest.mark.long
-def test_sockets_are_not_accused_and_name_a_reversed_or_offset_joint(socketed):
+def test_sockets_are_not_refused_and_name_a_reversed_or_offset_joint(socketed):
     readings, which = socketed
     assert named(sockets(readings, which), KR5, readings) == []
     wrong = changed(readings, A3=np.negative)
@@ -433,7 +436,7 @@ def test_sockets_are_not_accused_and_name_a_reversed_or_offset_joint(socketed):
 
 
 @pytest.mark.long
-def test_random_numbers_are_no_set_up_mistake():
+def test_random_numbers_are_no_set_up_error():
     data = Measured(31, 60)
     noise = np.random.default_rng(31).normal(0, 500, (60, 3))
     setup = check_setup(positions(KR5, data.readings, noise), KR5.joint_map(), data.readings)
@@ -461,8 +464,8 @@ def test_measurements_shuffled_against_their_joints_do_not_belong_to_the_robot()
 
 
 def test_a_bad_robot_is_this_robot_all_the_same():
-    """Two joints that lost their mastering by 5°, links as a tape measures them, wild rows, and a poor instrument."""
-    data = Measured(53, 60, wild=6, wrong=20.0)
+    """Two joints that lost their mastering by 5°, links as a tape measures them, outliers, and a poor instrument."""
+    data = Measured(53, 60, outliers=6, wrong=20.0)
     readings = data.readings + np.array([0, 5, 0, -5, 0, 0])
     noisy = data.xyz + np.random.default_rng(53).normal(0, 1.0, data.xyz.shape)
     fit = wide_fit(positions(KR5, readings, noisy), KR5, readings)
@@ -482,7 +485,7 @@ def test_touches_with_a_tool_off_by_a_decimetre_are_this_robot_all_the_same(touc
 def test_healthy_bad_and_noisy_robots_belong_to_their_rows():
     """40 robots, each as it is and 15 times as wrong as tolerances allow; with lost mastering; in 10 mm of noise."""
     for seed in range(40):
-        usual, bad = Measured(seed, 60, wild=seed % 20), Measured(seed, 40, wrong=15.0, robot=UR10)
+        usual, bad = Measured(seed, 60, outliers=seed % 20), Measured(seed, 40, wrong=15.0, robot=UR10)
         lost = usual.readings + np.random.default_rng(seed).uniform(-10, 10, 6)
         noisy = usual.xyz + np.random.default_rng(seed).normal(0, 10.0, usual.xyz.shape)
         assert not wide_fit(positions(KR5, usual.readings, usual.xyz), KR5, usual.readings).unrelated
@@ -521,7 +524,7 @@ def test_rows_out_of_step_are_named_in_each_session_by_itself():
     assert changes[0].rows[0] == 12
 
 
-def test_a_number_that_no_arithmetic_survives_accuses_nobody(kuka):
+def test_a_number_that_no_arithmetic_survives_names_nothing(kuka):
     xyz = kuka.xyz.copy()
     xyz[7, 1] = 1e300
     assert not found(positions(KR5, kuka.readings, xyz), KR5, kuka.readings)
@@ -579,8 +582,8 @@ def test_joints_of_some_rows_in_radians_are_named(rows, which):
     )
 
 
-def test_of_rows_in_metres_wild_ones_are_not_claimed():
-    data = Measured(35, 40, wild=4)
+def test_of_rows_in_metres_outliers_are_not_named():
+    data = Measured(35, 40, outliers=4)
     data.xyz[HALF] /= METRES
     (error,) = found(positions(KR5, data.readings, data.xyz), KR5, data.readings)
     assert "look like metres" in error.changes[0].what
@@ -589,11 +592,11 @@ def test_of_rows_in_metres_wild_ones_are_not_claimed():
 
 @pytest.mark.long
 def test_no_sound_row_looks_like_another_unit_even_where_all_are_asked():
-    """Asked outright, whatever nominal is like: sound sets, wild rows, robots three times as bad, a frame amid them."""
+    """Asked outright, whatever nominal is like: sound sets, outliers, robots three times as bad, a frame amid them."""
     for seed in range(3):
-        usual, wild = Measured(seed, 50), Measured(seed, 50, wild=20, wrong=3.0, robot=UR10)
+        usual, with_outliers = Measured(seed, 50), Measured(seed, 50, outliers=20, wrong=3.0, robot=UR10)
         amid = Measured(seed, 50)
         amid.xyz -= amid.xyz.mean(axis=0)
-        for data in (usual, wild, amid):
+        for data in (usual, with_outliers, amid):
             setup = Setup(positions(data.robot, data.readings, data.xyz), data.robot.joint_map(), data.readings)
             assert list(mixed_units(setup)) == []

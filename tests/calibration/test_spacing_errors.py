@@ -1,4 +1,4 @@
-"""A certified distance that the rows deny is named with figures; one that is right, or that nobody can know, is not."""
+"""A certified distance that contradicts the rows is named with figures; one that is right, or unknown, is not."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -17,7 +17,7 @@ def with_spacings(task, by):
 
 
 @pytest.mark.parametrize("by", [100.0, -20.0, 1.0])
-def test_a_wrong_distance_is_named_with_what_is_given_and_what_the_rows_say(touches, touch_task, by):
+def test_a_wrong_distance_is_named_with_what_is_given_and_what_the_rows_estimate(touches, touch_task, by):
     task = with_spacings(touch_task(touches), [0.0, by, 0.0])
     (contradicted,) = find_spacing_errors(task)
     true = np.linalg.norm(touches.centres[0] - touches.centres[2])
@@ -25,7 +25,7 @@ def test_a_wrong_distance_is_named_with_what_is_given_and_what_the_rows_say(touc
     assert contradicted.certain
     assert abs(contradicted.estimate - true) < 4.0 * contradicted.sigma < 0.5
     assert contradicted.what.startswith(
-        f"spacing S1–S3: {contradicted.given:g} mm given, these rows say {contradicted.estimate:.1f}"[:-2]
+        f"spacing S1–S3: {contradicted.given:g} mm given, {contradicted.estimate:.1f}"[:-2]
     )
 
 
@@ -35,7 +35,7 @@ def test_two_wrong_distances_are_both_named_and_the_right_one_is_not(touches, to
     assert all(each.certain for each in contradicted)
 
 
-def test_of_two_distances_between_the_same_points_the_rows_know_the_right_one(touches, touch_task):
+def test_of_two_distances_between_the_same_points_the_rows_show_the_right_one(touches, touch_task):
     task = touch_task(touches)
     right = task.spacings.mm[0]
     twice = SpacingRows(np.array([[0, 1], [0, 1]]), np.array([right, right + 5.0]), np.full((2, 1), 0.01))
@@ -44,7 +44,7 @@ def test_of_two_distances_between_the_same_points_the_rows_know_the_right_one(to
 
 
 @pytest.mark.long
-def test_distances_that_are_right_are_never_denied(draw, touch_task):
+def test_distances_that_are_right_are_never_named(draw, touch_task):
     for seed in range(4):
         drawn = draw(seed, 24 + 12 * (seed % 4))
         if seed % 3 == 0:
@@ -66,7 +66,7 @@ def sockets(by):
     return Task(nominal_of(campaign.nominal), rows, names, np.full((3, 3), np.nan), wrong)
 
 
-def test_sockets_deny_what_no_robot_of_its_make_reaches_and_of_less_know_only_that_two_distances_disagree():
+def test_sockets_contradict_what_no_robot_of_its_make_reaches_and_of_less_show_only_that_two_distances_disagree():
     assert find_spacing_errors(sockets([0.0, 0.0])) == ()
     (contradicted,) = find_spacing_errors(sockets([50.0, 0.0]))
     assert (contradicted.between, contradicted.certain) == (("P", "Q"), True)
@@ -91,7 +91,7 @@ def beside_an_instrument(seed, positions, each, by=0.0):
 
 
 @pytest.mark.parametrize("each", [3, 4, 5])
-def test_spheres_with_few_touches_accuse_no_distance_that_is_right(each):
+def test_spheres_with_few_touches_name_no_distance_that_is_right(each):
     assert [seed for seed in range(4) if find_spacing_errors(beside_an_instrument(seed, 100, each))] == []
 
 
@@ -113,15 +113,15 @@ def all_between(spheres):
 
 
 @pytest.mark.parametrize(("spheres", "factor"), [(8, 1.005), (16, 1 / 25.4), (16, 1.005)])
-def test_distances_wrong_by_one_factor_do_not_vouch_for_each_other(spheres, factor):
+def test_distances_wrong_by_one_factor_are_found_by_that_factor(spheres, factor):
     task = all_between(spheres)
     wrong = replace(task.spacings, mm=task.spacings.mm * factor)
     (contradicted,) = find_spacing_errors(replace(task, spacings=wrong))
     assert abs(contradicted.factor - 1.0 / factor) < 4.0 * contradicted.sigma < 0.003 / factor
-    assert contradicted.what.startswith(f"all {contradicted.count} spacings that these rows know: × ")
+    assert contradicted.what.startswith(f"all {contradicted.count} spacings that can be checked: × ")
 
 
-def test_a_sphere_whose_touches_fit_two_centres_is_no_witness():
+def test_a_sphere_whose_touches_fit_two_centres_is_not_used():
     """Alone, these rows put S8 13 mm from where it is."""
     task = all_between(16)
     assert find_spacing_errors(task) == ()

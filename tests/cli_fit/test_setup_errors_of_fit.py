@@ -1,4 +1,4 @@
-"""What a person is told of mistakes of set-up: where each stands, the evidence, the cure; of sound ones, nothing."""
+"""What is reported of set-up errors: where each is, the evidence, the cure; of right set-ups, nothing."""
 
 import csv
 import time
@@ -57,7 +57,7 @@ def test_a_reversed_joint_is_told_at_its_line_in_the_robot_file(files):
 def test_a_refusal_names_the_way_round_it_and_what_that_means(cellctl, files, capsys):
     rewritten(files, lambda rows: [row | {"A3": str(-float(row["A3"]))} for row in rows])
     assert cellctl("fit", files / "robot.yaml", files / "positions.csv") == 2
-    assert "--no-check fits all the same" in capsys.readouterr().err.splitlines()[-1]
+    assert "--no-check skips this check and fits anyway" in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.long
@@ -117,7 +117,7 @@ def test_what_explains_as_much_is_told_as_the_other_possibility(files):
     rewritten(files, lambda rows: [row | {"A1": str(-float(row["A1"]))} for row in rows])
     told = problems(files)
     assert len(told) >= 2
-    assert all("these rows cannot tell" in problem.cure for problem in told)
+    assert all("these rows do not show which" in problem.cure for problem in told)
     assert {Path(problem.file).name for problem in told} == {"robot.yaml", "positions.csv"}
 
 
@@ -145,21 +145,21 @@ def test_a_wrong_certified_distance_is_told_where_it_stands_with_what_the_rows_s
     (files / "artefact.yaml").write_text(text.replace("403.113", "503.113"))
     (problem,) = problems(files, data="touches.csv", artefact="artefact.yaml")
     assert (Path(problem.file).name, problem.line) == ("artefact.yaml", 6)
-    given, said = problem.what.split(", these rows say ")
-    assert given == "spacing S1–S2: 503.113 mm given"
-    distance, sigma = map(float, said.removesuffix(" mm").split(" ± "))
+    given, estimate = problem.what.removesuffix(" estimated from these rows").split(" given, ")
+    assert given == "spacing S1–S2: 503.113 mm"
+    distance, sigma = map(float, estimate.removesuffix(" mm").split(" ± "))
     assert abs(distance - 403.113) < 4.0 * sigma < 4.0
 
 
-def test_a_distance_said_on_the_command_line_is_refused_like_any_mistake(cellctl, capsys):
+def test_a_distance_said_on_the_command_line_is_refused_like_any_error(cellctl, capsys):
     wrong = ["--artefact", "artefact.yaml", "--no-distances", "--spacing", "S1,S2=405.1±0.01"]
     assert cellctl("fit", "robot.yaml", "touches.csv", *wrong, "--model", "geometry") == 2
-    assert "--spacing: spacing S1–S2: 405.1 mm given, these rows say 403.1" in capsys.readouterr().err
+    assert "--spacing: spacing S1–S2: 405.1 mm given, 403.1" in capsys.readouterr().err
 
 
 def test_distances_all_in_inches_are_refused_together_with_the_factor(cellctl, capsys):
     inches = [word for mm in ("15.8706", "15.871", "15.87") for word in ("--spacing", f"S1,S2={mm}±0.01")]
     assert cellctl("fit", "robot.yaml", "touches.csv", "--artefact", "artefact.yaml", "--no-distances", *inches) == 2
     told = capsys.readouterr().err
-    assert "--spacing: all 3 spacings that these rows know: × 25.4" in told
+    assert "--spacing: all 3 spacings that can be checked: × 25.4" in told
     assert "another unit, or an artefact of another size?" in told

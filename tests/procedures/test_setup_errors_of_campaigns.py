@@ -85,7 +85,7 @@ def test_a_reversed_joint_is_named_at_its_line_in_the_robot_file(tmp_path, touch
 def test_spheres_of_another_size_are_named_at_the_cell_file(tmp_path, touches):
     error = refused(tmp_path, touches, **{"diameter: 61.4": "diameter: 122.8"})
     assert {Path(problem.file).name for problem in error.problems} == {"cell.yaml"}
-    assert any("spheres: diameters stand where radii belong: RMS " in problem.what for problem in error.problems)
+    assert any("spheres: diameters are given as radii: RMS " in problem.what for problem in error.problems)
 
 
 def test_a_wrong_certified_distance_is_named_at_its_line_in_the_cell_file(tmp_path, touches):
