@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from cellctl.formats.pendant import Imported
+    from cellctl.pendant_import import Imported
 
 
 def import_data(
@@ -48,7 +48,7 @@ def import_data(
     from cellctl.files import write_atomically
     from cellctl.formats import RobotFile
     from cellctl.formats.dataset import text_of
-    from cellctl.formats.pendant import choices, imported
+    from cellctl.pendant_import import choices, imported
 
     _refuse(out, json_)
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])

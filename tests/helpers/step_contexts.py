@@ -19,6 +19,7 @@ class Context:
     run_folder: Path = Path()
     robot: Any = None
     serial: str = "SIM-1"
+    run_name: str = "run"
     robot_file: Path = Path()
     cell: Any = None
     said: list[str] = field(default_factory=list)

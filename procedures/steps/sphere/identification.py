@@ -17,6 +17,7 @@ from cellctl.procedure import StepContext
 from cellctl.records import Figures
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
+from procedures.steps.sphere.setup_errors import refuse_wrong_setup
 
 
 @final
@@ -30,11 +31,15 @@ class Found:
 
 
 def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found:
-    """Identify the robot from the touches. Raises InputError where they do not allow it."""
+    """Identify the robot from the touches.
+
+    Raises InputError where they do not allow an identification, or where they show a set-up error.
+    """
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches, drift = context.recorded(TouchRow), drift_of(context)
     choice = _Choice(robot, artefact, model, use_distances)
+    refuse_wrong_setup(context, _measured(touches, choice, None))
     found = _fitted(touches, choice, None)
     corrected = _fitted(touches, choice, drift) if drift.significant else found
     modelled = corrected.result.fit.rms < found.result.fit.rms  # else it is something else than the tip that drifts
@@ -84,17 +89,21 @@ class _Fitted:
 
 def _fitted(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> _Fitted:
     """The fit, with the touches' reach corrected for `drift` where it is given."""
+    measured = _measured(touches, choice, drift)
+    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    return _Fitted(measured.data, measured, fit(measured.task, split))
+
+
+def _measured(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> Measurements:
+    """The touches as measurements."""
     data = DataSet.of_records([_record(row, choice.artefact, drift) for row in touches], "dataset.csv")
-    measured = measurements(
+    return measurements(
         choice.robot,
         data,
         measure="sphere",
         model=choice.model,
         artefact=choice.artefact,
         use_distances=choice.use_distances,
-    )
-    return _Fitted(
-        data, measured, fit(measured.task, Split.by_column(np.array([of == "test" for of in measured.sets])))
     )
 
 
