@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.formats import RobotFile, artefact_of
+from cellctl.formats import RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
-from cellctl.planning import OutOfReach, PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.rows import TouchSet
@@ -49,17 +49,19 @@ def plan_on(
     See `cellctl.planning.plan_touches`.
 
     `centres`: where spheres are better known than by the cell file; `reach`: joint readings to stay within, else the
-    robot's limits. Raises InputError where too few can be reached.
+    robot's limits. Raises InputError where too few can be reached, or the cell file has no postures.
     """
     artefact = artefact_of(context.cell, ("artefact",))
     robot = RobotFile.load(context.robot_file)
     targets = [_target(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
+    postures = postures_of(context.cell, robot)
     try:
         return plan_touches(
             robot.chain(),
             robot.joint_map(),
             reach or Reach(tuple(low.tolist()), tuple(high.tolist())),
+            RobotPostures(tuple(postures.home), tuple(map(tuple, postures.touch))),
             targets,
             [counts.get(target.name, 0) for target in targets],
             seed,
