@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AbstractAsyncContextManager, suppress
+from contextlib import AbstractAsyncContextManager
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, final
@@ -15,6 +15,7 @@ from cellctl.engine.context import AfterConnect, Context, Surround
 from cellctl.engine.mailbox import Mailbox
 from cellctl.engine.outcome import Outcome
 from cellctl.engine.states import State, checked
+from cellctl.engine.waiting import ended, error_of, timed
 from cellctl.engine.watcher import NobodyWatching, Watcher
 from cellctl.journal import (
     DevicesConnected,
@@ -101,25 +102,31 @@ class Engine:
         self.state = State.IDLE
 
     async def run(self, after_connect: AfterConnect | None = None) -> Outcome:
-        """Connect, run the steps, clean up. Never raises: what went wrong is in the outcome.
+        """Connect, run the steps, clean up. What went wrong is in the outcome.
 
-        `after_connect` is awaited once every device answers, before the first step.
+        `after_connect` is awaited once every device answers, before the first step. Raises CancelledError, after the
+        clean-up and the journal's last event, where the caller was cancelled; nothing else.
         """
         began = self._clock.now()
         self._enter(State.CHECKING, "")
         work = asyncio.create_task(self._work(after_connect), name="campaign")
         self._mailbox.when_aborted(work.cancel)
-        error = await _end_of(work)
+        cancelled = await ended(work, on_cancel=work.cancel)
         self._mailbox.when_aborted(None)
-        if self._mailbox.aborted and isinstance(error, asyncio.CancelledError):
-            error = Aborted(self._mailbox.why_aborted)
-        troubles = await _shielded(self._clean_up(error))
+        error = error_of(work)
+        if isinstance(error, asyncio.CancelledError):
+            error = Aborted(self._mailbox.why_aborted or "aborted: the program that runs it was cancelled")
+        cleaning = asyncio.create_task(self._clean_up(error), name="clean-up")
+        cancelled |= await ended(cleaning)
+        troubles = cleaning.result()
         end = self._end_state(error, troubles)
         self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
         verdict = next(reversed(self._record.recorded("verdict")), None)
         self._append(RunEnded(end.value, verdict.get("verdict", "") if verdict else "", str(error or "")))
         seconds = self._clock.now() - began
         error = error or self._journal_error
+        if cancelled:
+            raise asyncio.CancelledError
         return Outcome(end, error, tuple(troubles), verdict, seconds, self._moved, self._held())
 
     async def _work(self, after_connect: AfterConnect | None) -> None:
@@ -180,7 +187,7 @@ class Engine:
             try:
                 return await self._attempt(kind, inputs, step, path)
             except retryable as error:
-                if tried == step.retry.attempts:
+                if tried == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person has to look first
                     raise
                 self._said(path, f"attempt {tried} of {step.retry.attempts} failed, trying again: {error}")
         raise AssertionError("a step is tried at least once")
@@ -201,12 +208,10 @@ class Engine:
         )
         self._append(StepStarted(path, attempt, kind.moves, step.do))
         try:
-            async with self._clock.timeout(step.timeout_s or limit):
+            async with timed(self._clock, step.timeout_s or limit, path):
                 result = kind.dump_result(await kind(context, inputs))
         except BaseException as error:
             self._append(_failed(path, attempt, error), final=True)
-            if isinstance(error, TimeoutError) and not str(error):
-                raise TimeoutError(f"{path}: not done within {step.timeout_s or limit:g} s") from error
             raise
         self._append(StepEnded(path, attempt, StepOutcome.DONE, result))
         return result
@@ -306,25 +311,3 @@ async def _tried(
 
 def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:
     watcher.loop(path, index, count)
-
-
-async def _end_of(task: asyncio.Task[None]) -> BaseException | None:
-    """Wait for `task`, whatever it raises; cancelling the waiter cancels it and waits on."""
-    while True:
-        try:
-            await asyncio.shield(task)
-        except BaseException as error:
-            if task.done():
-                return error
-            task.cancel()
-        else:
-            return None
-
-
-async def _shielded(work: Any) -> list[str]:
-    """Run `work` to its end, whatever cancels the waiter."""
-    task: asyncio.Task[list[str]] = asyncio.ensure_future(work)
-    while not task.done():
-        with suppress(asyncio.CancelledError):
-            await asyncio.shield(task)
-    return task.result()

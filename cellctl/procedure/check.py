@@ -160,7 +160,10 @@ class _Checker:
     def _retry(self, step: Step, kind: AnyStepKind) -> None:
         known = kind.retryable()
         for index, name in enumerate(step.retry.on):
-            if name not in known:
+            if name == "DeviceUncertain":
+                what = "a step is never tried again after DeviceUncertain: a person has to look first"
+                self.findings.report((*step.at, "retry", "on", index), what, "remove it")
+            elif name not in known:
                 what = f"there is no error '{name}' that {kind.name} could be tried again after"
                 self.findings.report((*step.at, "retry", "on", index), what, did_you_mean(name, known))
         if step.retry.attempts > 1 and not step.retry.on:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cellctl.clock import WallClock
-from cellctl.devices import DeviceUnreachable, Health, Identity, NoContact
+from cellctl.devices import DeviceUncertain, DeviceUnreachable, Health, Identity, NoContact
 from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, Plan, State, Surround
 from cellctl.engine.states import checked
 from cellctl.files import parse_yaml
@@ -75,6 +75,19 @@ async def broken(context: StepContext, inputs: NoInputs) -> None:
     raise ZeroDivisionError("broken on purpose")
 
 
+@step("test.lost", moves=True)
+async def lost(context: StepContext, inputs: NoInputs) -> None:
+    """Lose the device in a motion."""
+    CALLS.append("lost")
+    raise DeviceUncertain("robot", "is gone, and may have moved")
+
+
+@step("test.times_out")
+async def times_out(context: StepContext, inputs: NoInputs) -> None:
+    """Raise a TimeoutError without a text, as many libraries do."""
+    raise TimeoutError
+
+
 @step("test.hold")
 async def hold(context: StepContext, inputs: NoInputs) -> None:
     """Say that it was called."""
@@ -87,7 +100,7 @@ async def look(context: StepContext, inputs: NoInputs) -> None:
     CALLS.append(f"counts {len(context.recorded('row'))}, recorded {len(context.all_recorded('row'))}")
 
 
-KINDS = [numbers, double, flaky, forever, broken, hold, look]
+KINDS = [numbers, double, flaky, forever, broken, lost, times_out, hold, look]
 
 
 class FakeDevice:
@@ -197,6 +210,45 @@ def test_a_step_that_takes_too_long_is_ended_and_says_so(tmp_path: Path) -> None
     assert events_of(journal, StepEnded)[0].outcome == "timed_out"
 
 
+@pytest.mark.parametrize("limit", ["", ", timeout: 60"])
+def test_a_timeout_inside_a_step_is_not_the_steps_own_limit(limit: str, tmp_path: Path) -> None:
+    engine, _, journal = engine_for(f"  - {{id: ask, do: test.times_out{limit}}}", tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert str(outcome.error) == "ask: a wait inside the step took too long"
+    assert events_of(journal, StepEnded)[0].outcome == "timed_out"
+
+
+def test_an_uncertain_step_is_not_tried_again_though_retry_names_its_base_class(tmp_path: Path) -> None:
+    steps = "  - {id: move, do: test.lost, retry: {attempts: 3, on: [DeviceLost]}}"
+    engine, _, _ = engine_for(steps, tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.UNCERTAIN
+    assert CALLS == ["lost"]
+
+
+def test_cancelling_the_caller_cleans_up_and_is_raised_afterwards(tmp_path: Path) -> None:
+    device = FakeDevice("robot")
+    engine, _, journal = engine_for(
+        "  - {id: wait, do: test.forever}", tmp_path, [device], "  - {id: hold, do: test.hold}"
+    )
+
+    async def run() -> Any:
+        running = asyncio.create_task(engine.run())
+        while "forever" not in CALLS:
+            await asyncio.sleep(0)
+        running.cancel()
+        await running
+
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(run())
+    assert CALLS == ["forever", "hold"]
+    assert device.calls == ["connect", "stop", "close"]
+    ended = fold(read_journal(journal.path)).ended
+    assert ended is not None
+    assert ended.state == "aborted"
+
+
 def test_abort_cancels_the_step_and_cleans_up_even_when_said_twice(tmp_path: Path) -> None:
     device = FakeDevice("robot")
     engine, mailbox, journal = engine_for(
@@ -209,7 +261,6 @@ def test_abort_cancels_the_step_and_cleans_up_even_when_said_twice(tmp_path: Pat
             await asyncio.sleep(0)
         mailbox.abort()
         mailbox.abort()
-        running.cancel()  # as a second Ctrl-C would
         return await running
 
     outcome = asyncio.run(run())
