@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any, final
 
 from cellctl.cli.simulated import simulation_mistakes
+from cellctl.clock import WallClock
+from cellctl.devices import Conditions
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
-from cellctl.procedure import Procedure, StepRegistry, checked_parameters, load_procedure
+from cellctl.procedure import DeviceConditions, Procedure, StepRegistry, checked_parameters, load_procedure
 
 
 @final
@@ -37,12 +39,22 @@ def load_campaign(procedure_file: Path, cell_file: Path | None, settings: list[s
     kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
     parameters: dict[str, Any] = {}
     try:
-        parameters = checked_parameters(procedure, settings, registry, kinds)
+        parameters = checked_parameters(procedure, settings, registry, kinds, _conditions(procedure, cell, drivers))
     except InputError as error:
         problems += error.problems
     if problems or cell is None:
         raise InputError(problems)
     return Campaign(procedure, parameters, cell, registry, drivers)
+
+
+def _conditions(procedure: Procedure, cell: Cell | None, drivers: DriverRegistry) -> DeviceConditions:
+    """The conditions of the devices that interlocks name; a driver's device knows them before it is connected."""
+    found = {}
+    for name in {interlock.device for interlock in procedure.interlocks} & (cell.addresses.keys() if cell else set()):
+        assert cell is not None
+        device = drivers.open(name, cell.addresses[name], cell.surroundings(name, WallClock()))
+        found[name] = device.conditions() if isinstance(device, Conditions) else {}
+    return found
 
 
 def _cell(

@@ -18,7 +18,7 @@ from cellctl.cli.results import SIMULATOR_MEMORY
 from cellctl.cli.simulated import SimulatedCell
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices.cell import ClockMode
-from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
+from cellctl.engine import Engine, Mailbox, Operator, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
 
@@ -49,8 +49,10 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     mailbox = Mailbox()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
-        loop.add_signal_handler(number, mailbox.abort)
-    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why)):
+        who = Operator.here(signal.Signals(number).name)
+        loop.add_signal_handler(number, mailbox.abort, "aborted by the operator", who)
+    parent = Operator.here("end of the parent process")
+    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why, parent)):
         return await _with_simulators(campaign, options, folder, mailbox, watcher)
 
 

@@ -1,16 +1,22 @@
 """Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
 
-from cellctl.procedure.check import Devices, check, checked_parameters
+from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters
 from cellctl.procedure.context import Row, StepContext
+from cellctl.procedure.expressions import Expression
 from cellctl.procedure.inputs import inputs_of
 from cellctl.procedure.loader import load_procedure, read_procedure
 from cellctl.procedure.model import (
     Action,
+    Confirm,
+    If,
+    Interlock,
     Loop,
+    OnBreak,
     OnResume,
     Parameter,
     ParameterType,
     Procedure,
+    Resume,
     Retry,
     Step,
     step_path,
@@ -25,14 +31,21 @@ __all__ = [
     "Action",
     "AnyStepKind",
     "BrokenSteps",
+    "Confirm",
+    "DeviceConditions",
     "Devices",
+    "Expression",
+    "If",
+    "Interlock",
     "Loop",
     "NoInputs",
+    "OnBreak",
     "OnResume",
     "Parameter",
     "ParameterType",
     "Procedure",
     "Reference",
+    "Resume",
     "Retry",
     "Row",
     "Step",

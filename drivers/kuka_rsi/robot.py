@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager, suppress
-from typing import final
+from typing import Final, final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
@@ -58,6 +58,8 @@ _WITHOUT = {
     "affinity": "RSI has no processor of its own (isolcpus)",
 }
 
+_CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message that stops it"}
+
 _BEAT_S = 0.05
 
 _SLOW_AXIS_DEG_S = 30.0
@@ -75,7 +77,7 @@ _HALT_S = 10.0
 
 @final
 class KukaRobot:
-    """A KUKA robot: RSI in a process of its own, EthernetKRL for the rest. A CompensatedRobot and Listener."""
+    """A KUKA robot: RSI in a process of its own, EthernetKRL for the rest. A CompensatedRobot, Listener, Conditions."""
 
     def __init__(self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.name = name
@@ -142,6 +144,16 @@ class KukaRobot:
         if words[Slot.FOREIGN]:
             text += f"; {elsewhere(process)}"
         return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures)
+
+    def conditions(self) -> Mapping[str, str]:
+        """What an interlock can name."""
+        return _CONDITIONS
+
+    async def holds(self, condition: str) -> bool:
+        """Whether a condition holds, by the controller's last report. Raises DeviceLost, KeyError."""
+        if condition not in _CONDITIONS:
+            raise KeyError(condition)
+        return (await self.health()).ok
 
     async def reset(self) -> None:
         """Acknowledge messages and select the program again. Raises DeviceRefused, DeviceFault, DeviceLost."""
