@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import final
 
 from cellctl.cli.campaign import Campaign
+from cellctl.cli.confirming import ConfirmingAtTerminal, interactive
 from cellctl.cli.connected import open_devices, tell_targets
 from cellctl.cli.parent import aborting_without, under_nohup
 from cellctl.cli.provenance import code_hash, versions
@@ -20,7 +21,7 @@ from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Engine, Mailbox, Operator, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
-from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
+from cellctl.journal import Journal, OperatorAction, RunResumed, RunStarted, RunState, SourceFile
 
 
 @final
@@ -29,7 +30,8 @@ class Options:
     """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
 
     `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
-    `parent`: the process without which the run does not go on; None: there is none.
+    `parent`: the process without which the run does not go on; None: there is none. `confirm_all`: every `confirm` step
+    is confirmed at once. `ask`: the operator may confirm at the terminal.
     """
 
     seed: int | None
@@ -38,6 +40,8 @@ class Options:
     resumed: RunState | None = None
     acknowledged: bool = False
     parent: int | None = None
+    confirm_all: bool = False
+    ask: bool = False
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
@@ -46,7 +50,9 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
     Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
     """
-    mailbox = Mailbox()
+    mailbox = Mailbox(Operator.here("--confirm-all") if options.confirm_all else None)
+    if options.ask and interactive():
+        watcher = ConfirmingAtTerminal(watcher, mailbox)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
         who = Operator.here(signal.Signals(number).name)
@@ -100,6 +106,10 @@ def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, s
     journal = Journal.reopen(folder, clock.now_ns)
     said = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
     options.resumed.apply(journal.append(said))
+    if options.acknowledged:
+        who = Operator.here("--acknowledge")
+        looked = OperatorAction("acknowledge", who.name, host=who.host, via=who.via, calendar=calendar_time())
+        options.resumed.apply(journal.append(looked))
     return journal
 
 

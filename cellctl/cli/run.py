@@ -23,6 +23,7 @@ def run(
     detached: Annotated[
         bool, typer.Option(help="Go on when the process that started this one ends; so do runs under nohup and setsid.")
     ] = False,
+    confirm_all: Annotated[bool, typer.Option(help="Confirm every `confirm` step at once: nobody is asked.")] = False,
     simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
 ) -> None:
     """Check a procedure and run it on its cell (simulated where the cell file says so).
@@ -59,14 +60,16 @@ def run(
     if resume:
         going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
         campaign, folder = going_on.campaign, going_on.folder
-        options = Options(going_on.seed, going_on.clock, tuple(simulator or ()), going_on.state, acknowledge, parent)
+        seed, clock, resumed = going_on.seed, going_on.clock, going_on.state
         if said := table_line(going_on.state, folder):
             typer.echo(f"cellctl: {said}", err=True)
     else:
         folder = new_run_folder(runs, campaign.procedure.name)
-        options = Options(seed, clock, tuple(simulator or ()), parent=parent)
-    began = time.monotonic()
+        resumed = None
     to_stdout = json_ == "-"
+    extra, ask = tuple(simulator or ()), not to_stdout
+    options = Options(seed, clock, extra, resumed, acknowledge, parent, confirm_all, ask)
+    began = time.monotonic()
     with progress(campaign, folder, quiet=to_stdout) as watcher:
         outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
     result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
