@@ -3,7 +3,6 @@
 `identify(task, rows)` fits; `fit(task, split)` fits and proves it on held-out rows.
 """
 
-from cellctl.calibration.drift import Drift, linear_drift
 from cellctl.calibration.effects import (
     DEFLECTION,
     DOWN,
@@ -18,21 +17,22 @@ from cellctl.calibration.effects import (
     JointCompliance,
     ToolDeflection,
 )
-from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.fit import FitResult, fit
-from cellctl.calibration.identify import Identification, identify
-from cellctl.calibration.ladder import Step
-from cellctl.calibration.measured_region import MeasuredRegion
-from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.model import RobotModel
-from cellctl.calibration.model_error import FUNCTIONS
-from cellctl.calibration.moved import MOVED
-from cellctl.calibration.observability import Hidden, Observability, observability
-from cellctl.calibration.planes import PlaneEstimate, plane_estimates
-from cellctl.calibration.postures import At, Postures
-from cellctl.calibration.predict import Prediction, predict
-from cellctl.calibration.progress import Progress
-from cellctl.calibration.region import doubt
+from cellctl.calibration.estimation.estimate import Estimate, estimate
+from cellctl.calibration.estimation.identify import Identification, identify
+from cellctl.calibration.estimation.moved import MOVED
+from cellctl.calibration.estimation.progress import Progress
+from cellctl.calibration.estimation.task import Session, Task
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
+from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
+from cellctl.calibration.prediction.drift import Drift, linear_drift
+from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.prediction.outside_region import doubt
+from cellctl.calibration.prediction.planes import PlaneEstimate, plane_estimates
+from cellctl.calibration.prediction.predict import Prediction, predict
+from cellctl.calibration.prediction.shape import shape_sigma, sigma_among, sigma_over_region
+from cellctl.calibration.prediction.standoff import LocatedSphere, locate_sphere
 from cellctl.calibration.rows import (
     Measured,
     PlaneRows,
@@ -43,12 +43,11 @@ from cellctl.calibration.rows import (
     SpacingRows,
     TouchRows,
 )
-from cellctl.calibration.shape import shape_sigma, sigma_among, sigma_over_region
-from cellctl.calibration.split import Split
-from cellctl.calibration.standoff import LocatedSphere, locate_sphere
-from cellctl.calibration.task import Session, Task
-from cellctl.calibration.unknowns import Group, State, Tolerances, Unknowns
-from cellctl.calibration.verdict import (
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.ladder import Step
+from cellctl.calibration.selection.model_error import FUNCTIONS
+from cellctl.calibration.verdict.fit import FitResult, fit
+from cellctl.calibration.verdict.judgement import (
     Baseline,
     ErrorFigures,
     HeldOut,
@@ -58,6 +57,7 @@ from cellctl.calibration.verdict import (
     paired_verdict,
     verdict_sentence,
 )
+from cellctl.calibration.verdict.split import Split
 
 __all__ = [
     "DEFLECTION",

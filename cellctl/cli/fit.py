@@ -78,7 +78,7 @@ def fit(
     from cellctl.cli.fit_split import split_of
     from cellctl.cli.fit_words import name_rows, say
     from cellctl.cli.mistakes import refuse_mistakes
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import write_json
     from cellctl.formats import ModelFile, fit_report
     from cellctl.formats.measurements import refuse_alike
 

@@ -44,8 +44,7 @@ def import_data(
 
     Example: cellctl import messung.dat positions.csv --robot procedures/robots/kr5_r1400.yaml -o data.csv
     """
-    from cellctl.cli.outputs import refuse_outputs, to_stdout
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
     from cellctl.formats import RobotFile
     from cellctl.formats.dataset import text_of

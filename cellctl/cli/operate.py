@@ -34,8 +34,7 @@ def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) ->
     """
     from dataclasses import asdict
 
-    from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.engine.status import status_of
 
     folder = _chosen(run, runs)
@@ -84,8 +83,7 @@ def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> N
     import asyncio
     from dataclasses import asdict
 
-    from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, write_json
 
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])

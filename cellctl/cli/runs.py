@@ -24,8 +24,7 @@ def runs(
 
     Example: cellctl runs --json -
     """
-    from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import JournalError, fold, read_journal
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
@@ -56,8 +55,7 @@ def show(
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
-    from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import fold, read_journal
 
     place = run if run.exists() else folder / run
@@ -81,8 +79,8 @@ def _aligned(rows: list[list[str]]) -> list[str]:
 
 
 def _summary(place: Path, state: RunState) -> dict[str, Any]:
-    from cellctl.cli.results import table_line, table_of
     from cellctl.journal import writer_of
+    from cellctl.operations.results import table_line, table_of
 
     table = table_of(state)
     verdict = (state.recorded("verdict") or [{}])[-1]
@@ -113,7 +111,7 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
 
 
 def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
-    from cellctl.cli.results import stops_line
+    from cellctl.cli.run_end import stops_line
 
     lines = [
         f"{summary['run']}: {summary['state']}",

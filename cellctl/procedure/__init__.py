@@ -1,5 +1,6 @@
 """Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
 
+from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell
 from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters
 from cellctl.procedure.context import Row, StepContext
 from cellctl.procedure.expressions import Expression
@@ -31,6 +32,8 @@ __all__ = [
     "Action",
     "AnyStepKind",
     "BrokenSteps",
+    "CellContext",
+    "CellFiles",
     "Confirm",
     "DeviceConditions",
     "Devices",
@@ -57,6 +60,7 @@ __all__ = [
     "UnknownStep",
     "UnresolvedReference",
     "check",
+    "check_cell",
     "checked_parameters",
     "inputs_of",
     "load_procedure",

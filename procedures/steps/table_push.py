@@ -5,20 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from cellctl.devices import (
-    ControllerTable,
     DeviceError,
     DeviceFault,
     DeviceRefused,
     DeviceUncertain,
-    TableRow,
-    TableState,
     TableStore,
 )
 from cellctl.devices.cell import table_correction_deg
-from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
-from cellctl.formats.table_refusals import table_problems
 from cellctl.journal import PUSH_ROWS, PushedTable
+from cellctl.operations.table import controller_table, in_force, push_verified, refuse_table
 from cellctl.procedure import StepContext
 
 
@@ -31,15 +27,12 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     Raises InputError where the file is not table `table_id` or must not go to this controller, DeviceFault where the
     controller holds something else, and what the device raises.
     """
-    table = await _checked(context, robot, table_id)
-    wanted = ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
-    state = await robot.table_state()
-    if state.staged or not in_force(state, table.id):
-        await context.record("push", _row(table, active=None))
-        state = await robot.push_table(wanted)
-    if await robot.read_table() != wanted or not in_force(state, table.id):
-        cure = "look at the controller's tables: cellctl table show, cellctl table rollback"
-        raise DeviceFault("robot", f"the table in force is not table {table.id[:12]}, which was pushed", cure)
+    file = context.run_folder / "table.json"
+    table, who = TableFile.load(file), await robot.connect()
+    limit = table_correction_deg(context.cell)
+    refuse_table(table, file, who, RobotFile.load(context.robot_file), limit, made=table_id)
+    begins = _row(table, active=None)
+    await push_verified(robot, who.serial, controller_table(table), lambda: context.record("push", begins))
     return _row(table, active=True)
 
 
@@ -80,11 +73,6 @@ async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
         context.say(f"table {table.short} is not proved and no longer in force: the one before it is")
 
 
-def in_force(state: TableState, table_id: str) -> bool:
-    """Whether the controller's active table is the one with this id."""
-    return state.active is not None and state.active.id == table_id
-
-
 def _row(table: TableFile, active: bool | None) -> dict[str, Any]:
     """The row to record; active: True for a table that was pushed and read back, None for a push that begins."""
     return {
@@ -95,22 +83,3 @@ def _row(table: TableFile, active: bool | None) -> dict[str, Any]:
         "active": active,
         "max_correction_deg": table.max_correction_deg,
     }
-
-
-async def _checked(context: StepContext, robot: TableStore, table_id: str) -> TableFile:
-    """The table in the run folder, if it may go to this controller. Raises InputError with every reason against it."""
-    file = context.run_folder / "table.json"
-    table = TableFile.load(file)
-    identity = await robot.connect()
-    problems = table_problems(
-        table,
-        serial=identity.serial,
-        simulated=identity.simulated,
-        robot=RobotFile.load(context.robot_file),
-        correction_deg=table_correction_deg(context.cell),
-    )
-    if table.id != table_id:
-        problems.insert(0, f"it is table {table.id[:12]}…, this run made {table_id[:12]}…")
-    if problems:
-        raise InputError(Problem(str(file), 0, 0, f"is not pushed: {problem}") for problem in problems)
-    return table

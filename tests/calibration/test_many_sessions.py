@@ -9,8 +9,8 @@ from own_campaigns import Campaign, certificate, nominal_of, place
 from simulated_setups import SPHERES
 
 from cellctl.calibration import Mixture, Session, State, Task, Tolerances, Unknowns, identify
-from cellctl.calibration.linear import Linear
-from cellctl.calibration.sample import sampled
+from cellctl.calibration.estimation.linear import Linear
+from cellctl.calibration.selection.sample import sampled
 
 SAID = 0.05
 ROWS = 40
@@ -99,7 +99,7 @@ def beside_positions(count, wild=()):
 
 
 def test_wild_touches_are_found_beside_any_number_of_positions(monkeypatch):
-    monkeypatch.setattr(sys.modules["cellctl.calibration.identify"], "SEARCHED", 200)
+    monkeypatch.setattr(sys.modules["cellctl.calibration.estimation.identify"], "SEARCHED", 200)
     found = identify(beside_positions(2000, wild=(4, 17)))
     assert found.outliers == (2004, 2017)
     assert found.apart == 0

@@ -18,8 +18,8 @@ from cellctl.calibration import (
     identify,
     plane_estimates,
 )
-from cellctl.calibration.elsewhere import moved
 from cellctl.calibration.mistakes import find_mistakes
+from cellctl.calibration.observability.other_postures import moved
 from cellctl.calibration.rows.planes import planes_of, pole_of
 from cellctl.formats import RobotFile
 from cellctl.planning.like_rows import rows_like

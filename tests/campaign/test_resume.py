@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from cell_runs import PATIENCE_S, ROOT, cell_with, cellctl, touches_procedure
 
-from cellctl.cli.provenance import code_hash
 from cellctl.files import sha256_of
 from cellctl.journal import (
     Journal,
@@ -26,6 +25,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
+from cellctl.operations.provenance import code_hash
 
 pytestmark = pytest.mark.campaign
 

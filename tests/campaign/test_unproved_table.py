@@ -14,15 +14,15 @@ from typing import Any
 import pytest
 from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, touches_procedure
 
-from cellctl.cli.campaign import Campaign, load_campaign
-from cellctl.cli.launch import Options, run_on
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import Mailbox, Outcome, State
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
 from cellctl.journal import RunState, StepStarted, fold, read_journal
+from cellctl.operations.campaign import Campaign, load_campaign
+from cellctl.operations.launch import Options, run_on
+from cellctl.operations.simulated import SimulatedCell
 
 pytestmark = pytest.mark.campaign
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.calibration.progress import silent
+from cellctl.calibration.estimation.progress import silent
 from cellctl.cli.mistakes import refuse_mistakes
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet, RobotFile, load_artefact, measurements

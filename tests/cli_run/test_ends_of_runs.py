@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.results import result_of, say_end
-from cellctl.cli.resume import resumed_run
+from cellctl.cli.run_end import say_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Outcome, State
@@ -29,6 +28,8 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.journal import Outcome as StepOutcome
+from cellctl.operations.results import result_of
+from cellctl.operations.resume import resumed_run
 
 TABLE = {"id": "6f86d0" * 10 + "6f86", "rows": 30, "pushed": True, "verified": True, "active": True}
 SHORT = TABLE["id"][:12]
@@ -190,7 +191,7 @@ class SameCampaign:
 
 def of_the_same_files(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A campaign that is what `run_with` began."""
-    monkeypatch.setattr("cellctl.cli.resume._changes", lambda *_: [])
+    monkeypatch.setattr("cellctl.operations.resume._changes", lambda *_: [])
     return SameCampaign()
 
 

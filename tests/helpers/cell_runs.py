@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from cellctl.cli.campaign import load_campaign
-from cellctl.cli.launch import Options, run_on
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
 from cellctl.journal import RunState, fold, read_journal
+from cellctl.operations.campaign import load_campaign
+from cellctl.operations.launch import Options, run_on
+from cellctl.operations.simulated import SimulatedCell
 
 ROOT = Path(__file__).parents[2]
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"

@@ -28,7 +28,7 @@ from cellctl.calibration import (
     identify,
     predict,
 )
-from cellctl.calibration.reliability import Reliability
+from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Link, SerialChain
 
 TORCH_M = 0.4103

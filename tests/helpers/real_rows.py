@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PositionRows, RobotModel, Task
-from cellctl.calibration.identify import registered
+from cellctl.calibration.estimation.identify import registered
 from cellctl.kinematics import Link, SerialChain
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"

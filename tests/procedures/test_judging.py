@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cellctl.devices import TableInfo, TableState
-from procedures.steps.judging import table_taken_back, verdict_of
+from procedures.steps.sphere.judging import table_taken_back, verdict_of
 
 HELD_OUT = {
     "verdict": "better",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.steps.reference_touches import jump
+from procedures.steps.sphere.reference_touches import jump
 
 SIGMA = 0.0245
 

@@ -22,7 +22,7 @@ from cellctl.devices import (
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
-from procedures.steps.proof import PushInputs, push
+from procedures.steps.sphere.proving import PushInputs, push
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
 
 ROOT = Path(__file__).parents[2]
@@ -190,7 +190,7 @@ def test_another_runs_table_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_controller_that_holds_something_else_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(DeviceFault, match="not table"):
+    with pytest.raises(DeviceFault, match=r"another table is in force than was pushed: .* 1 rows, the file's has 2"):
         pushed(tmp_path, table_in(tmp_path), Controller(damage=True))
 
 

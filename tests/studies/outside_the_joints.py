@@ -28,7 +28,7 @@ from cellctl.calibration import (
     fit,
     identify,
 )
-from cellctl.calibration.heldout import held_out_rows
+from cellctl.calibration.verdict.heldout import held_out_rows
 from cellctl.formats import RobotFile
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "ur10.yaml"

@@ -17,7 +17,7 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 SAG_RAD = 3e-4

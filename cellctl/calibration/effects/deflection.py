@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration.effects.gravity import DOWN, Direction
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 DEFLECTION = "tool_deflection"

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_MM = 0.1

@@ -7,7 +7,7 @@ from typing import Self, final
 
 import numpy as np
 
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_PER_K = 2e-5

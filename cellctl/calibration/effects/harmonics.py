@@ -9,7 +9,7 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cellctl.calibration.effects.effect import OwnTurns
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 2e-4

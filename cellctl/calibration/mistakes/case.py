@@ -8,10 +8,10 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.mixture import Mixture
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.rows import Measured
-from cellctl.calibration.task import Task
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Floats, JointMap, SerialChain
 
 

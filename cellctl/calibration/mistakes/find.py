@@ -15,6 +15,8 @@ from typing import TypeAlias, final
 
 import numpy as np
 
+from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.columns import other_unit, swapped_columns
 from cellctl.calibration.mistakes.joints import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
@@ -37,9 +39,7 @@ from cellctl.calibration.mistakes.plausibility import WideFit
 from cellctl.calibration.mistakes.supposition import Change, Supposition
 from cellctl.calibration.mistakes.table import metres, other_convention
 from cellctl.calibration.mistakes.turns import other_turns
-from cellctl.calibration.progress import Progress, silent
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
-from cellctl.calibration.task import Task
 from cellctl.kinematics import Floats, JointMap
 
 Stage: TypeAlias = Callable[[Case], Iterator[Supposition]]

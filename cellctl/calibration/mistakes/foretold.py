@@ -7,7 +7,7 @@ from typing import Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate
+from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.rows import SpacingRows
 from cellctl.kinematics import Bools, Floats
 

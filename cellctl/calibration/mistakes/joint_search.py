@@ -13,8 +13,8 @@ import numpy as np
 
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.misfit import CORE
+from cellctl.calibration.model.unknowns import PLACED
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
-from cellctl.calibration.unknowns import PLACED
 from cellctl.kinematics import Floats
 
 ROWS = 40

@@ -9,7 +9,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import estimate
+from cellctl.calibration.estimation.estimate import estimate
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.joint_search import ROWS, rough_sizes
 from cellctl.calibration.mistakes.misfit import misfit, steps_of

@@ -8,11 +8,11 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.mistakes.case import Case
-from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows
-from cellctl.calibration.task import Task
-from cellctl.calibration.unknowns import State
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Floats
 
 CORE = 0.6

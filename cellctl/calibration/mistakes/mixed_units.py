@@ -17,8 +17,8 @@ from cellctl.calibration.mistakes.columns import RADIANS_UP_TO
 from cellctl.calibration.mistakes.measured import UNITS
 from cellctl.calibration.mistakes.misfit import EXPLAINED, Misfit, misfit, row_errors
 from cellctl.calibration.mistakes.supposition import Change, Supposition
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Bools, Floats
 
 FAR = 8.0

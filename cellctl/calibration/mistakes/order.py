@@ -15,7 +15,7 @@ import numpy as np
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.misfit import EXPLAINED, Misfit, misfit, row_errors
 from cellctl.calibration.mistakes.supposition import Change, Supposition
-from cellctl.calibration.unknowns import State
+from cellctl.calibration.model.unknowns import State
 
 FURTHEST = 5
 """Rows by which measurements and joints may be out of step."""

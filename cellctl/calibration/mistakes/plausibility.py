@@ -15,12 +15,12 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import estimate
-from cellctl.calibration.identify import certain
+from cellctl.calibration.estimation.estimate import estimate
+from cellctl.calibration.estimation.identify import certain
 from cellctl.calibration.mistakes.case import Case
 from cellctl.calibration.mistakes.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Floats
 
 WIDENED = {"links": 40.0, "zeros": 200.0, "tool": 100.0}

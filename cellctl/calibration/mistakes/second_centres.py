@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate, estimate
-from cellctl.calibration.mixture import Mixture
+from cellctl.calibration.estimation.estimate import Estimate, estimate
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import TouchRows
-from cellctl.calibration.unknowns import State
+from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
 AS_GOOD = 36.0

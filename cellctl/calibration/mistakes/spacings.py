@@ -14,14 +14,14 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.estimate import Estimate
-from cellctl.calibration.identify import Identification, Weights, identify, identify_kept
-from cellctl.calibration.ladder import climb
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.estimation.identify import Identification, Weights, identify, identify_kept
+from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.mistakes.foretold import FAR, Foretold, wrong
 from cellctl.calibration.mistakes.second_centres import with_best_centres
-from cellctl.calibration.mixture import Mixture
 from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
-from cellctl.calibration.task import Task
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools
 
 SAMPLE = 300

@@ -7,9 +7,9 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.postures import At
+from cellctl.calibration.model.postures import At
+from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows.kind import RowsAtJoints, with_points
-from cellctl.calibration.unknowns import State
 from cellctl.kinematics import Floats
 
 

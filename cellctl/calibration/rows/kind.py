@@ -7,9 +7,9 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from cellctl.calibration.model import RobotModel
-from cellctl.calibration.postures import At, Postures
-from cellctl.calibration.unknowns import State
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State
 from cellctl.kinematics import Floats
 
 

@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.unknowns import State
+from cellctl.calibration.model.unknowns import State
 from cellctl.kinematics import Floats
 
 

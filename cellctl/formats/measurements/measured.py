@@ -96,7 +96,7 @@ def measurements(
     spacings: Sequence[Spacing] = (),
     own: frozenset[str] = OWN_BASE,
 ) -> Measurements:
-    """The usable rows of `data` as a task for `cellctl.calibration.fit`.
+    """The usable rows of `data` as a task for `cellctl.calibration.verdict.fit`.
 
     measure: the one kind to be used; by default each row's filled cells say what it is. artefact: for touches; its
     certified distances are used unless `use_distances` is false. spacings: further known distances. own: what each

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cellctl.calibration import ErrorFigures, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
-from cellctl.calibration.evidence import estimated
+from cellctl.calibration.estimation.evidence import estimated
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import fixed, with_sigma
 from cellctl.report.words import mean_with_uncertainty

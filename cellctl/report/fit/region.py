@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellctl.calibration import RobotModel
-from cellctl.calibration.shape import spread_over
+from cellctl.calibration.prediction.shape import spread_over
 from cellctl.kinematics import Floats
 from cellctl.report.drawing import ACCENT, FAINT, svg_of
 from cellctl.report.fit.story import FitStory

@@ -8,7 +8,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration import Estimate, Measured, Mixture, PlaneRows, PoseRows, State, TouchRows
-from cellctl.calibration.heldout import held_out_rows, settled, unseen_by
+from cellctl.calibration.verdict.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.report.fit.story import FitStory
 

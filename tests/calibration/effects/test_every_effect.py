@@ -14,7 +14,7 @@ from cellctl.calibration.effects import (
     OwnTurns,
     ToolDeflection,
 )
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import pose_from_xyz_abc
 
 MAKERS = {

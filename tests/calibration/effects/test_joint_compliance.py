@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import JointCompliance
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Link, SerialChain
 
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Growth
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 
 STEEL, ALUMINIUM = 1.2e-5, 2.3e-5
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Backlash
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 
 PLAY = np.array([2e-4, 1e-4, 0.0, 3e-4, 5e-5, 4e-4])
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import ToolDeflection
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 
 LENGTH_M, LOAD_N, STIFFNESS = 0.41, 15.0, 500.0  # E·I, N m²
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import JointCompliance, ToolDeflection
-from cellctl.calibration.postures import Postures
+from cellctl.calibration.model.postures import Postures
 
 WALL, CEILING, SLOPE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, -0.6, -0.64)
 

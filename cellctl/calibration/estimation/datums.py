@@ -1,0 +1,99 @@
+"""Instruments that measure lengths from a zero that nobody knows: where to start with it, and with what it measured to.
+
+A draw-wire counts from wherever it was switched on, a ball-bar without its calibration piece tells changes of length:
+each shows ℓ = |p − a| + z. Squared, |p − a|² = (ℓ − z)² is linear in the point a, the zero z and, once for each point,
+|a|² − z².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+
+from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
+from cellctl.kinematics import Bools, Floats
+
+EVEN = 1000.0
+"""Of mm and mm², so that the columns of both are of one size."""
+
+
+def with_datums(state: State, blocks: Sequence[Measured]) -> State:
+    """`state` with its datums, and the points that only instruments without a zero measured to, near where `blocks`
+    want them: a start for the estimator. All other points are taken to be where `state` has them.
+    """
+    points, datums = state.points.copy(), state.datums.copy()
+    at_points = [block for block in blocks if isinstance(block, TouchRows | SocketRows | PlaneRows)]
+    known = np.array([any(telling(block, point).any() for block in at_points) for point in range(len(points))])
+    for index in range(len(datums)):
+        rows = _Lengths.of(state, blocks, index)
+        if not len(rows.shown):
+            continue
+        at_known = known[rows.point]
+        if at_known.any():
+            datums[index] = np.median(rows.beyond(points)[at_known])
+        else:
+            datums[index] = rows.datum(points)
+        for point in np.unique(rows.point[~at_known]):
+            points[point] = rows.place(point, points[point], datums[index])
+            known[point] = True
+    return replace(state, points=points, datums=datums)
+
+
+def telling(block: TouchRows | SocketRows | PlaneRows, point: int) -> Bools:
+    """Which rows (N,) tell where the point of number `point` is, with no datum in between."""
+    mine = block.point == point
+    return np.asarray(mine & (block.datum < 0) if isinstance(block, TouchRows) else mine)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Lengths:
+    """What one instrument showed (N,), mm, with the tool at tips (N, 3), to the points of index point (N,)."""
+
+    tips: Floats
+    shown: Floats
+    point: Any
+
+    @classmethod
+    def of(cls, state: State, blocks: Sequence[Measured], datum: int) -> _Lengths:
+        """Those of the instrument of number `datum`."""
+        tips, shown, point = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, int)]
+        for block in blocks:
+            if isinstance(block, TouchRows) and np.any(mine := block.datum == datum):
+                tips.append(state.models[block.session].tip(block.postures.pick(mine)))
+                shown.append(block.reach[mine])
+                point.append(block.point[mine])
+        return cls(np.concatenate(tips), np.concatenate(shown), np.concatenate(point))
+
+    def beyond(self, points: Floats) -> Floats:
+        """By how much more (N,), mm, it showed than the distance from `points` (S, 3)."""
+        return np.asarray(self.shown - np.linalg.norm(self.tips - points[self.point], axis=-1))
+
+    def datum(self, points: Floats) -> float:
+        """What it shows at no length, its points anywhere; where the rows do not tell, near `points` (S, 3) and 0."""
+        lines, right = self._linear(points)
+        return float(min(_solved(np.column_stack([lines, -2.0 * self.shown]), right)[-1], self.shown.min()))
+
+    def place(self, point: int, near: Floats, datum: float) -> Floats:
+        """The place (3,) of `point`, as its rows want it with the `datum` known; where they do not tell, `near`."""
+        mine = self.point == point
+        alone = _Lengths(self.tips[mine], self.shown[mine] - datum, np.zeros(np.count_nonzero(mine), int))
+        return np.asarray(near + _solved(*alone._linear(near[None]))[:3])
+
+    def _linear(self, points: Floats) -> tuple[Floats, Floats]:
+        """Lines (N, 4 U) and right side (N,), mm²: the steps of the U points there are from `points` (S, 3), mm, and
+        the constants, `EVEN` mm² each.
+        """
+        there, number = np.unique(self.point, return_inverse=True)
+        away, each = self.tips - points[self.point], np.arange(len(self.shown))
+        lines = np.zeros((len(self.shown), len(there), 4))
+        lines[each, number, :3], lines[each, number, 3] = 2.0 * away, EVEN
+        return lines.reshape(len(self.shown), -1), np.sum(away**2, axis=1) - self.shown**2
+
+
+def _solved(lines: Floats, right: Floats) -> Floats:
+    return np.asarray(np.linalg.lstsq(lines, right, rcond=1e-6)[0])

@@ -1,0 +1,276 @@
+"""The estimator: the most probable parameters given rows and tolerances, by Levenberg–Marquardt in tolerance units.
+
+Every unknown is divided by its prior σ and every row by its own: cost, steps and singular values then have no unit. The
+rows are folded into a triangle block by block (QR), so that memory does not grow with their number and precision is not
+squared away as in normal equations. Where a prior covariance is given, its root stands in the rows of the tolerances;
+what it says of parameters that are held is carried over into the covariance of all that is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Self, final
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from cellctl.calibration.model.unknowns import State, Unknowns
+from cellctl.calibration.rows import Rows
+from cellctl.kinematics import Floats
+
+BLOCK = 2048
+"""Rows linearised at a time."""
+
+ITERATIONS = 60
+PINNED = 1e4
+"""What is pinned is held to a ten-thousandth of its tolerance."""
+
+SETTLED = 1e-9
+"""A step that would lower the cost (a χ²) by less than this, absolutely or relative to it, is the last."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The outcome of a fit.
+
+    deviations (P,): from the start, in the parameters' units, 0 where not free. covariance (P, P): of the posterior, 0
+    where neither free nor doubted beforehand. triangle (F, F): R of the *data alone* at the solution, columns in
+    tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units. ended: how
+    it ended, in words.
+    """
+
+    unknowns: Unknowns
+    deviations: Floats
+    covariance: Floats
+    triangle: Floats
+    whitening: Floats
+    cost: float
+    iterations: int
+    converged: bool
+    ended: str
+
+    @property
+    def state(self) -> State:
+        """The identified robot and points."""
+        return self.unknowns.state(self.deviations)
+
+    @property
+    def seen_by_data(self) -> float:
+        """How many parameters' worth the data determined; the tolerances determined the rest of the free ones."""
+        data = self.triangle.T @ self.triangle
+        known = self.whitening.T @ self.whitening
+        return float(np.trace(np.linalg.solve(data + known, data))) if len(data) else 0.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Unknowns and rows with what stays from one iteration to the next. holding: whitening, and what is pinned."""
+
+    unknowns: Unknowns
+    blocks: tuple[Rows, ...]
+    free: Any
+    scale: Floats
+    whitening: Floats
+    holding: Floats
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, blocks: Sequence[Rows]) -> Self:
+        free = np.flatnonzero(unknowns.free)
+        scale = unknowns.sigma[free]
+        whitening = _whitening(unknowns, free)
+        return cls(unknowns, tuple(blocks), free, scale, whitening, np.vstack([whitening, pins(unknowns, free)]))
+
+    def deviations(self, x: Floats) -> Floats:
+        """All parameters' deviations (P,) at x (F,)."""
+        deviations = np.zeros(len(self.unknowns.names))
+        deviations[self.free] = x * self.scale
+        return deviations
+
+    def cost(self, x: Floats) -> float:
+        """χ² of rows and tolerances."""
+        state = self.unknowns.state(self.deviations(x))
+        of_rows = sum(np.sum((rows.residual(state) / rows.sigma) ** 2) for rows in _parts(self.blocks))
+        return float(of_rows + np.sum((self.holding @ x) ** 2))
+
+    def fold(self, x: Floats, columns: Any, scale: Floats) -> Floats:
+        """The linearised rows in tolerance units as a triangle (C, C + 1): columns, then the right side."""
+        state = self.unknowns.state(self.deviations(x))
+        folded = np.zeros((0, columns.size + 1))
+        for rows in _parts(self.blocks):
+            lines, residual = linearised(rows, state, columns, scale)
+            both = np.concatenate([lines, residual[..., None]], axis=-1).reshape(-1, columns.size + 1)
+            folded = np.asarray(np.linalg.qr(np.vstack([folded, both]), mode="r"))
+        square = np.zeros((columns.size, columns.size + 1))
+        kept = folded[: columns.size]
+        square[: len(kept)] = kept
+        return square
+
+    def step(self, triangle: Floats, right: Floats, x: Floats, damping: float) -> tuple[Floats, float]:
+        """Damped step (F,) and the fall in cost that an undamped one promises."""
+        stacked = np.vstack([triangle, self.holding])
+        residual = np.concatenate([right, self.holding @ x])
+        both = _triangle(np.column_stack([stacked, residual]), x.size)
+        root, along = both[:, :-1], both[:, -1]
+        if damping:
+            damped = np.sqrt(damping) * np.linalg.norm(root, axis=0).max() * np.eye(x.size)
+            again = np.vstack([both, np.column_stack([damped, np.zeros(x.size)])])
+            folded = _triangle(again, x.size)
+            root, right = folded[:, :-1], folded[:, -1]
+        else:
+            right = along
+        return np.asarray(-solve_triangular(root, right, check_finite=False)), float(along @ along)
+
+
+def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
+    """Fit the free unknowns to `blocks`, from where they are expected, or from deviations `begin` (P,).
+
+    Always ends; says whether it converged.
+    """
+    problem = _Problem.of(unknowns, blocks)
+    x = np.zeros(problem.free.size) if begin is None else begin[problem.free] / problem.scale
+    damping, ended, converged = 0.0, "", False
+    cost, iteration, folded = problem.cost(x), 0, None
+    for iteration in range(1, ITERATIONS + 1):
+        folded = problem.fold(x, problem.free, problem.scale) if folded is None else folded
+        step, promise = problem.step(folded[:, :-1], folded[:, -1], x, damping) if x.size else (x, 0.0)
+        if promise <= SETTLED * (1.0 + cost):
+            converged, ended = True, f"converged in {iteration} iterations"
+            break
+        tried = x + step
+        new_cost = problem.cost(tried)
+        if new_cost < cost:
+            x, cost, folded = tried, new_cost, None
+            damping = damping * 0.1 if damping > 1e-9 else 0.0
+        elif damping < 1e6:
+            damping = max(damping * 10.0, 1e-9)
+        else:
+            ended = "no step lowers the residual any further: rows contradict the model, or each other"
+            break
+    else:
+        ended = f"still improving after {ITERATIONS} iterations: the start is far from the measurements"
+    triangle = (problem.fold(x, problem.free, problem.scale) if folded is None else folded)[:, :-1]
+    return Estimate(
+        unknowns=unknowns,
+        deviations=problem.deviations(x),
+        covariance=_covariance(problem, x, triangle),
+        triangle=triangle,
+        whitening=problem.whitening,
+        cost=cost,
+        iterations=iteration,
+        converged=converged,
+        ended=ended,
+    )
+
+
+def seen_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """`Estimate.triangle` (F, F) where the unknowns are expected."""
+    problem = _Problem.of(unknowns, blocks)
+    return problem.fold(np.zeros(problem.free.size), problem.free, problem.scale)[:, :-1]
+
+
+def seen_despite_tolerances(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """`seen_at_start` (F, F) of rows that are as noisy as the model is wrong: what the held unknowns, off by as much as
+    is known of them, do to the rows, and the free ones cannot take up, counts as noise (RMS over all rows).
+    """
+    problem = _Problem.of(unknowns, blocks)
+    held, count = np.flatnonzero(~unknowns.free & (unknowns.sigma > 0.0)), problem.free.size
+    columns = np.concatenate([problem.free, held])
+    folded = problem.fold(np.zeros(count), columns, unknowns.sigma[columns])[:, :-1]
+    left = folded[count:, count:]  # of the held columns, apart from the free ones: the triangle has these first
+    variance = np.sum(left @ unknowns.known(held) * left) / max(sum(rows.sigma.size for rows in blocks), 1)
+    return np.asarray(folded[:count, :count] / np.sqrt(1.0 + variance))
+
+
+def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """Posterior covariance (P, P) at the solution `found`, were all that is free in `unknowns` free."""
+    problem = _Problem.of(unknowns, blocks)
+    x = found.deviations[problem.free] / problem.scale
+    return _covariance(problem, x, problem.fold(x, problem.free, problem.scale)[:, :-1])
+
+
+def linearised(rows: Rows, state: State, columns: Any, scale: Floats) -> tuple[Floats, Floats]:
+    """How `rows` move with the parameters at `columns` (C), per `scale` (C,) of each (N, k, C), and how far the model
+    is from them (N, k); both in the rows' standard deviations.
+    """
+    return rows.jacobian(state)[..., columns] * scale / rows.sigma[..., None], rows.residual(state) / rows.sigma
+
+
+def _parts(blocks: Sequence[Rows]) -> Iterable[Rows]:
+    for rows in blocks:
+        for start in range(0, len(rows), BLOCK):
+            yield rows if len(rows) <= BLOCK else rows.pick(np.s_[start : start + BLOCK])
+
+
+def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
+    """Posterior covariance (P, P), in the parameters' units: of the free ones, and through the held but doubted ones.
+
+    With M = (RᵀR + WᵀW)⁻¹ the free ones answer an error δ of held ones by −M RᵀR_h δ (Schmidt's *consider* covariance).
+    """
+    unknowns, free, scale = problem.unknowns, problem.free, problem.scale
+    result = np.zeros((len(unknowns.names),) * 2)
+    exact = own = _posterior(triangle, problem.holding)
+    if unknowns.pinned is not None and len(unknowns.pinned) and free.size:
+        own = own + _of_the_pinned(unknowns.pinned[:, free], triangle, exact)
+    if unknowns.prior is not None:
+        doubted = np.flatnonzero(unknowns.doubted)
+        columns = np.concatenate([free, doubted])
+        folded = problem.fold(x, columns, np.concatenate([scale, np.ones(len(doubted))]))[:, :-1]
+        count, known = free.size, unknowns.prior[np.ix_(doubted, doubted)]
+        answer = -exact @ folded[:, :count].T @ folded[:, count:]
+        own = own + answer @ known @ answer.T
+        result[np.ix_(free, doubted)] = scale[:, None] * (answer @ known)
+        result[np.ix_(doubted, free)] = result[np.ix_(free, doubted)].T
+        result[np.ix_(doubted, doubted)] = known
+    result[np.ix_(free, free)] = own * np.outer(scale, scale)
+    return result
+
+
+def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
+    """What the free unknowns (F, F) owe to combinations that stayed where they start, unknown to their whole tolerance;
+    `own` is the covariance with these exact.
+    """
+    along = np.linalg.qr(pinned.T)[0]
+    owed = along - own @ (triangle.T @ (triangle @ along))
+    return np.asarray(owed @ owed.T)
+
+
+def _posterior(triangle: Floats, whitening: Floats) -> Floats:
+    """Posterior covariance (F, F) in tolerance units: (RᵀR + WᵀW)⁻¹."""
+    if not triangle.size:
+        return np.zeros_like(triangle)
+    root = _triangle(np.vstack([triangle, whitening]), triangle.shape[1])
+    inverse = solve_triangular(root, np.eye(len(root)), check_finite=False)
+    return np.asarray(inverse @ inverse.T)
+
+
+def _triangle(stacked: Floats, rows: int) -> Floats:
+    """The first `rows` rows of R of a QR factorisation."""
+    return np.asarray(np.linalg.qr(stacked, mode="r"), float)[:rows]
+
+
+def _whitening(unknowns: Unknowns, free: Any) -> Floats:
+    """Root (F, F) of what is known of the `free` unknowns (indices) beforehand, in tolerances."""
+    return np.eye(len(free)) if unknowns.prior is None else _inverse_root(unknowns.known(free))
+
+
+def held_beforehand(unknowns: Unknowns, free: Any) -> Floats:
+    """What is known of the `free` unknowns (indices) beforehand, and what is pinned, in tolerances, as normal equations
+    (F, F).
+    """
+    lines = np.vstack([_whitening(unknowns, free), pins(unknowns, free)])
+    return np.asarray(lines.T @ lines)
+
+
+def pins(unknowns: Unknowns, free: Any) -> Floats:
+    """Rows (H, F), in tolerances, that hold pinned combinations of the `free` unknowns (indices) where they start."""
+    return np.zeros((0, len(free))) if unknowns.pinned is None else PINNED * unknowns.pinned[:, free]
+
+
+def _inverse_root(covariance: Floats) -> Floats:
+    """W (F, F) with WᵀW the inverse of `covariance`; what that says to be exact is as good as exact."""
+    values, vectors = np.linalg.eigh(covariance)
+    floor = 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
+    return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T)

@@ -1,0 +1,367 @@
+"""Whether rows are noisier than they say, or the robot is further from nominal than its tolerances say, or from an
+older model than that was sure of.
+
+Both make the residuals large, and who takes the one for the other is wrong twice: tolerances that are too tight push a
+robot's true errors into the residuals, which then look like noise, which makes the tolerances weigh more. So both are
+weighed by the evidence of the linearised rows: the probability of what was measured, whatever the parameters are. A
+factor greater than 1 on the noise of a kind of number, or on the tolerances of a group, is taken only if it makes the
+rows much more probable (MacKay 1992, Bayesian interpolation, doi 10.1162/neco.1992.4.3.415).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, TypeAlias, final
+
+import numpy as np
+from scipy.linalg.lapack import dpotri
+
+from cellctl.calibration.estimation.estimate import Estimate, linearised, pins
+from cellctl.calibration.model.unknowns import Unknowns
+from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.kinematics import Bools, Floats
+
+SUPPORTED = 4.0
+"""A factor has to raise the logarithm of the evidence by this: 55 times as probable. On clean rows none does."""
+
+UNEXPECTED = 2.5
+"""χ² this many of its own standard deviations above what it should be is looked into."""
+
+Factor: TypeAlias = tuple[str, int]
+"""What may be larger than said: ("noise", number in `Mixture.quantities`) or (a group of parameters, 0)."""
+
+_NEVER_LOOSENED = ("points", "datums", "base", "deflection")
+
+ESTIMATED = ("compliance", "harmonics", "backlash", "growth", "discrepancy")
+"""Groups of effects: how large they are on this robot is estimated, within bounds, and not tested."""
+
+SCALES = (0.03, 3.3)
+"""Least and greatest prior scale of an effect: three times what its maker or others' measurements say, and no more. The
+expected sizes with their sources: docs/reference/effects.md.
+"""
+
+SCALE_SIGMA = 1.0
+"""1 σ of the natural logarithm of such a scale about 0, before the data."""
+
+SHARP = 1e-5
+"""A relative change of the evidence that is not worth another step."""
+
+
+def unexpected(found: Estimate, rows: Mixture) -> bool:
+    """Whether residuals or parameters of a fit are larger than noise and tolerances say, for any kind or group."""
+    state = found.state
+    share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
+    for block, _, _ in rows.parts():
+        squares = (block.residual(state) / block.sigma) ** 2
+        for quantity in dict.fromkeys(block.quantities):
+            mine = squares[:, np.array(block.quantities) == quantity]
+            if _beyond(float(mine.sum()), mine.size * share):
+                return True
+    return _strange(found)
+
+
+def _strange(found: Estimate) -> bool:
+    """Whether parameters are further from where they were expected than tolerances, or an older model, say."""
+    unknowns, x = found.unknowns, found.deviations / found.unknowns.sigma
+    groups, loose = np.array(unknowns.groups), loosenable(unknowns)
+    if unknowns.prior is not None:  # its errors of one group are those of the others, too
+        mine = unknowns.free & np.isin(groups, loose)
+        return _beyond(float(np.sum((found.whitening @ x[unknowns.free]) ** 2)), int(mine.sum()))
+    each = [unknowns.free & (groups == group) for group in loose if group not in ESTIMATED]
+    return any(_beyond(float(np.sum(x[mine] ** 2)), int(mine.sum())) for mine in each)
+
+
+def loosenable(unknowns: Unknowns) -> tuple[str, ...]:
+    """Names (`Unknowns.scaled_with`) of what is scaled together of the prior: free, and something known of it."""
+    known = unknowns.free & (unknowns.sigma < 100.0)  # what is registered to an instrument was not known at all
+    names = unknowns.scaled_with
+    there = dict.fromkeys(name for name, is_known in zip(names, known, strict=True) if is_known)
+    flat = {name for name, is_flat in zip(names, unknowns.sigma >= 100.0, strict=True) if is_flat}
+    return tuple(name for name in there if name not in _NEVER_LOOSENED and name not in flat)
+
+
+def estimated(unknowns: Unknowns) -> frozenset[str]:
+    """Which of `loosenable` belong to effects, whose size is estimated and not tested."""
+    if unknowns.prior is not None:
+        return frozenset()
+    pairs = zip(unknowns.scaled_with, unknowns.groups, unknowns.free, strict=True)
+    return frozenset(name for name, group, free in pairs if free and group in ESTIMATED)
+
+
+def factors(found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> dict[Factor, float]:
+    """Noise and prior scales by the evidence of `rows`, linearised at `found`: those of effects as probable as can be
+    (`tuned`), others only where they pay for it, one after another.
+    """
+    return System.of(unknowns, found.deviations, rows, certain).factors()
+
+
+STEEP = 2.0
+"""Beside hundreds of amounts, a factor is not tried where the evidence rises more slowly than this with its log."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Linearised rows as normal equations, in tolerances: JᵀJ (F, F), Jᵀa (F,), aᵀa, and how many numbers."""
+
+    square: Floats
+    pull: Floats
+    rest: float
+    count: int
+
+    @classmethod
+    def of(cls, columns: Floats, away: Floats) -> Self:
+        """Of rows `away + columns @ x` (N, k), in standard deviations."""
+        flat, residual = columns.reshape(away.size, columns.shape[-1]), away.reshape(-1)
+        return cls(flat.T @ flat, flat.T @ residual, float(residual @ residual), residual.size)
+
+    def restricted(self, at: Any) -> Self:
+        """For the unknowns at `at` alone."""
+        return replace(self, square=self.square[np.ix_(at, at)], pull=self.pull[at])
+
+    def without(self, other: Self) -> Self:
+        """Without the rows of `other`."""
+        left = self.square - other.square, self.pull - other.pull, self.rest - other.rest
+        return type(self)(*left, self.count - other.count)
+
+    def slope(self, log: float, x: Floats, covariance: Floats) -> float:
+        """How fast the evidence rises with the logarithm of these rows' noise, at the optimum x and its covariance."""
+        squares = self.rest + 2.0 * self.pull @ x + x @ self.square @ x
+        return float(np.exp(-2.0 * log) * (squares + np.sum(self.square * covariance)) - self.count)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class System:
+    """The linearised problem: rows by kind of number; fixed: rows that are never in doubt, and what is pinned.
+
+    Its unknowns are those of the fit and what is held but doubted: what an older model did not know is no noise. groups
+    (F,): for each its factor's place in `loose`, or −1. known (F, F): their covariance beforehand; change (F,): by how
+    much each variance grows with its factor²; x (F,): where the fit is; all in tolerances. of_effects: factors that are
+    estimated within `SCALES`; closed: places in `loose` of which no unknown is left.
+    """
+
+    numbers: Mapping[Factor, Normal]
+    fixed: tuple[Normal, ...]
+    loose: tuple[Factor, ...]
+    groups: Any
+    known: Floats
+    change: Floats
+    x: Floats
+    of_effects: frozenset[Factor] = frozenset()
+    closed: frozenset[int] = frozenset()
+    independent: bool = False
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
+        """The problem of `unknowns` linearised at `deviations` (P,) from their start."""
+        about = np.flatnonzero(unknowns.free | unknowns.doubted)
+        scale = unknowns.sigma[about]
+        state, x = unknowns.state(deviations), deviations[about] / scale
+
+        def of(block: Rows) -> tuple[Floats, Floats]:
+            columns, away = linearised(block, state, about, scale)
+            return columns, away - columns @ x
+
+        numbers: dict[Factor, Normal] = {}
+        for block, _, own in rows.parts():
+            columns, away = of(block)
+            for quantity in dict.fromkeys(block.quantities if len(block) else ()):
+                mine = np.array(block.quantities) == quantity
+                numbers["noise", own.start + int(np.argmax(mine))] = Normal.of(columns[:, mine], away[:, mine])
+        loose = tuple(group for group in loosenable(unknowns) if group != "links" or _measures_length(rows, certain))
+        place, names = {name: number for number, name in enumerate(loose)}, unknowns.scaled_with
+        return cls(
+            numbers=numbers,
+            fixed=(*(Normal.of(*of(block)) for block in certain), _pins(unknowns, about)),
+            loose=tuple((name, 0) for name in loose),
+            of_effects=frozenset((name, 0) for name in estimated(unknowns)),
+            groups=np.array([place.get(names[at], -1) if unknowns.free[at] else -1 for at in about]),
+            known=unknowns.known(about),
+            change=unknowns.change[about],
+            x=x,
+            independent=unknowns.prior is None,
+        )
+
+    @property
+    def possible(self) -> tuple[Factor, ...]:
+        """Everything that may be larger than stated."""
+        return (*self.numbers, *self.loose)
+
+    def restricted(self, kept: Bools) -> Self:
+        """The same problem with the unknowns at `kept` (F,) alone; the others are exactly where they are expected."""
+        at = np.flatnonzero(kept)
+        of_kept = set(self.groups[at].tolist())
+        return replace(
+            self,
+            numbers={factor: normal.restricted(at) for factor, normal in self.numbers.items()},
+            fixed=tuple(normal.restricted(at) for normal in self.fixed),
+            closed=frozenset(place for place in range(len(self.loose)) if place not in of_kept) | self.closed,
+            groups=self.groups[at],
+            known=self.known[np.ix_(at, at)],
+            change=self.change[at],
+            x=self.x[at],
+        )
+
+    def factors(self) -> dict[Factor, float]:
+        """Noise and prior scales that are not 1."""
+        tuned, _ = self.tuned()
+        return {factor: float(np.exp(value)) for factor, value in tuned.items() if abs(value) > 1e-6}
+
+    def tuned(self, begin: Mapping[Factor, float] | None = None) -> tuple[dict[Factor, float], float]:
+        """Logarithms of noise and prior scales, and the evidence with them; begin: where they were before."""
+        known = begin or {}
+        chosen = {factor: value for factor, value in known.items() if factor in self._open}
+        if self._estimated:
+            chosen |= {name: known.get(name, 0.0) for name in self._estimated}
+            _, chosen = self._tuned(chosen, tuple(factor for factor in self.numbers if factor not in chosen))
+        else:
+            chosen = {}
+        best, slopes = self.evidence(chosen)
+        least = STEEP if self._estimated else 0.0
+        while True:
+            promising = [factor for factor in self._open if factor not in chosen and slopes[factor] > least]
+            wider = [self._tuned(chosen, (factor,)) for factor in promising]
+            evidence, tried = max(wider, key=lambda pair: pair[0], default=(-np.inf, chosen))
+            if evidence - best < SUPPORTED:
+                return chosen, best
+            chosen = {factor: value for factor, value in tried.items() if factor in self._estimated or value > 1e-6}
+            best, slopes = self.evidence(chosen)
+
+    def gain(self, factor: Factor, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
+        """By how much the evidence rises if `factor` is there, compared with its least scale; all logarithms then. But
+        for it and noise that is larger than stated they stay as in `logs`.
+        """
+        without = {**logs, factor: float(np.log(SCALES[0]))}
+        noise = {name: value for name, value in logs.items() if name in self.numbers and value > 0.0}
+        fixed = {name: value for name, value in logs.items() if name not in noise}
+        best, tuned = self._tuned({**noise, factor: 0.0}, (), fixed)
+        unlikely = 0.5 * (without[factor] / SCALE_SIGMA) ** 2  # of so small a scale, which stands for none
+        return best - self.evidence(without)[0] - unlikely, {**fixed, **tuned}
+
+    @property
+    def _open(self) -> list[Factor]:
+        closed = {self.loose[place] for place in self.closed}
+        return [factor for factor in self.possible if factor not in closed]
+
+    @property
+    def _estimated(self) -> list[Factor]:
+        return [factor for factor in self._open if factor in self.of_effects]
+
+    def _tuned(
+        self, chosen: Mapping[Factor, float], more: tuple[Factor, ...], fixed: Mapping[Factor, float] | None = None
+    ) -> tuple[float, dict[Factor, float]]:
+        """Greatest evidence with the factors `more` beside those chosen, and all their logarithms then."""
+        from scipy.optimize import minimize
+
+        names = [*chosen, *more]
+
+        def improbable(logs: Floats) -> tuple[float, Floats]:
+            value, slopes = self.evidence({**(fixed or {}), **dict(zip(names, logs.tolist(), strict=True))})
+            return -value, -np.array([slopes[name] for name in names])
+
+        start = np.array([*chosen.values(), *(self.guess(factor) for factor in more)])
+        scales = (float(np.log(SCALES[0])), float(np.log(SCALES[1])))
+        bounds = [scales if name in self.of_effects else (0.0, 12.0) for name in names]
+        found = minimize(improbable, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": SHARP})
+        return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
+
+    def guess(self, factor: Factor) -> float:
+        """Logarithm of a factor to begin with: by how much residuals, or parameters, are larger than they should be."""
+        if factor in self.numbers:
+            normal = self.numbers[factor]
+            squares = normal.rest + 2.0 * normal.pull @ self.x + self.x @ normal.square @ self.x
+            return max(0.5 * float(np.log(max(float(squares) / normal.count, 1.0))), 0.3)
+        mine = self.groups == self.loose.index(factor)
+        return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2 / self.change[mine])), 1.0))), 0.3)
+
+    def evidence(self, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
+        """Logarithm of the probability of the rows with these factors' logarithms, but for a constant; and how fast it
+        rises with each possible factor's.
+        """
+        square, pull, rest, value = self._weighed(logs)
+        tolerances = self._scales(logs)
+        known, before = self._known_with(tolerances)
+        covariance, volume = _inverse(square + known)
+        x = -covariance @ pull
+        value += -0.5 * float(before + rest + pull @ x + volume)
+        slopes = {factor: normal.slope(logs.get(factor, 0.0), x, covariance) for factor, normal in self.numbers.items()}
+        if self.independent:
+            widened = (x**2 + np.diag(covariance)) * np.diag(known) ** 2 - np.diag(known)
+        else:
+            widened = np.diag(known @ (np.outer(x, x) + covariance) @ known - known)
+        own = np.exp(2.0 * tolerances) * self.change * widened
+        slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
+        for factor in self.of_effects & logs.keys():
+            value -= 0.5 * (logs[factor] / SCALE_SIGMA) ** 2
+            slopes[factor] -= logs[factor] / SCALE_SIGMA**2
+        return float(value), slopes
+
+    def posterior(self, logs: Mapping[Factor, float]) -> tuple[Floats, Floats]:
+        """Inverse covariance (F, F) of the unknowns with these logarithms, and what pulls at them (F,)."""
+        square, pull, _, _ = self._weighed(logs)
+        return square + self._known_with(self._scales(logs))[0], pull
+
+    def _weighed(self, logs: Mapping[Factor, float]) -> tuple[Floats, Floats, float, float]:
+        certain = [(normal, 0.0) for normal in self.fixed]
+        weighed = [*certain, *((normal, logs.get(factor, 0.0)) for factor, normal in self.numbers.items())]
+        square, pull, rest, value = np.zeros_like(self.known), np.zeros_like(self.x), 0.0, 0.0
+        for normal, log in weighed:
+            weight = float(np.exp(-2.0 * log))
+            square, pull = square + weight * normal.square, pull + weight * normal.pull
+            rest, value = rest + weight * normal.rest, value - normal.count * log
+        return square, pull, rest, value
+
+    def _scales(self, logs: Mapping[Factor, float]) -> Floats:
+        """The logarithm of the prior scale of each unknown (F,)."""
+        return np.asarray(np.array([*(logs.get(factor, 0.0) for factor in self.loose), 0.0])[self.groups])
+
+    def _known_with(self, logs: Floats) -> tuple[Floats, float]:
+        """Inverse of the prior covariance with these logarithms (F,) of its scales, and the log of its determinant."""
+        if self.independent:
+            return np.diag(np.exp(-2.0 * logs)), float(2.0 * logs.sum())
+        return _inverse(self.known + np.diag(self.change * np.expm1(2.0 * logs)))
+
+
+def _pins(unknowns: Unknowns, about: Any) -> Normal:
+    """What stays where it starts, as the estimate has it, for the unknowns at `about` (F,)."""
+    pinned = pins(unknowns, about)
+    return Normal.of(pinned, np.zeros(len(pinned)))
+
+
+def _inverse(square: Floats) -> tuple[Floats, float]:
+    """Inverse of a positive definite matrix (F, F) whose unknowns may be seen a million times better one than another,
+    and the logarithm of its determinant.
+    """
+    scale = 1.0 / np.sqrt(np.diag(square))
+    root = _root(square * scale * scale[:, None])
+    inverse, _ = dpotri(root, lower=1)
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    volume = 2.0 * np.log(np.diag(root)).sum() - 2.0 * np.log(scale).sum()
+    return inverse * scale * scale[:, None], float(volume)
+
+
+def _root(square: Floats) -> Floats:
+    """Cholesky factor (F, F); where rounding leaves none, as of a tolerance far too wide, of the nearest that has."""
+    try:
+        root = np.linalg.cholesky(square)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(square)
+        least = 2.0 * np.finfo(float).eps * len(values) * float(values[-1])
+        root = np.linalg.cholesky((vectors * np.maximum(values, least)) @ vectors.T + 0.5 * least * np.eye(len(values)))
+    return np.asarray(root, float)
+
+
+def _measures_length(rows: Mixture, certain: Sequence[Rows]) -> bool:
+    """Whether anything here is a length. Sockets and planes alone are not: a robot of no size would be in all of
+    them at once, and nothing but the tolerances of its links keeps it from shrinking.
+    """
+    return any(map(len, certain)) or any(
+        len(block) and not isinstance(block, SocketRows | PlaneRows) for block in rows.blocks
+    )
+
+
+def _beyond(squares: float, count: float) -> bool:
+    return squares > count + UNEXPECTED * float(np.sqrt(2.0 * count))

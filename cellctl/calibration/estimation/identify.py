@@ -1,0 +1,365 @@
+"""Identification: find the rows that belong together, register, fit, judge the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
+from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
+from cellctl.calibration.estimation.linear import Linear
+from cellctl.calibration.estimation.local_optima import tools, undecided
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
+from cellctl.calibration.outliers.at_known_noise import WILD
+from cellctl.calibration.outliers.inliers import OUTLYING, belonging
+from cellctl.calibration.prediction.predict import foresee
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.model_error import (
+    FUNCTIONS,
+    ROWS_AT_LEAST,
+    discrepancy_scales,
+    may_lack,
+    widened,
+    with_discrepancy,
+    without_functions,
+)
+from cellctl.calibration.selection.sample import sampled
+from cellctl.kinematics import Bools, Floats
+
+OUTLIERS_AT_MOST = 0.2
+FEW = 2
+"""If more of the rows, or of those of one block, than this share do not belong to the others, nothing says which of
+them are right, and all stay; but so few may always go.
+"""
+
+CLOSEST = 0.6
+"""The share of the rows, those nearest to nominal, that the search for the rows that belong together starts from."""
+
+ROUNDS = 8
+
+OVERDETERMINED = 2
+"""Measured numbers for each unknown of the registration from which on rows can say something of each other."""
+
+WEIGHINGS = 6
+SETTLED = 0.02
+"""Noise and tolerances have settled when none changes by more than this share; after so many rounds at the latest."""
+
+INVISIBLE = 100.0
+"""A metre of base or tool that moves all rows together by fewer standard deviations than this is not seen: rows and
+tolerances leave 10 mm of it open."""
+
+FEW_SCALES = 5
+"""With more prior scales than this, as of the bands of harmonics, it is enough to know each roughly."""
+
+SEARCHED = 3000
+"""Rows among which those that belong together are searched for; more are judged by what a sample of these foresees."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
+
+    noise: by how much the rows' standard deviations had to grow, for each of `Mixture.quantities`. used, outliers:
+    indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
+    rows did not belong to the others where that was too many to leave them out; 0 otherwise. loosened: by how much
+    the tolerances of which groups had to grow, as the robot is further from nominal than they say.
+    """
+
+    nominal: Estimate
+    identified: Estimate
+    noise: Floats
+    used: tuple[int, ...]
+    outliers: tuple[int, ...]
+    apart: int = 0
+    loosened: Mapping[Group, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """By how much noise is greater, and tolerances are wider, than said."""
+
+    noise: Floats
+    loosened: Mapping[Group, float]
+
+    @classmethod
+    def as_said(cls, rows: Mixture) -> Self:
+        """Neither is."""
+        return cls(np.ones(len(rows.quantities)), {})
+
+    @classmethod
+    def of(cls, rows: Mixture, factors: Mapping[Factor, float]) -> Self:
+        """These factors of noise and of prior scales."""
+        return cls(_noise(rows, factors), {name: value for (name, _), value in factors.items() if name != "noise"})
+
+    def factors(self, rows: Mixture) -> dict[Factor, float]:
+        """What `of` makes these weights from."""
+        found: dict[Factor, float] = {(name, 0): value for name, value in self.loosened.items()}
+        for block, _, own in rows.parts():
+            for quantity in dict.fromkeys(block.quantities):
+                number = own.start + block.quantities.index(quantity)
+                found["noise", number] = float(self.noise[number])
+        return found
+
+    def settled(self, before: Self) -> bool:
+        """Whether this is what was there `before`, or next to it: the sizes of effects need only be roughly known."""
+        groups = {*before.loosened, *self.loosened}
+        change = [abs(np.log(self.loosened.get(group, 1.0) / before.loosened.get(group, 1.0))) for group in groups]
+        roughly = SETTLED if len(groups) <= FEW_SCALES else 10.0 * SETTLED
+        return bool(max([0.0, *change]) < roughly and np.abs(np.log(self.noise / before.noise)).max() < roughly)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A fit, and with which weights."""
+
+    found: Estimate
+    weights: Weights
+
+    def chances(self, rows: Mixture) -> Floats:
+        """How often rows (N,) that were not in the fit would lie as far from it as they do, or further."""
+        blocks = rows.noisier(self.weights.noise).blocks
+        return np.concatenate([foresee(self.found.state, self.found.covariance, each).chance for each in blocks])
+
+
+def identify(
+    task: Task, fit: Any = None, together: tuple[Bools, int] | None = None, weights: Weights | None = None
+) -> Identification:
+    """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
+
+    Outliers are left out. Where the rest is clearly noisier than its stated σ, the robot further from nominal than the
+    tolerances, or something missing from the model, noise, prior scales and a discrepancy are what the evidence
+    supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked something
+    come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where known.
+    """
+    chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
+    rows = task.rows.pick(chosen)
+    kept, apart = rows_together(without_functions(task), rows) if together is None else together
+    inliers = rows.pick(kept)
+    nominal, weighed = identify_kept(task, inliers, weights)
+    wider = _with_discrepancy(task, inliers, weighed)
+    if wider is not None:
+        task, weights = wider
+        nominal, weighed = identify_kept(task, inliers, weights)
+    may_come_back = together is not None or any(effect.group in FUNCTIONS for effect in task.model.effects)
+    while may_come_back and not kept.all():
+        back = ~kept & (weighed.chances(rows) >= WILD)
+        if not back.any():
+            break
+        inliers = rows.pick(kept | back)
+        wider_nominal, with_them = identify_kept(task, inliers, weighed.weights)
+        if unexpected(with_them.found, inliers.noisier(weighed.weights.noise)):
+            break  # they are no rows that only a poorer model did not explain
+        kept, nominal, weighed = kept | back, wider_nominal, with_them
+    there = {*weighed.found.unknowns.scaled_with, *weighed.found.unknowns.groups}
+    return Identification(
+        nominal=nominal,
+        identified=weighed.found,
+        noise=weighed.weights.noise,
+        loosened={name: factor for name, factor in weighed.weights.loosened.items() if name in there},
+        used=tuple(chosen[kept].tolist()),
+        outliers=tuple(chosen[~kept].tolist()),
+        apart=apart,
+    )
+
+
+def _with_discrepancy(task: Task, rows: Mixture, weighed: Weighed) -> tuple[Task, Weights] | None:
+    """`task` with a discrepancy, and the weights then; None where the rows do not support one."""
+    if not may_lack(task) or len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
+        return None
+    wider = with_discrepancy(task, rows)
+    sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
+    scales = discrepancy_scales(
+        weighed.found, nominal_start(wider, rows), sample, certain(task), weighed.weights.factors(rows)
+    )
+    return None if scales is None else (wider, Weights.of(rows, scales))
+
+
+def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
+    """Nominal registered on `rows`, and identified; every row is taken to belong to the others.
+
+    weights: where they are known, as from a fit of more rows.
+    """
+    nominal = registered(task, rows)
+    start, *others = _starts(task, nominal, rows)
+    if weights is None:
+        weighed = _weighed(start, rows, certain(task))
+    else:
+        weighed = _fit_with(weights, start, rows, certain(task))
+    if not task.retooled:
+        return nominal, weighed
+    noisy, states = rows.noisier(weighed.weights.noise), [each.start for each in (start, *others)]
+    return nominal, replace(weighed, found=undecided(weighed.found, noisy, certain(task), states))
+
+
+def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
+    """Which of `rows` (N,) belong together; and how many do not, where that is too many to leave them out: all are then
+    kept.
+    """
+    kept = _like_sample(task, rows, sampled(rows, SEARCHED)) if len(rows) > SEARCHED else _belonging(task, rows)
+    apart = 0
+    for _, mine, _ in [*rows.parts(), (None, slice(None), None)]:  # each block by itself, then all of them
+        left_out = int(np.count_nonzero(~kept[mine]))
+        if left_out > max(OUTLIERS_AT_MOST * len(kept[mine]), FEW):
+            kept, apart = _all_of(kept, mine), apart + left_out
+    return kept, apart
+
+
+def _all_of(kept: Bools, which: slice) -> Bools:
+    result = kept.copy()
+    result[which] = True
+    return result
+
+
+def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
+    """Which of `rows` (N,) lie where those of `sample` (indices) that belong together foresee them."""
+    of_sample = rows.pick(sample)
+    together = _belonging(task, of_sample)
+    _, weighed = identify_kept(task, of_sample.pick(together))
+    kept = weighed.chances(rows) >= OUTLYING
+    kept[sample] = together
+    return kept
+
+
+def registered(task: Task, rows: Mixture) -> Estimate:
+    """The nominal robot, tied to the measurement by `rows`."""
+    plain = without_functions(task)
+    unknowns = plain.unknowns(plain.start(rows))
+    unknowns = unknowns.masked(plain.registration(unknowns))
+    blocks = [*rows.blocks, *certain(task)]
+    found = estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
+    return found if plain is task else widened(found, task.unknowns(_with_effects(found.unknowns.start, task)))
+
+
+def _with_effects(state: State, task: Task) -> State:
+    """`state` of a robot with the effects of `task`, none of which is at work."""
+    models = [model.with_effects(task.model.effects) for model in state.models]
+    own = [session.own for session in task.sessions[1:]]
+    return State.of_sessions(models, own, state.points, state.datums)
+
+
+def nominal_start(task: Task, rows: Mixture) -> Unknowns:
+    """What `task` identifies, expected where nominal is registered on `rows`."""
+    return _starts(task, registered(task, rows), rows)[0]
+
+
+def _starts(task: Task, nominal: Estimate, rows: Mixture) -> list[Unknowns]:
+    """What is to be identified, expected where nominal is registered, or, in partial work, where `rows` want what is
+    new, the most probable place first; what registration could not see stays there.
+    """
+    start = task.changed(rows) if task.partial else nominal.state
+    unknowns = replace(task.unknowns(start), pinned=nominal.unknowns.pinned)
+    unknowns = unknowns.masked(task.identification(unknowns))
+    if task.partial and task.freed >= PLACED and not task.retooled:  # registration had not both of them free
+        unknowns = replace(unknowns, pinned=_unseen(unknowns, [*rows.blocks, *certain(task)]))
+    if not task.retooled:
+        return [unknowns]
+    return [unknowns.restarted(state) for state in tools(unknowns, rows, certain(task))]
+
+
+def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """Combinations (H, P) of free base and tool that the rows cannot tell from nothing, in units of the unknowns' σ.
+
+    With one orientation in all rows, a tool further out looks like a base further in. What little joints that are
+    rounded make of the difference is lost in the geometry's own errors; left free, it carries the fit off by metres.
+    """
+    if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
+        return np.zeros((0, len(unknowns.names)))
+    _, singular, right = np.linalg.svd(seen_despite_tolerances(unknowns, blocks))
+    unseen = right[singular < INVISIBLE]
+    result = np.zeros((len(unseen), len(unknowns.names)))
+    result[:, unknowns.free] = unseen
+    return result
+
+
+def certain(task: Task) -> list[Rows]:
+    """Rows that are never in doubt."""
+    return [task.spacings] if task.spacings is not None else []
+
+
+def _belonging(task: Task, rows: Mixture) -> Bools:
+    """Which rows (N,) belong together, found about the fit of those that do, and again until they stay the same.
+
+    All, where these are too few to say anything of each other.
+    """
+    if rows.size < OVERDETERMINED * task.registering:
+        return np.ones(len(rows), bool)
+    start = _starts(task, _registered_on_closest(task, rows), rows)[0]
+    start = start.masked(~start.among(FUNCTIONS))  # hundreds of amounts that hide no outlier stay as they were
+    unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
+    before = None
+    for _ in range(ROUNDS):
+        balanced = rows.noisier(noise / noise.min())
+        linear = Linear.about(unknowns, deviations, balanced, certain(task))
+        kept = belonging(linear, thorough=before is not None).kept  # nominal is too far from the rows to look closely
+        if before is not None and np.array_equal(kept, before):
+            break
+        weighed = _weighed(start, rows.pick(kept), certain(task), deviations)
+        unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.weights.noise
+        before = kept
+    return kept
+
+
+def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
+    """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
+    nominal, share = registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
+    before: Any = None
+    for _ in range(ROUNDS):
+        closest = np.sort(np.argsort(rows.errors(nominal.state), kind="stable")[:share])
+        if np.array_equal(closest, before):
+            break
+        some = [*rows.pick(closest).blocks, *certain(task)]
+        nominal, before = estimate(nominal.unknowns, some, nominal.deviations), closest
+    return nominal
+
+
+def _weighed(unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
+    """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
+    result = _fit_with(Weights.as_said(rows), unknowns, rows, others, begin)
+    if not estimated(unknowns) and not unexpected(result.found, rows):
+        return result
+    sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
+    for _ in range(WEIGHINGS):
+        before, weights = result, Weights.of(rows, factors(result.found, unknowns, sample, others))
+        result = _fit_with(weights, unknowns, rows, others, before.found.deviations)
+        if weights.settled(before.weights):
+            break
+    return result
+
+
+def _fit_with(
+    weights: Weights, unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None
+) -> Weighed:
+    blocks = [*rows.noisier(weights.noise).blocks, *others]
+    return Weighed(_fit(unknowns.loosened(weights.loosened), blocks, begin), weights)
+
+
+def _noise(rows: Mixture, grown: Mapping[Factor, float]) -> Floats:
+    """The factor of each of the rows' quantities; those of one kind in one block share theirs."""
+    result = np.ones(len(rows.quantities))
+    for block, _, own in rows.parts():
+        for quantity in dict.fromkeys(block.quantities):
+            mine = np.array(block.quantities) == quantity
+            result[own][mine] = grown.get(("noise", own.start + int(np.argmax(mine))), 1.0)
+    return result
+
+
+def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
+    """The fit; amounts that would fall below their effect's least are held there, and leave everything as uncertain as
+    before they were held.
+    """
+    found, held = estimate(unknowns, blocks, begin), np.zeros(len(unknowns.names), bool)
+    while (below := unknowns.free & ~held & (found.deviations < unknowns.least)).any():
+        held = held | below
+        at_least = unknowns.restarted(unknowns.state(np.where(held, unknowns.least, 0.0))).masked(~held)
+        found = estimate(at_least, blocks)
+    if not held.any():
+        return found
+    return replace(found, covariance=covariance_of(found, replace(found.unknowns, free=unknowns.free), blocks))

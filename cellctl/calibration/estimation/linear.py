@@ -1,0 +1,127 @@
+"""Rows about a state, linearised: where the others foresee each of them, and how far it is from there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self, final
+
+import numpy as np
+from scipy.stats import chi2
+
+from cellctl.calibration.estimation.estimate import held_beforehand, linearised
+from cellctl.calibration.model.unknowns import Unknowns
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.kinematics import Bools, Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Rows about a state: `away + columns @ x` in standard deviations, x the unknowns in tolerances, expected at 0.
+
+    away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): how many it
+    has. factors (N, k): which of the factors of noise each number has, one for each kind of number in each block; −1
+    where it is filled up. known (F, F), pull (F,): what holds x besides these rows: the tolerances, what is pinned, and
+    rows that are never in doubt, as normal equations; prior (F, F): that without the rows.
+    """
+
+    away: Floats
+    columns: Floats
+    numbers: Any
+    factors: Any
+    known: Floats
+    pull: Floats
+    prior: Floats
+
+    @classmethod
+    def about(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
+        """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never wild."""
+        free = np.flatnonzero(unknowns.free)
+        scale = unknowns.sigma[free]
+        x = deviations[free] / scale
+        state = unknowns.state(deviations)
+
+        def of(block: Rows) -> tuple[Floats, Floats]:
+            columns, away = linearised(block, state, free, scale)
+            return away - columns @ x, columns
+
+        width = max(len(block.quantities) for block in rows.blocks)
+        away, columns = np.zeros((len(rows), width)), np.zeros((len(rows), width, free.size))
+        factors = np.full((len(rows), width), -1)
+        for block, mine, own in rows.parts():
+            place = np.s_[mine, : len(block.quantities)]
+            away[place], columns[place] = of(block)
+            factors[place] = own.start + np.array([block.quantities.index(each) for each in block.quantities])
+        prior = held_beforehand(unknowns, free)
+        known, pull = prior, np.zeros(free.size)
+        for own_away, lines in map(of, certain):
+            known = known + np.einsum("nkp,nkq->pq", lines, lines)
+            pull = pull + np.einsum("nkp,nk->p", lines, own_away)
+        return cls(away, columns, rows.numbers, factors, known, pull, prior)
+
+    def noisier(self, noise: Floats) -> Self:
+        """The same rows with their standard deviations times `noise`, one for each of `Mixture.quantities`."""
+        sigma = np.append(noise, 1.0)[self.factors]
+        return replace(self, away=self.away / sigma, columns=self.columns / sigma[..., None])
+
+    def normal(self, kept: Bools) -> tuple[Floats, Floats]:
+        """Most probable unknowns x (F,) by the kept rows, and their covariance (F, F)."""
+        flat, away = _flat(self.columns[kept]), self.away[kept]
+        covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
+        return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
+
+    def surprise(self, kept: Bools) -> tuple[Floats, Floats]:
+        """Squared distance (N,) of each row from where the *other* kept rows foresee it, in foreseen standard
+        deviations (χ² with k degrees of freedom); and the most probable unknowns by the kept rows (F,).
+        """
+        residual, foreseen, x = self._foreseen(kept)
+        return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
+
+    def scatter(self, kept: Bools) -> Floats:
+        """By how much the numbers of each kind (Q,) scatter more than said about where the *other* kept rows foresee
+        them: by the median of all, so that a few wild ones do not count; 1 for a factor that no number has.
+        """
+        residual, foreseen, _ = self._foreseen(kept)
+        squares = residual**2 / np.diagonal(foreseen, axis1=-2, axis2=-1)
+        result = np.ones(int(self.factors.max()) + 1)
+        for each in self._kinds:
+            result[each] = np.sqrt(np.median(squares[self.factors == each]) / chi2.median(1))
+        return result
+
+    def _foreseen(self, kept: Bools) -> tuple[Floats, Floats, Floats]:
+        """Residuals (N, k), their covariances (N, k, k) by the *other* kept rows; unknowns x (F,) by all of them."""
+        x, covariance = self.normal(kept)
+        spread = (_flat(self.columns) @ covariance).reshape(self.columns.shape) @ np.swapaxes(self.columns, -1, -2)
+        side = np.where(kept, -1.0, 1.0)[:, None, None]  # a kept row's own pull on x is taken out again
+        foreseen = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
+        return self.away + self.columns @ x, foreseen, x
+
+    def misfit(self, kept: Bools, x: Floats) -> float:
+        """χ² of the kept rows about the model, and of the unknowns x (F,) about what was known of them beforehand."""
+        return float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2) + x @ self.prior @ x)
+
+    def seen(self, noise: Floats) -> float:
+        """Natural logarithm of how much smaller all rows together, their standard deviations times `noise` (Q,), make
+        the volume of what x may be.
+        """
+        square = self.known + np.einsum("q,qfg->fg", noise[self._kinds] ** -2.0, self._squares)
+        return float(0.5 * np.linalg.slogdet(square)[1])
+
+    @cached_property
+    def _kinds(self) -> Any:
+        """Factors that there are numbers of."""
+        return np.unique(self.factors[self.factors >= 0])
+
+    @cached_property
+    def _squares(self) -> Floats:
+        """JᵀJ of the numbers of each of `_kinds`: (their count, F, F)."""
+        lines = (self.columns[self.factors == each] for each in self._kinds)
+        return np.stack([mine.T @ mine for mine in lines])
+
+
+def _flat(columns: Floats) -> Floats:
+    """Columns (N, k, F) as (N k, F), of no unknown at all too."""
+    return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])

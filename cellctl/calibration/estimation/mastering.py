@@ -1,0 +1,37 @@
+"""How far joint zeros have moved since an older model was made, and how sure that is.
+
+A zero's change is surer than the zero: what the older model did not know of it (a turn of the base may pass for one of
+joint 1) is in both, and drops out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.estimation.task import Task
+from cellctl.kinematics import Floats
+
+
+def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
+    """Change of each joint's zero (n,) from `task.model` to `found`, and its 1 σ (n,), rad.
+
+    With the errors e of the older model the new zeros come out wrong by A e_held + noise, their change by A e_held −
+    e_zeros + noise; Σ_new holds A Σ_held Aᵀ + noise, and A Σ_held beside it.
+    """
+    names = found.state.model.parameters
+    zeros = np.array([names.index(f"theta{joint}") for joint in range(1, found.state.model.n + 1)])
+    change = found.state.model.deviations[zeros] - task.model.deviations[zeros]
+    covariance = found.covariance[np.ix_(zeros, zeros)]
+    if task.prior is not None:
+        held = np.flatnonzero(~found.unknowns.free[: len(names)] & (np.diag(task.prior) > 0.0))
+        beside = found.covariance[np.ix_(zeros, held)]
+        shared = beside @ _inverse(task.prior[np.ix_(held, held)]) @ task.prior[np.ix_(held, zeros)]
+        covariance = covariance + task.prior[np.ix_(zeros, zeros)] - shared - shared.T
+    return change, np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _inverse(covariance: Floats) -> Floats:
+    """Inverse (H, H) of a covariance in mixed units; combinations known exactly have none, and no say."""
+    scales = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    return np.asarray(np.linalg.pinv(covariance / scales, rcond=1e-12, hermitian=True) / scales)

@@ -1,0 +1,201 @@
+"""Where to start: base and tool in an instrument's frame, and fixed points, quickly, from nominal and the rows alone.
+
+With G, g, t for the base's rotation transposed, its offset and the tool, G m + g − R t = p for each measured point m,
+flange position p and flange rotation R is linear once G need be no rotation: no start, and no local minimum.
+Gauss–Newton steps on the rigid problem follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cellctl.calibration.estimation.datums import telling
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import PLACED, Group
+from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows.planes import pole_of
+from cellctl.kinematics import Floats, SerialChain, pose
+
+STEPS = 4
+HELD = 1e-6
+"""Directions of base and tool whose share of the points' motion is smaller than this are left as they are."""
+
+PREFERRED = 0.25
+"""The tool of the linear problem has to leave less than this share of what the taught one leaves, in squares: where
+orientation hardly changes it is a loose one.
+"""
+
+CENTRE_STEPS = 8
+
+CARRIED_MM = 30.0
+"""A part of the robot that is further from the tip than this shows from which side it touches."""
+
+
+def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group]) -> RobotModel:
+    """`model` with those of base and tool that are `free` where the positions and poses among `blocks` want them."""
+    measured = [block for block in blocks if isinstance(block, PositionRows | PoseRows) and len(block)]
+    if not measured or not free & PLACED:
+        return model
+    q, xyz = np.concatenate([block.q for block in measured]), np.concatenate([block.xyz for block in measured])
+    chain = _placed(model.chain, q, xyz, free)
+    turned = [block for block in measured if isinstance(block, PoseRows)]
+    if "tool" in free and turned:
+        turns = np.concatenate([block.poses[:, :3, :3] for block in turned])
+        chain = turned_tool(chain, np.concatenate([block.q for block in turned]), turns)
+    return replace(model, chain=chain)
+
+
+def fixed_points(models: Sequence[RobotModel], blocks: Sequence[Measured], rough: Floats) -> Floats:
+    """Spheres, anchors, sockets and poles of planes (S, 3), mm: where they roughly are, if that is known (`rough`, else
+    NaN), or where the first block that saw each wants it; those that none saw in the middle of what was.
+    """
+    points = rough.copy()
+    for index in np.flatnonzero(np.isnan(points).any(axis=1)):
+        points[index] = _point(models, blocks, int(index))
+    if np.isnan(points).any():
+        seen = np.concatenate([models[block.session].tip(block.postures) for block in blocks])
+        points = np.where(np.isnan(points), seen.mean(axis=0), points)
+    return points
+
+
+def rigid_fit(points: Floats, measured: Floats) -> Floats:
+    """The pose (4, 4) that carries `points` (N, 3) nearest to `measured` (N, 3) (Kabsch); right-handed always."""
+    centre, there = points.mean(axis=0), measured.mean(axis=0)
+    u, _, vt = np.linalg.svd((measured - there).T @ (points - centre))
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
+    return pose(turn, there - turn @ centre)
+
+
+def base_and_tool(flange: Floats, measured: Floats, taught: Floats) -> tuple[Floats, Floats]:
+    """Base (4, 4) and tool (4, 4) that carry flange poses (N, 4, 4) nearest to `measured` (N, 3), mm; the tool keeps
+    the orientation of `taught` (4, 4).
+    """
+    base, tool = _refined(flange, measured, taught[:3, 3])
+    other = _refined(flange, measured, _relaxed_tool(flange, measured))
+    if _left(flange, measured, *other) < PREFERRED * _left(flange, measured, base, tool):
+        base, tool = other
+    return base, pose(taught[:3, :3], tool)
+
+
+def turned_tool(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
+    """`chain` with its tool turned as `measured` rotations (N, 3, 3) say at q (N, n), rad."""
+    flange = chain.forward_flange(q)[:, :3, :3]
+    turn = Rotation.from_matrix(np.matmul(np.swapaxes(flange, -1, -2), measured)).mean().as_matrix()
+    return chain.with_tool(pose(turn, chain.tool_now[:3, 3]))
+
+
+def sphere_centre(tips: Floats, reach: Any) -> Floats:
+    """Centre (3,) of the sphere of radius `reach` (N,), mm, whose surface the points `tips` (N, 3) lie nearest to.
+
+    From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from either side of the points along the
+    direction in which they spread least, as the linear problem does not know how curved a small cap is; Gauss–Newton on
+    the distances, the nearest wins. Fewer than four points give the nearest to the mean that they allow.
+    """
+    reach = np.broadcast_to(np.asarray(reach, float), len(tips))
+    mean = tips.mean(axis=0)
+    away = tips - mean
+    lines = np.concatenate([2.0 * away, np.ones((len(tips), 1))], axis=1)
+    linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=1e-6)[0][:3]
+    across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
+    found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]
+    return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
+
+
+def plane_pole(tips: Floats, reach: Floats, frames: Floats) -> Floats:
+    """Pole (3,), mm, of the plane from which `tips` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
+    which they spread least, its normal towards what carries the tips: the last of the robot's `frames` (N, K, 3), mm,
+    that is not where the tip is.
+    """
+    away, arms = tips - tips.mean(axis=0), frames - tips[:, None]
+    carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
+    normal = np.linalg.eigh(away.T @ away)[1][:, 0]
+    if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
+        normal = -normal
+    return pole_of(normal, float(np.median(tips @ normal - reach)))
+
+
+def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Group]) -> SerialChain:
+    """`chain` with base, tool, or both, where `measured` (N, 3), mm, at q (N, n), rad, want them."""
+    flange = chain.with_base(np.eye(4)).forward_flange(q)
+    base, tool = chain.base_now, chain.tool_now
+    if free >= PLACED:
+        base, tool = base_and_tool(flange, measured, tool)
+        return chain.with_base(base).with_tool(tool)
+    if "base" in free:
+        return chain.with_base(rigid_fit(_tips(flange, np.eye(4), tool[:3, 3]), measured))
+    wanted = (measured - base[:3, 3]) @ base[:3, :3] - flange[:, :3, 3]
+    offset = np.einsum("nji,nj->ni", flange[:, :3, :3], wanted).mean(axis=0)
+    return chain.with_tool(pose(tool[:3, :3], offset))
+
+
+def _relaxed_tool(flange: Floats, measured: Floats) -> Floats:
+    """The tool (3,) of the linear problem in which the base may be any affine map."""
+    middle = measured - measured.mean(axis=0)
+    size = max(float(np.abs(middle).max()), 1e-9)
+    lines = np.zeros((len(flange), 3, 15))
+    for axis in range(3):
+        lines[:, axis, 3 * axis : 3 * axis + 3] = middle / size
+        lines[:, axis, 9 + axis] = 1.0
+    lines[:, :, 12:] = -flange[:, :3, :3]
+    flat = lines.reshape(-1, 15)
+    return np.asarray(np.linalg.lstsq(flat.T @ flat, flat.T @ flange[:, :3, 3].ravel(), rcond=1e-10)[0][12:])
+
+
+def _refined(flange: Floats, measured: Floats, tool: Floats) -> tuple[Floats, Floats]:
+    """Gauss–Newton from the rigid base that goes with `tool` (3,)."""
+    base = rigid_fit(_tips(flange, np.eye(4), tool), measured)
+    for _ in range(STEPS):
+        there = _tips(flange, base, tool)
+        arms = there - base[:3, 3]
+        size = max(float(np.abs(arms).max()), 1e-9)
+        lines = np.zeros((len(flange), 3, 9))
+        lines[:, :, :3] = np.cross(np.eye(3), arms[:, None, :]).swapaxes(1, 2) / size
+        lines[:, :, 3:6] = np.eye(3)
+        lines[:, :, 6:] = base[:3, :3] @ flange[:, :3, :3]
+        flat = lines.reshape(-1, 9)
+        step = np.linalg.lstsq(flat.T @ flat, flat.T @ (measured - there).ravel(), rcond=HELD)[0]
+        turn = Rotation.from_rotvec(step[:3] / size).as_matrix()
+        base = pose(turn @ base[:3, :3], base[:3, 3] + step[3:6])
+        tool = tool + step[6:]
+    return base, tool
+
+
+def _tips(flange: Floats, base: Floats, tool: Floats) -> Floats:
+    return np.asarray((flange[:, :3, :3] @ tool + flange[:, :3, 3]) @ base[:3, :3].T + base[:3, 3])
+
+
+def _left(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> float:
+    return float(np.sum((_tips(flange, base, tool) - measured) ** 2))
+
+
+def _point(models: Sequence[RobotModel], blocks: Sequence[Measured], index: int) -> Floats:
+    """Where the first block that saw point `index` sees it (3,); NaN where none did."""
+    for block in blocks:
+        if isinstance(block, TouchRows | SocketRows | PlaneRows) and np.any(mine := telling(block, index)):
+            postures, model = block.postures.pick(mine), models[block.session]
+            tips = model.tip(postures)
+            if isinstance(block, PlaneRows):
+                return plane_pole(tips, block.reach[mine], model.chain.frames(postures.q)[..., :3, 3])
+            return tips.mean(axis=0) if isinstance(block, SocketRows) else sphere_centre(tips, block.reach[mine])
+    return np.full(3, np.nan)
+
+
+def _nearer_centre(points: Floats, reach: Floats, centre: Floats) -> Floats:
+    """Gauss–Newton on the points' distances from `centre` (3,), as long as they come nearer to `reach`."""
+    for _ in range(CENTRE_STEPS):
+        away = points - centre
+        distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        tried = centre + np.linalg.lstsq(-away / distance[:, None], reach - distance, rcond=1e-6)[0]
+        if _off_surface(points, reach, tried) >= _off_surface(points, reach, centre):
+            break
+        centre = tried
+    return centre
+
+
+def _off_surface(points: Floats, reach: Floats, centre: Floats) -> float:
+    return float(np.sum((np.linalg.norm(points - centre, axis=1) - reach) ** 2))

@@ -1,0 +1,240 @@
+"""What is to be identified, from what: rows, what may change, what is known beforehand, and where to start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.effects import Effect
+from cellctl.calibration.estimation.datums import with_datums
+from cellctl.calibration.estimation.registration import fixed_points, on_instrument
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
+from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SpacingRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.kinematics import Bools, Floats
+
+_TURNS = ("tool_a", "tool_b", "tool_c")
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Session:
+    """Measurements between which nothing was set up anew. own: which of base and tool this session has to itself."""
+
+    name: str = ""
+    own: frozenset[Group] = frozenset()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is identified, from what.
+
+    model: nominal robot, or an older model. rows: everything measured, one block or several. points, rough: names of
+    spheres, sockets and planes, and where they roughly are (S, 3), mm (of planes the poles; NaN where not known).
+    datums: names of instruments that measure lengths from a zero that nobody knows. spacings: certified distances, or
+    None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
+    effects that the model has.
+    sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
+
+    prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
+    everything is free within what that model was sure of, or further from it where the rows are evidence that the robot
+    has changed since; but for base and tool where an instrument measured: they are found anew. With `groups` these
+    alone are free, with nothing known of them (a crash, a new motor, a new tool), and the rest is held, as uncertain as
+    it was.
+
+    nominal: the robot as its file has it, where `model` is a prior model: what the identified robot has to be better
+    than; None: `model` itself. region: where the prior model was measured; None: unknown.
+
+    candidates: effects that the model may be widened by, in this order, as far as the rows pay for it (`ladder`); None:
+    the model is as it is.
+    """
+
+    model: RobotModel
+    rows: Mixture
+    points: tuple[str, ...] = ()
+    rough: Floats | None = None
+    spacings: SpacingRows | None = None
+    groups: frozenset[Group] | None = None
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    sessions: tuple[Session, ...] = (Session(),)
+    prior: Floats | None = None
+    candidates: tuple[Effect, ...] | None = None
+    datums: tuple[str, ...] = ()
+    nominal: RobotModel | None = None
+    region: MeasuredRegion | None = None
+
+    def __post_init__(self) -> None:
+        if self.prior is not None and self.candidates is not None:
+            raise ValueError("an older model is gone on from as it is: it climbs no ladder")
+        object.__setattr__(self, "rows", Mixture.of(self.rows))
+
+    @property
+    def freed(self) -> frozenset[Group]:
+        """What may change besides the registration."""
+        if self.groups is not None:
+            return self.groups
+        return frozenset({GEOMETRY, "tool", *(effect.group for effect in self.model.effects)})
+
+    @property
+    def partial(self) -> bool:
+        """Whether an older model is kept but for a few groups."""
+        return self.prior is not None and self.groups is not None
+
+    @property
+    def retooled(self) -> bool:
+        """Whether an older model has a new tool that nothing but distances tells of, their zeros known."""
+        told = bool(self.rows.kinds - {TouchRows}) or bool(self.datums)
+        return self.partial and "tool" in self.freed and not told
+
+    @property
+    def registered(self) -> frozenset[Group]:
+        """Which of base and tool `model` is tied to an instrument by, with nothing known beforehand.
+
+        In partial work those that are free: a prior model is registered as the identified robot is.
+        """
+        return PLACED & self.freed if self.partial else PLACED
+
+    @property
+    def of_nominal(self) -> Self:
+        """The same rows for the robot as its file has it, of which nothing else is known."""
+        return replace(self, model=self.nominal or self.model, groups=None, prior=None, nominal=None, region=None)
+
+    @property
+    def registers_only(self) -> bool:
+        """Whether nothing is free but what registers the robot to the measurement."""
+        unknowns = self.unknowns(self._somewhere())
+        return not bool((self.identification(unknowns) & ~self.registration(unknowns)).any())
+
+    @property
+    def rows_at_least(self) -> int:
+        """With fewer rows than this, registration alone explains everything."""
+        return self.registering // int(self.rows.numbers.max(initial=1)) + 1
+
+    @property
+    def registering(self) -> int:
+        """How many numbers registration has to find: 3 for each point, 1 for each datum, 9 or 12 for base and tool in
+        an instrument.
+        """
+        return max(int(np.count_nonzero(self.registration(self.unknowns(self._somewhere())))), 1)
+
+    def with_effects(self, effects: tuple[Any, ...]) -> Self:
+        """The same task for a model with these effects."""
+        return replace(self, model=self.model.with_effects(effects))
+
+    def unknowns(self, start: State) -> Unknowns:
+        """All parameters about `start`, all free, with what is known of them."""
+        names = [session.name for session in self.sessions[1:]]
+        taught = Unknowns.of(start, self._point_names, self.tolerances, sessions=names, datums=self.datums)
+        flat = Unknowns.of(start, self._point_names, self.tolerances, flat=PLACED, sessions=names, datums=self.datums)
+        seen = self._seen_by(taught, (PositionRows, PoseRows))
+        if self.prior is None:
+            unknown = seen | taught.among(frozenset({"base"}))
+            return replace(taught, sigma=np.where(unknown, flat.sigma, taught.sigma))
+        return self._with_prior(taught, flat.sigma, seen)
+
+    def registration(self, unknowns: Unknowns) -> Bools:
+        """Which parameters (P,) tie nominal to the measurement: points and datums always, base and tool to an
+        instrument.
+        """
+        instrument = self._seen_by(unknowns, (PositionRows, PoseRows))
+        later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any older model
+        placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
+        return np.asarray(placed | unknowns.among(frozenset({"points", "datums"})))
+
+    def identification(self, unknowns: Unknowns) -> Bools:
+        """Which parameters (P,) are identified, registration among them."""
+        free = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
+        if self.prior is None or self.partial:
+            return np.asarray(free)
+        known = unknowns.prior
+        assert known is not None
+        return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
+
+    def start(self, rows: Mixture) -> State:
+        """Where nominal begins, from the model and `rows` alone."""
+        return self.fixed_by(self.placed(rows), rows)
+
+    def changed(self, rows: Mixture) -> State:
+        """Where what is identified begins, from the model and `rows` alone: base or tool that are new to an older model
+        are where the rows want them.
+        """
+        return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
+
+    def fixed_by(self, models: Sequence[RobotModel], rows: Mixture) -> State:
+        """`models`, one for each session, with points where they roughly are, or where the models see them by `rows`,
+        and with the zeros of lengths.
+        """
+        rough = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough
+        own = [session.own for session in self.sessions[1:]]
+        points = fixed_points(models, rows.blocks, rough)
+        state = State.of_sessions(models, own, points, np.zeros(len(self.datums)))
+        return with_datums(state, rows.blocks) if self.datums else state
+
+    @property
+    def planes(self) -> frozenset[int]:
+        """Which of the points are planes."""
+        touched = [block.point for block in self.rows.blocks if isinstance(block, PlaneRows)]
+        return frozenset(int(index) for indices in touched for index in np.unique(indices))
+
+    @property
+    def _point_names(self) -> list[str]:
+        """What parameters of points are called after: the three of a plane are those of its pole."""
+        planes = self.planes
+        return [f"{name}_plane" if index in planes else name for index, name in enumerate(self.points)]
+
+    def _somewhere(self) -> State:
+        """A state of the right shape."""
+        models = [self.model] * len(self.sessions)
+        own = [session.own for session in self.sessions[1:]]
+        return State.of_sessions(models, own, np.zeros((len(self.points), 3)), np.zeros(len(self.datums)))
+
+    def _seen_by(self, unknowns: Unknowns, kinds: tuple[type, ...]) -> Bools:
+        """Which base and tool parameters (P,) act on rows of these kinds."""
+        result = np.zeros(len(unknowns.names), bool)
+        for session in {block.session for block in self.rows.blocks if isinstance(block, kinds) and len(block)}:
+            result[unknowns.start.columns[session]] = True
+        return result & unknowns.among(PLACED)
+
+    def _unturned(self, unknowns: Unknowns) -> Bools:
+        """The tool's turns (P,) where nothing measured them: a point has no orientation."""
+        turns = np.array([name.partition("@")[0] in _TURNS for name in unknowns.names])
+        return np.asarray(turns & ~self._seen_by(unknowns, (PoseRows,)))
+
+    def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:
+        """These unknowns as an older model knew them, but for what is to be found anew."""
+        assert self.prior is not None
+        covariance = np.zeros((len(unknowns.names),) * 2)
+        covariance[: unknowns.robot, : unknowns.robot] = self.prior
+        anew = np.arange(len(unknowns.names)) >= unknowns.robot
+        if self.partial:
+            sigma = self._found_anew(unknowns, flat)
+            anew |= unknowns.among(self.freed)
+        else:
+            sigma, anew = np.where(unknown, flat, unknowns.sigma), anew | unknown
+        found = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
+        covariance[anew], covariance[:, anew] = 0.0, 0.0
+        covariance[anew, anew] = np.where(found, sigma**2, 0.0)[anew]  # what nobody looks for is where it is said to be
+        return replace(unknowns, sigma=sigma, prior=covariance)
+
+    def _found_anew(self, unknowns: Unknowns, flat: Floats) -> Floats:
+        """Prior 1 σ (P,) of what has been lost, or is new."""
+        lost = np.deg2rad(self.tolerances.lost_zero_deg)
+        sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
+        return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
+
+    def placed(self, rows: Mixture, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
+        """The robot in each session, those of base and tool near what its instrument says that nominal is tied to it
+        by, that are in `anew`, or that are the session's own.
+        """
+        groups = self.registered | anew
+        models: list[RobotModel] = []
+        for number, session in enumerate(self.sessions):
+            begin, free = (models[0], session.own) if models else (self.model, groups)
+            models.append(on_instrument(begin, [block for block in rows.blocks if block.session == number], free))
+        return models

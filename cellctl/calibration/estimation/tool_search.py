@@ -1,0 +1,223 @@
+"""A new tool and the points it touches, found together from many starts at once.
+
+A touch says |t + p − c| = ρ of a tool t at the flange p and a centre c: tool and centre multiply each other, and least
+squares from where the tool was said to be ends in whichever valley is nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.kinematics import Bools, Floats
+
+TOOL = ("tool_x", "tool_y", "tool_z")
+
+SHELLS_MM = (5.0, 15.0, 40.0, 100.0)
+DIRECTIONS = 16
+"""Tools that are tried: in so many directions at each of these distances."""
+
+ROUNDS = 4
+"""Times that tools are tried round the best one so far; the search ends where that finds nothing better."""
+
+UNSEEN = 1e-30
+"""Holds tool and points that no distance sees: a point that begins at the tip has no direction to go."""
+
+STEPS = 40
+SETTLED = 1e-6
+"""A step that lowers χ² by less than this, absolutely or relative to it, is the last."""
+
+TOUCHES = 200
+"""The search looks at so many touches at most."""
+
+APART_MM = 0.5
+"""Tools nearer than this to each other are one."""
+
+MOST = 8
+"""So many tools are told apart, those nearest to the rows."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """The touches made with the first session's tool, as they see that tool and their points.
+
+    tips (N, 3), mm: with the tool as `state` has it; turn (N, 3, 3): how they move with it; point (N,): among `points`,
+    the numbers of those touched; reach, sigma (N,), mm. pairs (M, 2), among `points`, mm, pair_sigma (M,): certified
+    distances between them.
+    """
+
+    state: State
+    tips: Floats
+    turn: Floats
+    points: Any
+    point: Any
+    reach: Floats
+    sigma: Floats
+    pairs: Any
+    mm: Floats
+    pair_sigma: Floats
+
+    @classmethod
+    def of(cls, state: State, rows: Mixture, certain: Sequence[Rows]) -> Self:
+        """What `rows`, and certified distances among `certain`, say of them."""
+        shared = _sharing_the_tool(state)
+        blocks = [block for block in rows.blocks if isinstance(block, TouchRows) and shared[block.session]]
+        seen = [(state.models[block.session], block) for block in blocks]
+        number = np.concatenate([np.zeros(0, int), *(block.point for block in blocks)]).astype(int)
+        points, point = np.unique(number, return_inverse=True)
+        pairs, mm, pair_sigma = _certified(certain, points)
+        tool = _tool_of(state)
+        return cls(
+            state=state,
+            tips=np.concatenate([np.zeros((0, 3)), *(model.tip(block.at) for model, block in seen)]),
+            turn=np.concatenate([np.zeros((0, 3, 3)), *(model.jacobian(b.at)[:, :3, tool] for model, b in seen)]),
+            points=points,
+            point=point,
+            reach=np.concatenate([np.zeros(0), *(block.reach for block in blocks)]),
+            sigma=np.concatenate([np.zeros(0), *(block.sigma[:, 0] for block in blocks)]),
+            pairs=pairs,
+            mm=mm,
+            pair_sigma=pair_sigma,
+        )
+
+    @property
+    def unknown(self) -> int:
+        """How many numbers are looked for."""
+        return 3 + 3 * len(self.points)
+
+    @property
+    def lacking(self) -> int:
+        """How many distances there are too few to find them, and to check that by one at least."""
+        return max(self.unknown + 1 - len(self.reach) - len(self.mm), 0)
+
+    def valleys(self) -> list[State]:
+        """The state with each tool, and its points, that the touches run down to; those nearest to the rows first."""
+        found, costs = self._searched()
+        chosen: list[Floats] = []
+        for index in np.argsort(costs, kind="stable"):
+            if all(np.linalg.norm(found[index, :3] - other[:3]) > APART_MM for other in chosen):
+                chosen.append(found[index])
+            if len(chosen) == MOST:
+                break
+        return [self._at(each) for each in chosen]
+
+    def _at(self, x: Floats) -> State:
+        """The state with tool and points at x (F,), the tool as a change."""
+        shift, state = np.zeros(len(self.state.model.parameters)), self.state
+        shift[_tool_of(state)] = x[:3]
+        models = [
+            model.with_deviations(model.deviations + shift) if mine else model
+            for model, mine in zip(state.models, _sharing_the_tool(state), strict=True)
+        ]
+        points = state.points.copy()
+        points[self.points] = x[3:].reshape(-1, 3)
+        return replace(state, models=tuple(models), points=points)
+
+    def _searched(self) -> tuple[Floats, Floats]:
+        """What tool and points (K, F) run down to from many tools, and their χ² (K,)."""
+        some = self._fewer(TOUCHES)
+        found, costs = some._settled(some._starts(np.zeros(3)))
+        for _ in range(ROUNDS):
+            best = int(np.argmin(costs))
+            further, their_costs = some._settled(some._starts(found[best, :3]))
+            better = their_costs.min() < costs[best] - SETTLED * (1.0 + costs[best])
+            found, costs = np.vstack([found, further]), np.concatenate([costs, their_costs])
+            if not better:
+                break
+        return found, costs
+
+    def _starts(self, middle: Floats) -> Floats:
+        """Tools round `middle` (3,), each with its points in the middle of their touches (K, F)."""
+        tools = middle + np.concatenate([np.zeros((1, 3)), *(size * _directions(DIRECTIONS) for size in SHELLS_MM)])
+        tips = self.tips + np.einsum("nij,kj->kni", self.turn, tools)
+        middles = [tips[:, self.point == index].mean(axis=1) for index in range(len(self.points))]
+        return np.concatenate([tools, *middles], axis=1)
+
+    def _settled(self, x: Floats) -> tuple[Floats, Floats]:
+        """All of x (K, F) run down to the nearest valley by Levenberg–Marquardt, and χ² there (K,)."""
+        damping = np.full(len(x), 1e-3)
+        away, columns = self._linear(x)
+        cost = np.sum(away**2, axis=1)
+        for _ in range(STEPS):
+            tried = x - _damped(columns, away, damping)
+            their_away, their_columns = self._linear(tried)
+            fall = cost - np.sum(their_away**2, axis=1)
+            good = fall > 0.0
+            x, away = np.where(good[:, None], tried, x), np.where(good[:, None], their_away, away)
+            columns, cost = np.where(good[:, None, None], their_columns, columns), cost - np.where(good, fall, 0.0)
+            damping = np.clip(damping * np.where(good, 0.2, 5.0), 1e-12, 1e6)
+            if np.all(np.abs(fall) < SETTLED * (1.0 + cost)):
+                break
+        return x, cost
+
+    def _linear(self, x: Floats) -> tuple[Floats, Floats]:
+        """How far touches and certified distances are from x (K, F), in σ (K, N + M); and how that changes (…, F)."""
+        points = x[:, 3:].reshape(len(x), -1, 3)
+        away = self.tips + np.einsum("nij,kj->kni", self.turn, x[:, :3]) - points[:, self.point]
+        both = np.concatenate([away, points[:, self.pairs[:, 0]] - points[:, self.pairs[:, 1]]], axis=1)
+        length, sigma = np.linalg.norm(both, axis=-1), np.concatenate([self.sigma, self.pair_sigma])
+        along = both / np.maximum(length, 1e-9)[..., None] / sigma[:, None]
+        columns, count = np.zeros((*along.shape[:2], 1 + points.shape[1], 3)), len(self.reach)
+        touches, pairs = np.arange(count), np.arange(count, len(sigma))
+        columns[:, touches, 0] = np.einsum("kni,nij->knj", along[:, :count], self.turn)
+        columns[:, touches, 1 + self.point] = -along[:, :count]
+        columns[:, pairs, 1 + self.pairs[:, 0]] = along[:, count:]
+        columns[:, pairs, 1 + self.pairs[:, 1]] = -along[:, count:]
+        return (length - np.concatenate([self.reach, self.mm])) / sigma, columns.reshape(*along.shape[:2], -1)
+
+    def _fewer(self, count: int) -> Self:
+        """The same with at most `count` of the touches, as many of each point as of any other."""
+        order = np.random.default_rng(count).permutation(len(self.reach))
+        rank = np.zeros(len(order), int)
+        for index in range(len(self.points)):
+            mine = order[self.point[order] == index]
+            rank[mine] = np.arange(len(mine))
+        some = np.sort(np.argsort(rank, kind="stable")[:count])
+        rows = ("tips", "turn", "point", "reach", "sigma")
+        return replace(self, **{name: getattr(self, name)[some] for name in rows})
+
+
+def _damped(columns: Floats, away: Floats, damping: Floats) -> Floats:
+    """Levenberg–Marquardt steps (K, F), each damping held to what its unknown is seen by."""
+    turned = columns.swapaxes(1, 2)
+    square = turned @ columns
+    seen = np.einsum("kff->kf", square)
+    held = damping[:, None] * seen + 1e-12 * seen.max(axis=1, keepdims=True) + UNSEEN
+    step = np.linalg.solve(square + held[:, :, None] * np.eye(seen.shape[1]), turned @ away[..., None])
+    return np.asarray(step[..., 0])
+
+
+def _directions(count: int) -> Floats:
+    """Unit vectors (count, 3), evenly spread: a Fibonacci sphere."""
+    up = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    flat = np.sqrt(1.0 - up**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=1)
+
+
+def _tool_of(state: State) -> list[int]:
+    """Where a model has the tool's place among its parameters."""
+    return [state.model.parameters.index(name) for name in TOOL]
+
+
+def _sharing_the_tool(state: State) -> Bools:
+    """Which sessions have the first one's tool."""
+    tool = _tool_of(state)
+    return np.array([np.array_equal(columns[tool], state.columns[0][tool]) for columns in state.columns])
+
+
+def _certified(certain: Sequence[Rows], points: Any) -> tuple[Any, Floats, Floats]:
+    """Certified distances between two of `points`: their places among these (M, 2), mm and σ (M,)."""
+    blocks = [block for block in certain if isinstance(block, SpacingRows)]
+    pairs = np.concatenate([np.zeros((0, 2), int), *(block.pairs for block in blocks)])
+    both = np.isin(pairs, points).all(axis=1)
+    mm = np.concatenate([np.zeros(0), *(block.mm for block in blocks)])
+    sigma = np.concatenate([np.zeros(0), *(block.sigma[:, 0] for block in blocks)])
+    return np.searchsorted(points, pairs[both]), mm[both], sigma[both]

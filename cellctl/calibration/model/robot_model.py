@@ -1,0 +1,179 @@
+"""What a robot does, as a model: its chain, and effects that turn its joints or shift its tool besides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self, TypeAlias, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.calibration.effects import Effect, OwnTurns
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.kinematics import Bools, Floats, SerialChain
+
+_Cause: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
+
+BLOCK = 2048
+"""Postures whose effects are worked out at a time: harmonics have hundreds of amounts."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A chain with its effects. Immutable; parameters are deviations from the chain as first given, then amounts.
+
+    amounts (K,): of the effects, in their own units; none given: all 0.
+    """
+
+    chain: SerialChain
+    effects: tuple[Effect, ...] = ()
+    amounts: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.chain.n
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """The chain's parameters, then the effects'."""
+        return self.chain.parameters + tuple(name for effect in self.effects for name in effect.parameters)
+
+    @cached_property
+    def parameter_units(self) -> tuple[str, ...]:
+        """Unit of each parameter (P,): `mm`, `rad` or an effect's own."""
+        of_chain = tuple("rad" if turns else "mm" for turns in self.chain.parameter_turns)
+        return of_chain + tuple(unit for effect in self.effects for unit in effect.units)
+
+    @cached_property
+    def parameter_turns(self) -> Bools:
+        """Which parameters (P,) are angles (rad)."""
+        return np.array([unit == "rad" for unit in self.parameter_units])
+
+    @cached_property
+    def least(self) -> Floats:
+        """What no parameter (P,) is below, in its unit; −inf where nothing is known of that."""
+        of_chain = np.full(len(self.chain.parameters), -np.inf)
+        return np.concatenate([of_chain, *(effect.least for effect in self.effects)])
+
+    @cached_property
+    def deviations(self) -> Floats:
+        """The parameters' values (P,), in their units."""
+        chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
+        return np.concatenate([chain, self._amounts])
+
+    @cached_property
+    def expected_amounts(self) -> dict[str, tuple[str, float]]:
+        """Group and prior 1 σ of each effect's amounts, by name."""
+        return {
+            name: (effect.group, float(sigma))
+            for effect in self.effects
+            for name, sigma in zip(effect.parameters, effect.sigma, strict=True)
+        }
+
+    def amount(self, name: str) -> float | None:
+        """The value of parameter `name` as it is now; None where this model has none of that name."""
+        return float(self.deviations[self.parameters.index(name)]) if name in self.parameters else None
+
+    def on(self, base: ArrayLike, tool: ArrayLike) -> Self:
+        """This model with base and tool at poses (4, 4), mm, from which their deviations count."""
+        return replace(self, chain=self.chain.with_base(base).with_tool(tool))
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Self:
+        """This model with `effects` in place of its own, all amounts 0."""
+        return replace(self, effects=effects, amounts=np.zeros(0))
+
+    def with_deviations(self, values: ArrayLike) -> Self:
+        """This model with its parameters set to `values` (P,). Raises ValueError for a wrong count."""
+        given, of_chain = np.asarray(values, float), len(self.chain.parameters)
+        if given.shape != (len(self.parameters),):
+            raise ValueError(f"{given.size} values for {len(self.parameters)} parameters")
+        return replace(self, chain=self.chain.with_parameters(given[:of_chain]), amounts=given[of_chain:])
+
+    def tip(self, at: At) -> Floats:
+        """Tool centre point (..., 3), mm, in the measuring frame."""
+        return np.asarray(self.pose(at)[..., :3, 3])
+
+    def pose(self, at: At) -> Floats:
+        """Pose of the tool centre point (..., 4, 4), mm, in the measuring frame."""
+        postures = Postures.of(at)
+        if not self.effects:
+            return _shaped(self.chain.forward(postures.q), at)
+        parts = [self._bent_pose(postures.pick(np.s_[k : k + BLOCK])) for k in range(0, len(postures), BLOCK)]
+        return _shaped(np.concatenate(parts) if parts else self.chain.forward(postures.q), at)
+
+    def jacobian(self, at: At) -> Floats:
+        """How the tool moves with the parameters (..., 6, P): position (mm), then rotation (rad), per unit of each."""
+        postures = Postures.of(at)
+        if not self.effects:
+            return _shaped(self.chain.parameter_jacobian(postures.q), at)
+        causes = self._causes(postures)
+        q = self._turned(postures, causes)
+        columns, arms = self.chain.parameter_jacobian(q), self.chain.tool_jacobian(q)
+        result = np.zeros((len(postures), 6, len(self.parameters)))
+        result[..., : columns.shape[-1]] = columns
+        for place, turned, shifted in causes:
+            mine = slice(columns.shape[-1] + place.start, columns.shape[-1] + place.stop)
+            if turned is not None:
+                result[..., mine] = turned.columns(arms) if isinstance(turned, OwnTurns) else np.matmul(arms, turned)
+            if shifted is not None:
+                result[:, :3, mine] += np.matmul(self.chain.base_now[:3, :3], shifted)
+        result[:, :3, self._of_base] += np.cross(
+            result[:, 3:, self._of_base], self._shift(postures, causes)[:, :, None], axisa=1, axisb=1, axisc=1
+        )
+        return _shaped(result, at)
+
+    @cached_property
+    def _amounts(self) -> Floats:
+        count = sum(len(effect.parameters) for effect in self.effects)
+        return self.amounts if self.amounts.size else np.zeros(count)
+
+    @cached_property
+    def _nominal(self) -> SerialChain:
+        """The chain of the table alone, in its own base frame: what the effects are worked out on."""
+        bare = self.chain.with_parameters(np.zeros(len(self.chain.parameters)))
+        return bare.with_base(np.eye(4))
+
+    @cached_property
+    def _of_base(self) -> Any:
+        """Places of the parameters that turn or move the base: they carry the shifts along."""
+        return np.flatnonzero([name.startswith("base_") for name in self.chain.parameters])
+
+    def _bent_pose(self, at: Postures) -> Floats:
+        causes = self._causes(at)
+        result = self.chain.forward(self._turned(at, causes)).copy()
+        result[..., :3, 3] += self._shift(at, causes)
+        return result
+
+    def _causes(self, at: Postures) -> list[_Cause]:
+        """Each effect's amounts, its Φ and its Ψ (N, 3, K)."""
+        start, found = 0, []
+        for effect in self.effects:
+            place = slice(start, start := start + len(effect.parameters))
+            found.append((place, effect.turns(self._nominal, at), effect.shifts(self._nominal, at)))
+        return found
+
+    def _turned(self, at: Postures, causes: list[_Cause]) -> Floats:
+        q = at.q
+        for place, turned, _ in causes:
+            amounts = self._amounts[place]
+            if turned is not None:
+                q = q + (turned.total(amounts, self.n) if isinstance(turned, OwnTurns) else turned @ amounts)
+        return q
+
+    def _shift(self, at: Postures, causes: list[_Cause]) -> Floats:
+        """The tool's shift (N, 3), mm, in the measuring frame."""
+        total = np.zeros((len(at), 3))
+        for place, _, shifted in causes:
+            if shifted is not None:
+                total = total + shifted @ self._amounts[place]
+        return np.asarray(total @ self.chain.base_now[:3, :3].T)
+
+
+def _shaped(result: Floats, at: At) -> Floats:
+    """`result` (N, …) in the shape that the angles came in."""
+    if isinstance(at, Postures):
+        return result
+    return result.reshape(*np.shape(at)[:-1], *result.shape[1:])

@@ -1,0 +1,1 @@
+"""Which parameters the rows cannot determine, and for what reason."""

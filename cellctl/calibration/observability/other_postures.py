@@ -1,0 +1,133 @@
+"""The same measurements at other postures: what rows would see, had the robot moved otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cellctl.calibration.estimation.estimate import linearised
+from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State, Unknowns
+from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, Rows, SocketRows, TouchRows
+from cellctl.kinematics import Bools, Floats
+
+ROWS = 60
+"""Rows of each block that stand for all of them."""
+
+STEPS = 40
+FURTHEST_RAD = 0.4
+"""Of a joint, in one step on the way back to a fixed point."""
+
+BACK_MM = 1e-3
+"""A tip this near to its point is there."""
+
+DAMPING_MM2 = 1.0
+ACROSS_MM = 300.0
+"""How far from its own place on each axis of space a touch on a plane is supposed to be elsewhere."""
+
+
+def thinned(block: Measured) -> Measured:
+    """At most `ROWS` of the rows, evenly spread over them."""
+    if len(block) <= ROWS:
+        return block
+    return block.pick(np.linspace(0, len(block) - 1, ROWS).astype(int))
+
+
+def moved(block: Measured, state: State, joints: Bools, by_rad: float) -> Measured:
+    """The rows with each of `joints` (n,) up to `by_rad` elsewhere, at random.
+
+    Where the tip is held by a fixed point the other joints bring it back; rows at which they cannot are left out.
+    """
+    spread = np.random.default_rng(len(block)).uniform(-by_rad, by_rad, block.q.shape)
+    q, model = block.q + np.where(joints, spread, 0.0), state.models[block.session]
+    if not isinstance(block, TouchRows | SocketRows | PlaneRows):
+        return _at(block, q, model)
+    tips = model.tip(block.postures)
+    if isinstance(block, TouchRows) and joints.all():
+        tips = _all_round(block, state)
+    if isinstance(block, PlaneRows) and joints.all():
+        tips = _all_over(block, state, tips)
+    return brought(block, model, q, tips, np.ones(len(joints), bool) if joints.all() else ~joints)
+
+
+def brought(block: Measured, model: RobotModel, q: Floats, tips: Floats, joints: Bools) -> Measured:
+    """The rows with their tips at `tips` (N, 3), mm, brought there from angles `q` (N, n) by `joints` (n,) alone; those
+    that do not get there are left out.
+    """
+    q = _reaching(block, model, q, tips, joints)
+    return _at(block, q, model).pick(_away(block, model, q, tips) < BACK_MM)
+
+
+def in_their_sockets(block: Measured, state: State) -> Measured:
+    """Visits to sockets with each tip quite in its socket, where the robot can bring it there; others as they are.
+
+    Tips that scatter about their socket, because the robot is not yet identified, would show by that scatter how the
+    robot is turned as a whole.
+    """
+    if not isinstance(block, SocketRows) or not len(block):
+        return block
+    model, tips = state.models[block.session], state.points[block.point]
+    q = _reaching(block, model, block.q, tips, np.ones(block.q.shape[1], bool))
+    near = _away(block, model, q, tips) < BACK_MM
+    return _at(block, np.where(near[:, None], q, block.q), model)
+
+
+def _reaching(block: Measured, model: RobotModel, q: Floats, tips: Floats, joints: Bools) -> Floats:
+    """Angles (N, n) that bring the tips to `tips` (N, 3), as near as `joints` can from `q`."""
+    for _ in range(STEPS):
+        away = tips - model.tip(_with(block, q))
+        if np.all(np.abs(away) < 0.1 * BACK_MM):
+            break
+        arms = model.chain.tool_jacobian(q)[:, :3] * joints
+        square = np.matmul(arms, arms.swapaxes(1, 2)) + DAMPING_MM2 * np.eye(3)
+        step = np.matmul(arms.swapaxes(1, 2), np.linalg.solve(square, away[..., None]))[..., 0]
+        q = q + np.clip(step, -FURTHEST_RAD, FURTHEST_RAD)
+    return q
+
+
+def _away(block: Measured, model: RobotModel, q: Floats, tips: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(tips - model.tip(_with(block, q)), axis=1))
+
+
+def under(block: Measured, **conditions: Any) -> Measured:
+    """The rows under other conditions: `approach`, `warmer`, `payload`."""
+    return replace(block, at=replace(block.postures, **conditions))
+
+
+def lines(unknowns: Unknowns, blocks: Any) -> Floats:
+    """How rows move with the free unknowns (K, F) where these start, in their σ per tolerance."""
+    free = np.flatnonzero(unknowns.free)
+    found = [_lines(unknowns, block, free) for block in blocks if len(block)]
+    return np.concatenate([np.zeros((0, free.size)), *found])
+
+
+def _lines(unknowns: Unknowns, block: Rows, free: Any) -> Floats:
+    return linearised(block, unknowns.start, free, unknowns.sigma[free])[0].reshape(-1, free.size)
+
+
+def _with(block: Measured, q: Floats) -> Postures:
+    return replace(block.postures, q=q)
+
+
+def _at(block: Measured, q: Floats, model: RobotModel) -> Measured:
+    """The block at angles `q` (N, n), with poses as the model has them there."""
+    there = replace(block, at=_with(block, q))
+    return replace(there, poses=model.pose(there.postures)) if isinstance(there, PoseRows) else there
+
+
+def _all_round(block: TouchRows, state: State) -> Floats:
+    """Tips (N, 3) that touch each row's sphere from anywhere."""
+    normals = np.random.default_rng(len(block)).normal(size=(len(block), 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(state.points[block.point] + block.lengths(state)[:, None] * normals)
+
+
+def _all_over(block: PlaneRows, state: State, tips: Floats) -> Floats:
+    """Tips (N, 3) that touch each row's plane, up to `ACROSS_MM` beside `tips` (N, 3)."""
+    normal = block.normals(state)
+    beside = np.random.default_rng(len(block)).uniform(-ACROSS_MM, ACROSS_MM, tips.shape)
+    lift = np.sum(normal * beside, axis=1) + block.residual(state)[:, 0]
+    return np.asarray(tips + beside - lift[:, None] * normal)

@@ -1,0 +1,87 @@
+"""What may hide something from rows: a cause in words, with what the rows would see without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from cellctl.calibration.model.unknowns import State, Unknowns
+from cellctl.calibration.observability.other_postures import lines, thinned
+from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, SpacingRows, TouchRows
+from cellctl.kinematics import Floats, rotation_vector
+
+AT_POINTS = TouchRows | SocketRows
+"""Rows that are tied to a fixed point."""
+
+MOVED_RAD = 0.8
+"""By how much joints are supposed to have moved."""
+
+TURNS = 20_000
+"""Rows of a block, at most, that say whether orientation changes."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """words: `joint 3 never moves in these rows`. lines: how rows without this cause move with the free unknowns
+    (K, F), in their σ per tolerance. of_frames: whether it only hides what is about base, tool or points.
+    """
+
+    words: str
+    lines: Callable[[], Floats]
+    of_frames: bool = False
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rowed:
+    """Rows of a fit, with its unknowns where they start."""
+
+    unknowns: Unknowns
+    blocks: tuple[Measured, ...]
+    spacings: SpacingRows | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "blocks", tuple(block for block in self.blocks if len(block)))
+
+    @property
+    def state(self) -> State:
+        """Robot and points where they start."""
+        return self.unknowns.start
+
+    @property
+    def q(self) -> Floats:
+        """Angles (M, n) of all rows, rad."""
+        return np.concatenate([block.q for block in self.blocks])
+
+    def as_they_are(self) -> Floats:
+        """Lines of some of the rows."""
+        return self.otherwise(lambda block: block)()
+
+    def otherwise(self, change: Callable[[Measured], Measured]) -> Callable[[], Floats]:
+        """Lines of the rows as `change` makes each block."""
+        return lambda: lines(self.unknowns, [change(thinned(block)) for block in self.blocks])
+
+    @property
+    def lengthless(self) -> bool:
+        """Whether nothing but sockets and planes was measured, and no distance between sockets is known."""
+        return self.spacings is None and all(isinstance(block, SocketRows | PlaneRows) for block in self.blocks)
+
+    def points(self) -> list[int]:
+        """The points that are visited."""
+        return sorted({int(point) for block in self.blocks if isinstance(block, AT_POINTS) for point in block.point})
+
+    @cached_property
+    def turns(self) -> Floats:
+        """How the tool is turned (M, 3) from its orientation in the first row of each session, rad; of very many rows,
+        in some of them.
+        """
+        some = [block.pick(np.s_[:: 1 + len(block) // TURNS]) for block in self.blocks]
+        poses = [self.state.models[block.session].pose(block.postures)[:, :3, :3] for block in some]
+        first = {block.session: each[0] for block, each in zip(reversed(some), reversed(poses), strict=True)}
+        turned = [np.matmul(each, first[block.session].T) for block, each in zip(some, poses, strict=True)]
+        return np.concatenate([rotation_vector(each) for each in turned])

@@ -1,0 +1,182 @@
+"""What the measurements cannot see, in words: why, and which combinations of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+import scipy.linalg
+
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.model.unknowns import Group, Unknowns
+from cellctl.calibration.observability.parameter_words import alike, of_an_effect, of_the_arm, phrases
+from cellctl.calibration.observability.reason import Rowed
+from cellctl.calibration.observability.reasons import any_posture, causes
+from cellctl.kinematics import Bools, Floats
+
+SHORT = 4
+"""Phrases of one combination on a screen."""
+
+SEEN = 0.1
+"""A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
+
+NOTHING = 1e-9
+"""What moves the rows by less than this share of what moves them most, moves them by rounding alone."""
+
+SHOWN = 3.0
+"""Rows without a cause show this many times as much of what it hides as the rows that there are, or more."""
+
+UNTOLD = "these rows cannot tell these apart, others would"
+ANYWHERE = "no measurement of these kinds can tell these apart, or depends on them"
+"""Where the robot stands, how the tool is bolted to the last link."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """What one cause hides. cause: `joint 3 never moves in these rows`. combinations: the parameters of each, by name;
+    the rows tell only what these do together. harmless: no row of these kinds could tell them apart, wherever it was
+    taken.
+    """
+
+    cause: str
+    combinations: tuple[tuple[str, ...], ...]
+    harmless: bool = False
+
+    def phrases(self, most: int | None = None) -> list[str]:
+        """The combinations in words, alike ones as one; of more than `most` parameters each `and 24 others`."""
+        return alike(phrases(self.combinations, most))
+
+    def summary(self) -> dict[str, Any]:
+        """As plain values for JSON; `short`: the words for a screen."""
+        return {
+            "cause": self.cause,
+            "harmless": self.harmless,
+            "combinations": [list(parts) for parts in self.combinations],
+            "words": self.phrases(),
+            "short": self.phrases(SHORT),
+        }
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Observability:
+    """What the data see of the free parameters.
+
+    rank: number of combinations seen; unseen: the others, in words, single parameters in one phrase; singular (F,): by
+    how many standard deviations one tolerance of each combination changes the rows, largest first. hidden: the same by
+    cause, what hides most first, what is harmless last.
+    """
+
+    rank: int
+    unseen: tuple[str, ...]
+    singular: tuple[float, ...]
+    hidden: tuple[Hidden, ...] = ()
+
+
+def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowed | None = None) -> Observability:
+    """Rank and unseen combinations of a fit, from its data alone (no tolerance helps).
+
+    triangle: in place of the fit's own, as `estimate.seen_at_start` has it: at the solution, an identified geometry's
+    errors can make visible in name what no row can tell from noise. rows: those of the fit, where causes are wanted.
+
+    What belongs to a session or a point of which no row is in the fit is not among the combinations, but a cause.
+    """
+    triangle = estimate.triangle if triangle is None else triangle
+    free = np.flatnonzero(estimate.unknowns.free)
+    effect = np.linalg.norm(triangle, axis=0)
+    owners = _owners(estimate.unknowns)[free]
+    nothing = effect <= NOTHING * effect.max(initial=0.0)
+    there = ~np.isin(owners, sorted(set(owners[nothing]) - set(owners[~nothing]) - {""}))
+    names = [estimate.unknowns.names[index] for index in free[there]]
+    _, singular, right = np.linalg.svd(triangle[:, there])
+    rank = int(np.sum(singular >= SEEN))
+    combined = _sparse_combinations(right[rank:], effect[there], names)
+    strong = [_strong(names, each) for each in combined * _floored(effect[there])]
+    away = [Hidden(f"no row of the fit belongs to {owner}", ()) for owner in dict.fromkeys(owners[~there].tolist())]
+    hidden = _by_cause(rows, _widened(combined, there), strong) if rows else []
+    return Observability(rank, tuple(phrases(strong)), tuple(float(value) for value in singular), (*hidden, *away))
+
+
+def _owners(unknowns: Unknowns) -> Any:
+    """What each parameter (P,) belongs to besides the robot, in words: a session that has base or tool to itself, a
+    fixed point, the zero of a length; empty for the robot's.
+    """
+    apart = {name.partition("_")[0] for name in unknowns.names if "@" in name}
+    return np.array([_owner(*each, apart) for each in zip(unknowns.names, unknowns.groups, strict=True)])
+
+
+def _owner(name: str, group: Group, apart: Collection[str]) -> str:
+    """apart: which of base and tool later sessions have to themselves, so that these of the first are its own."""
+    if group in ("points", "datums"):
+        owner, _, last = name.rpartition("_")
+        return f"the zero {owner}" if last == "zero" else owner
+    if "@" in name:
+        return f"session {name.partition('@')[2]}"
+    return "the first session" if group in apart and name.partition("_")[0] in apart else ""
+
+
+def _widened(combined: Floats, there: Bools) -> Floats:
+    """Combinations (U, F) of all free parameters, from those of the ones that are `there`."""
+    result = np.zeros((len(combined), len(there)))
+    result[:, there] = combined
+    return result
+
+
+def _by_cause(rows: Rowed, combined: Floats, names: list[tuple[str, ...]]) -> list[Hidden]:
+    """Each combination (U, F) under the first cause without which the rows would show it."""
+    left = np.ones(len(combined), bool)
+    least = np.maximum(SEEN, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
+    found: list[Hidden] = []
+    for cause in causes(rows) if left.any() else ():
+        mine = left & (_sizes(cause.lines(), combined) >= least)
+        if cause.of_frames:
+            mine &= [not all(map(of_the_arm, parts)) for parts in names]
+        left &= ~mine
+        found += [Hidden(cause.words, _picked(names, mine))] if mine.any() else []
+    found.sort(key=lambda hidden: -len(hidden.combinations))
+    if left.any():
+        untold = left & (_sizes(any_posture(rows), combined) >= least)
+        never = left & ~untold
+        found += [Hidden(UNTOLD, _picked(names, untold))] if untold.any() else []
+        found += [Hidden(ANYWHERE, _picked(names, never), harmless=True)] if never.any() else []
+    return found
+
+
+def _sizes(moves: Floats, combined: Floats) -> Floats:
+    """By how many standard deviations each combination (U, F) moves rows (K, F) together."""
+    return np.asarray(np.linalg.norm(moves @ combined.T, axis=0))
+
+
+def _picked(names: list[tuple[str, ...]], which: Bools) -> tuple[tuple[str, ...], ...]:
+    return tuple(each for each, mine in zip(names, which, strict=True) if mine)
+
+
+def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> Floats:
+    """The unseen subspace (U, F), in tolerances, in a basis of few parameters each.
+
+    Pivoted QR picks U parameters that the subspace is about, by their shares of effect on the rows (F,); each basis
+    vector holds one of them, none of the others. A link's parameter is picked before an effect's, and that before those
+    of tool, base and centres: `θ1 with base rotation`, not the reverse, and what is harmless is not mixed with what is
+    not.
+    """
+    if not len(unseen):
+        return unseen
+    shares = unseen * _floored(effect)
+    preference = np.array([100.0 if of_the_arm(name) else 10.0 if of_an_effect(name) else 1.0 for name in names])
+    _, _, pivots = scipy.linalg.qr(shares * preference, pivoting=True, mode="economic")
+    chosen = np.sort(pivots[: len(unseen)])
+    basis = np.linalg.lstsq(shares[:, chosen].T, np.eye(len(chosen)), rcond=None)[0].T @ unseen
+    return np.asarray(basis / np.linalg.norm(basis, axis=1, keepdims=True))
+
+
+def _floored(effect: Floats) -> Floats:
+    """Effects (F,), none of them quite nothing."""
+    return np.asarray(np.maximum(effect, 1e-12 * max(float(effect.max(initial=0.0)), 1e-300)))
+
+
+def _strong(names: list[str], shares: Floats) -> tuple[str, ...]:
+    """The parameters with a tenth or more of the greatest share."""
+    return tuple(names[index] for index in np.flatnonzero(np.abs(shares) >= 0.1 * np.max(np.abs(shares))))

@@ -1,0 +1,129 @@
+"""Which rows are wild at a given noise: a row left out costs what it may surprise, and the cheapest set is sought.
+
+A row is wild if it lies where the *others* hardly ever put one. Many sets of rows fulfil that: a clean row that stands
+alone looks wild among wild ones, and these do not surprise each other without it. Of all such sets the one is right
+whose kept rows have the least χ², each row left out counted as the χ² that would just have made it wild. Where every
+row has a say in the model (few rows, many unknowns), leaving out the worst again and again does not lead there: many
+sets are followed side by side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self, final
+
+import numpy as np
+from scipy.stats import chi2
+
+from cellctl.calibration.estimation.linear import Linear
+from cellctl.kinematics import Bools, Floats
+
+WILD = 1e-5
+"""A row of the fit is wild if the others would put it where it is less often than this: hardly a clean row in a hundred
+thousand is lost by it, and most wild rows of ten standard deviations are found.
+"""
+
+WILD_BESIDE = 1e-4
+"""The same where a wild row has been found: where there is one there may be more, and one that stays does more harm
+than a clean one that goes.
+"""
+
+WILD_AT_MOST = 0.45
+"""No search beyond this share of wild rows of any block: with half of them wild nobody could say which half it is."""
+
+DECISIVE = 10
+"""With more numbers than this for each unknown no row has enough say in the model to hide another."""
+
+ABREAST = 20
+"""Sets of rows that are followed side by side, each time with one more row left out."""
+
+PATIENCE = 3
+"""How many more rows are left out without a cheaper set than before."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Rows (N,) that are not wild, how much each row surprises these, the unknowns x (F,) by them, the χ² of both, and
+    the same with what was paid for rows left out.
+    """
+
+    rows: Bools
+    surprise: Floats
+    x: Floats
+    misfit: float
+    cost: float
+
+    @classmethod
+    def of(cls, linear: Linear, rows: Bools, limit: Floats) -> Self:
+        """What these `rows` foresee."""
+        surprise, x = linear.surprise(rows)
+        misfit = linear.misfit(rows, x)
+        return cls(rows, surprise, x, misfit, misfit + float(limit[~rows].sum()))
+
+
+def unsurprised(linear: Linear, *, thorough: bool) -> Kept | None:
+    """Rows none of which surprises the others; None where too few are left. thorough: the cheapest of many sets."""
+    limit = np.asarray(chi2.isf(WILD, linear.numbers))
+    everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
+    if not (everyone.surprise > limit).any():
+        return everyone
+    limit = np.asarray(chi2.isf(WILD_BESIDE, linear.numbers))
+    found = _settled(linear, everyone, limit)
+    if not thorough or linear.numbers.sum() > DECISIVE * len(linear.known):
+        return found
+    other = _settled(linear, _cheapest(linear, everyone, limit), limit)
+    return min((each for each in (found, other) if each is not None), key=lambda each: each.cost, default=None)
+
+
+def _cheapest(linear: Linear, everyone: Kept, limit: Floats) -> Kept:
+    """The cheapest set on many ways from `everyone`, on each of which one row after another is left out (beam search).
+
+    How much cheaper a set gets without one more row is known before it is looked at: by what that row surprises.
+    """
+    best, abreast, waited = everyone, [everyone], 0
+    while abreast and waited < PATIENCE:
+        costs = np.array([np.where(each.rows, each.cost + limit - each.surprise, np.inf) for each in abreast])
+        further: dict[bytes, Bools] = {}
+        for place in np.argsort(costs, axis=None):
+            way, row = np.unravel_index(place, costs.shape)
+            rows = _changed(abreast[way].rows, row, False)
+            if len(further) == ABREAST or not np.isfinite(costs[way, row]):
+                break
+            further.setdefault(rows.tobytes(), rows)
+        abreast = [Kept.of(linear, rows, limit) for rows in further.values() if not _too_many(linear, rows)]
+        cheapest = min([best, *abreast], key=lambda each: each.cost)
+        best, waited = cheapest, 0 if cheapest is not best else waited + 1
+    return best
+
+
+def _settled(linear: Linear, kept: Kept, limit: Floats) -> Kept | None:
+    """`kept` without what surprises it, the most surprising first, and with what does not any more; None where too many
+    had to go.
+    """
+    count = len(limit)
+    while (wild := kept.rows & (kept.surprise > limit)).any():
+        worst = np.argsort(np.where(wild, -kept.surprise, np.inf))[: max(1, count // 50, np.count_nonzero(wild) // 10)]
+        kept = Kept.of(linear, _changed(kept.rows, worst[wild[worst]], False), limit)
+        if _too_many(linear, kept.rows):
+            return None
+    for _ in range(count):  # a row left out for the sake of a wild one comes back, the least surprising first
+        back = ~kept.rows & (kept.surprise <= limit)
+        if not back.any():
+            break
+        nearest = np.argsort(np.where(back, kept.surprise, np.inf))[: max(1, np.count_nonzero(back) // 4)]
+        kept = Kept.of(linear, _changed(kept.rows, nearest, True), limit)
+    return kept
+
+
+def _changed(rows: Bools, which: Any, to: bool) -> Bools:
+    result = rows.copy()
+    result[which] = to
+    return result
+
+
+def _too_many(linear: Linear, rows: Bools) -> bool:
+    """Whether more than `WILD_AT_MOST` of the rows of any block are left out, and more than one."""
+    of_block = linear.factors[:, 0]
+    left_out, all_of = np.bincount(of_block[~rows], minlength=of_block.max() + 1), np.bincount(of_block)
+    return bool((left_out > np.maximum(WILD_AT_MOST * all_of, 1)).any())

@@ -1,0 +1,148 @@
+"""Which rows belong together: wild ones are told from noisy ones before anything is made from either.
+
+Ordinary residuals hide a wild row: a model with as many parameters as a robot bends towards it, its neighbours look
+worse than it does, and the noise that all seem to have excuses it. So each row is judged by what the *others* foresee,
+and explanations are weighed against each other: a few wild rows among rows as good as promised, or rows that all, or
+all of one kind, are noisier than promised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self, final
+
+import numpy as np
+
+from cellctl.calibration.estimation.linear import Linear
+from cellctl.calibration.outliers.at_known_noise import unsurprised
+from cellctl.kinematics import Bools, Floats
+
+OUTLYING = 1e-6
+"""A held-out row is named if what was identified would put it where it is less often than this."""
+
+WIDTH = 20.0
+"""A wild row lies anywhere within so many standard deviations, for weighing it against noise that all rows have."""
+
+WILD_SHARE = 0.05
+"""How often a row is expected to be wild, for the same: with more, the best of many sets of noisy rows looks wild."""
+
+STEP = 1.25
+NOISIEST = 1e4
+"""Factors of noise are tried in such steps, up to this."""
+
+ROUNDS = 5
+"""How often at most the scatter of all kinds is found from the model that it makes."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Belonging:
+    """kept (N,): the rows that belong together; noise (Q,): the factors of σ with which they do, one for each of
+    `Mixture.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
+    are further from the model than that, or belong to rows left out; none: nothing is left to be explained.
+    """
+
+    kept: Bools
+    noise: Floats
+    weight: float
+    strained: Bools
+
+    @classmethod
+    def at(cls, linear: Linear, noise: Floats, *, thorough: bool = False) -> Self:
+        """The rows that belong together with this noise."""
+        scaled = linear.noisier(noise)
+        kept = unsurprised(scaled, thorough=thorough)
+        if kept is None:
+            return cls(np.ones(len(linear.away), bool), noise, -np.inf, _there(linear, noise))
+        price = np.sum(np.log(1.0 / WILD_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
+        weight = _at_best(linear, noise) - 0.5 * kept.misfit - float(price)
+        return cls(kept.rows, noise, weight, _strained(scaled, kept.rows, kept.x, noise))
+
+
+def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
+    """The rows that belong together, by the most probable explanation: some wild, some kinds noisy, or both.
+
+    From noise as it is said, or as each of several kinds scatters, the factors of all kinds of numbers, or of one of
+    them, grow as long as that makes the rows more probable. thorough: no wild row hides another (`unsurprised`).
+    """
+    found = Belonging.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
+    if _there(linear, found.noise).sum() > 1 and found.strained.any():
+        found = _as_scattered(linear, found, thorough=thorough)
+    while True:
+        noisier = max(_noisier(linear, found), key=lambda each: each.weight, default=found)
+        if noisier.weight <= found.weight:
+            return found
+        found = max(noisier, Belonging.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.weight)
+        if _there(linear, found.noise).sum() == 1:  # all noise that there is has been tried
+            return found
+
+
+def _as_scattered(linear: Linear, found: Belonging, *, thorough: bool) -> Belonging:
+    """`found`, or the explanation by as much noise as every strained kind scatters, where that is more probable: with
+    many kinds, getting there step by step and kind by kind takes hundreds of looks at all rows.
+
+    The factor of a kind goes back, a step or all the way, where that makes the rows more probable still.
+    """
+    best = max(found, Belonging.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
+    if best is found:
+        return found
+    for kind in np.flatnonzero(best.noise > found.noise):
+        for less in (best.noise[kind] / STEP, found.noise[kind]):
+            tried = Belonging.at(linear, np.where(np.arange(len(best.noise)) == kind, less, best.noise))
+            best = max(best, tried, key=lambda each: each.weight)
+    return max(best, Belonging.at(linear, best.noise, thorough=thorough), key=lambda each: each.weight)
+
+
+def _scattering(linear: Linear, found: Belonging) -> Floats:
+    """Noise (Q,) as much as the strained kinds scatter about a model that weighs them so."""
+    noise = found.noise
+    for _ in range(ROUNDS):
+        scatter = noise * linear.noisier(noise).scatter(found.kept)
+        before, noise = noise, np.where(found.strained, _stepped(scatter), found.noise)
+        if np.array_equal(noise, before):
+            break
+    return noise
+
+
+def _stepped(noise: Floats) -> Floats:
+    """The nearest powers of `STEP` between 1 and `NOISIEST`."""
+    return np.asarray(STEP ** np.round(np.log(np.clip(noise, 1.0, NOISIEST / STEP)) / np.log(STEP)))
+
+
+def _noisier(linear: Linear, found: Belonging) -> Iterator[Belonging]:
+    """Explanations by more noise of all numbers together, and of one kind that is strained."""
+    there = _there(linear, found.noise)
+    if not found.strained.any():
+        return
+    alone = [np.arange(len(there)) == each for each in np.flatnonzero(found.strained)] if there.sum() > 1 else []
+    for growing in [there, *alone]:
+        best = found.weight
+        noise = np.where(growing, STEP, 1.0) * found.noise
+        while noise.max() < NOISIEST and _at_best(linear, noise) > best:
+            tried = Belonging.at(linear, noise)
+            yield tried
+            if not (tried.strained & growing).any():
+                break
+            best, noise = max(best, tried.weight), np.where(growing, STEP, 1.0) * noise
+
+
+def _at_best(linear: Linear, noise: Floats) -> float:
+    """Logarithm of how probable rows with this noise were, if they and the model were nowhere apart."""
+    logs = np.append(np.log(noise), 0.0)[linear.factors]
+    return float(-logs.sum() - linear.seen(noise))
+
+
+def _there(linear: Linear, noise: Floats) -> Bools:
+    """Which kinds of numbers (Q,) there are."""
+    return np.isin(np.arange(len(noise)), linear.factors)
+
+
+def _strained(scaled: Linear, kept: Bools, x: Floats, noise: Floats) -> Bools:
+    """Which kinds of numbers (Q,) belong to rows left out, or are further from the model x than their σ say."""
+    squares = (scaled.away + scaled.columns @ x) ** 2
+    result = np.isin(np.arange(len(noise)), scaled.factors[~kept])
+    for each in np.flatnonzero(_there(scaled, noise)):
+        mine = scaled.factors == each
+        result[each] |= squares[mine & kept[:, None]].sum() > np.count_nonzero(mine)
+    return result

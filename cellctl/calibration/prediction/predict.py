@@ -1,0 +1,102 @@
+"""What an identified model says, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.stats import chi2
+
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.rows import Rows
+from cellctl.kinematics import Bools, Floats
+
+BLOCK = 4096
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Predicted tool poses (N, 4, 4), mm, and 1 σ of the point, 3-D (root of the summed variances), mm (N,)."""
+
+    poses: Floats
+    sigma_mm: Floats
+
+
+def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
+    """Tool poses at postures, or model angles (N, n), rad, with the uncertainty that `covariance` (P, P) of the
+    parameters leaves.
+
+    The σ is the model's: neither the robot's repeatability nor what the model leaves out is in it.
+    """
+    postures = Postures.of(at)
+    variance = np.empty(len(postures))
+    for start in range(0, len(postures), BLOCK):
+        part = np.s_[start : start + BLOCK]
+        columns = model.jacobian(postures.pick(part))[:, :3]
+        moved = (columns.reshape(-1, len(covariance)) @ covariance).reshape(columns.shape)
+        variance[part] = np.einsum("nkp,nkp->n", moved, columns)
+    return Prediction(model.pose(postures), np.sqrt(np.maximum(variance, 0.0)))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Foreseen:
+    """Held-out rows as foreseen: variance (N,) of each distance error, mm²; chance (N,): of an error as improbable as
+    the one found, or more so.
+    """
+
+    variance: Floats
+    chance: Floats
+
+    @property
+    def inside(self) -> Bools:
+        """Which rows (N,) lie within their 95 % region."""
+        return np.asarray(self.chance >= 0.05)
+
+
+def foresee(
+    found: State,
+    covariance: Floats,
+    rows: Rows,
+    *,
+    hidden: Floats | None = None,
+    taken: Floats | None = None,
+    doubted: Floats | None = None,
+    tails: float = 1.0,
+) -> Foreseen:
+    """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
+
+    hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
+    these very rows (a socket's place, a new session's base), and therefore cannot show in them. taken (H, P): what it
+    took up of each parameter, over all rows: that cannot show in them either. doubted (N,): 1 σ of each row, mm, for
+    what the model never saw; on each axis the same. tails: by how much noise is wider for the chance of an error than
+    its σ says, where it has more large errors than a normal distribution.
+    """
+    variance, chance = np.empty(len(rows)), np.empty(len(rows))
+    lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
+    for start in range(0, len(rows), BLOCK):
+        part = np.s_[start : start + BLOCK]
+        block = rows.pick(part)
+        residual = block.residual(found) / block.sigma
+        lines = block.jacobian(found) / block.sigma[..., None]
+        if hidden is not None and taken is not None:
+            lines = lines - np.matmul(hidden[part], taken)
+        moved = (lines.reshape(-1, len(covariance)) @ covariance).reshape(lines.shape)
+        spread = np.eye(residual.shape[1]) + np.zeros((len(block), 1, 1))
+        if hidden is not None:
+            own = hidden[part]
+            spread = spread - np.matmul(own, np.swapaxes(own, -1, -2)) + 1e-9 * np.eye(residual.shape[1])
+        if doubted is not None:
+            own_doubt = lengths * doubted[part, None] / block.sigma
+            spread = spread + (own_doubt**2)[:, :, None] * np.eye(residual.shape[1])
+        spread = spread + np.matmul(moved, np.swapaxes(lines, -1, -2))
+        wider = spread + (tails**2 - 1.0) * np.eye(residual.shape[1])
+        squared = np.einsum("nk,nk->n", residual, np.linalg.solve(wider, residual[..., None])[..., 0])
+        along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
+        variance[part] = np.sum(along[:, lengths], axis=-1)
+        chance[part] = chi2.sf(squared, residual.shape[1])
+    return Foreseen(variance, chance)

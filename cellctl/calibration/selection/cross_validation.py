@@ -1,0 +1,153 @@
+"""Cross-validation of linearised rows: what the others predict of each, without fitting anything again.
+
+The rows are linearised once, about a fit of all of them. Leaving a fold out then takes its rows' normal equations out
+of the sum. Any subset of the unknowns is another model, of the same sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from cellctl.calibration.estimation.evidence import Factor, Normal, System
+from cellctl.calibration.estimation.linear import Linear
+from cellctl.calibration.model.unknowns import Unknowns
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.folds import evenly
+from cellctl.kinematics import Bools, Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Held-out rows as the others predict them: residual (N, k) in stated σ, its covariance (N, k, k), error (N,), mm,
+    and which rows these are (indices); `placed`: which of them fixed their own point or session first.
+    """
+
+    residual: Floats
+    covariance: Floats
+    errors: Floats
+    rows: Any
+    placed: Bools
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All folds, one after another."""
+        columns = zip(*((p.residual, p.covariance, p.errors, p.rows, p.placed) for p in parts), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """Rows linearised about a fit, and their folds.
+
+    system: all rows' normal equations, of all unknowns (F,). mm (N, k): σ of each number that is a length, 0 of a turn.
+    folds: each fold's rows and their normal equations. registering (F,): unknowns that tie rows to the robot, and that
+    held-out rows may have to find for themselves.
+    """
+
+    linear: Linear
+    system: System
+    mm: Floats
+    folds: tuple[tuple[Any, Mapping[Factor, Normal]], ...]
+    registering: Bools
+
+    @classmethod
+    def of(
+        cls,
+        unknowns: Unknowns,
+        deviations: Floats,
+        rows: Mixture,
+        certain: Sequence[Rows],
+        folds: Sequence[Any],
+        registering: Bools,
+    ) -> Self:
+        """`rows` with their stated σ, linearised at `deviations` (P,) from the unknowns' start."""
+        linear = Linear.about(unknowns, deviations, rows, certain)
+        system = System.of(unknowns, deviations, rows, certain)
+        mm = np.zeros(linear.away.shape)
+        for block, mine, _ in rows.parts():
+            lengths = np.array([quantity != "rotation" for quantity in block.quantities])
+            mm[mine, : len(lengths)] = block.sigma * lengths
+        own = tuple((test, _normals(linear, test)) for test in folds)
+        return cls(linear, system, mm, own, registering[unknowns.free])
+
+    def with_folds(self, folds: Sequence[Any]) -> Self:
+        """The same rows with other folds."""
+        return replace(self, folds=tuple((test, _normals(self.linear, test)) for test in folds))
+
+    def predicted(
+        self, kept: Bools, logs: Mapping[Factor, float], most: int | None = None, *, again: bool = False
+    ) -> Predicted:
+        """Each fold's rows as the others predict them with the unknowns `kept` (F,) alone, and these logarithms of
+        noise and prior scales. most: rows of each fold that are looked at. again: the others find noise and scales
+        again, without the fold, from there.
+        """
+        at = np.flatnonzero(kept)
+        system = self.system.restricted(kept)
+        return Predicted.joined([self._fold(system, at, test, own, logs, most, again) for test, own in self.folds])
+
+    def noise(self, logs: Mapping[Factor, float]) -> Floats:
+        """The scale of each number's σ (N, k); 0 where a row has fewer numbers."""
+        scales = np.zeros(int(self.linear.factors.max()) + 2)  # the last one is for factor −1
+        for number in range(len(scales) - 1):
+            scales[number] = np.exp(logs.get(("noise", number), 0.0))
+        return np.asarray(scales[self.linear.factors])
+
+    def _fold(
+        self,
+        system: System,
+        at: Any,
+        test: Any,
+        own: Mapping[Factor, Normal],
+        logs: Mapping[Factor, float],
+        most: int | None,
+        again: bool,
+    ) -> Predicted:
+        left = {f: n.without(own[f].restricted(at)) if f in own else n for f, n in system.numbers.items()}
+        others = replace(system, numbers=left)
+        if again:
+            logs, _ = others.tuned(logs)
+        square, pull = others.posterior(logs)
+        root = cho_factor(square, lower=True, check_finite=False)
+        x = -cho_solve(root, pull, check_finite=False)
+        shown = evenly(test, most)
+        columns = self.linear.columns[shown][..., at]
+        residual = self.linear.away[shown] + columns @ x
+        flat = columns.reshape(-1, len(at))
+        answers = cho_solve(root, flat.T, check_finite=False).T.reshape(columns.shape)
+        covariance = np.matmul(columns, np.swapaxes(answers, -1, -2))
+        noise = self.noise(logs)[shown]
+        covariance = covariance + np.where(noise > 0.0, noise**2, 1.0)[:, :, None] * np.eye(noise.shape[1])
+        residual, placed = self._placed(residual, columns, at, shown, left)
+        errors = np.linalg.norm(residual * self.mm[shown], axis=1)
+        return Predicted(residual, covariance, errors, shown, np.full(len(shown), placed))
+
+    def _placed(
+        self, residual: Floats, columns: Floats, at: Any, test: Any, left: Mapping[Factor, Normal]
+    ) -> tuple[Floats, bool]:
+        """Residuals once what no other row knows (a point, a session) is found from these; whether there is any."""
+        told = np.sum([np.diag(normal.square) for normal in left.values()], axis=0) if left else np.zeros(len(at))
+        there = np.einsum("nkf,nkf->f", columns, columns)
+        unknown = self.registering[at] & (told <= 1e-9 * there) & (there > 0.0)
+        if not unknown.any():
+            return residual, False
+        mine = columns[..., unknown].reshape(residual.size, -1)
+        step = np.linalg.lstsq(mine, residual.reshape(-1), rcond=1e-9)[0]
+        return residual - (mine @ step).reshape(residual.shape), True
+
+
+def _normals(linear: Linear, test: Any) -> dict[Factor, Normal]:
+    """The normal equations of the rows `test`, by factor of noise."""
+    factors, columns, away = linear.factors[test], linear.columns[test], linear.away[test]
+    found: dict[Factor, Normal] = {}
+    for factor in np.unique(factors[factors >= 0]):
+        mine = factors == factor
+        found["noise", int(factor)] = Normal.of(columns[mine], away[mine])
+    return found

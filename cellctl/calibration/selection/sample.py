@@ -1,0 +1,40 @@
+"""A sample of many rows that has something of everything: small blocks and rare points whole, large ones thinned.
+
+A sample drawn from all rows alike would have six of thirty-six touches beside twenty thousand positions: too few to
+tell a wild one by.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellctl.calibration.rows import PlaneRows, SocketRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
+
+
+def sampled(rows: Mixture, most: int) -> Any:
+    """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: as many of each block, and
+    within it of each point, as there are, up to what leaves enough for the others.
+    """
+    rng = np.random.default_rng(len(rows))
+    chosen = [np.zeros(0, int)]
+    shares = _shared([len(block) for block in rows.blocks], most)
+    for (block, mine, _), share in zip(rows.parts(), shares, strict=True):
+        order = rng.permutation(len(block))
+        point = np.zeros(len(block), int)
+        if isinstance(block, TouchRows | SocketRows | PlaneRows):
+            point = block.point[order]
+        points, sizes = np.unique(point, return_counts=True)
+        for each, own in zip(points, _shared(sizes, share), strict=True):
+            chosen.append(mine.start + order[point == each][:own])
+    return np.sort(np.concatenate(chosen))
+
+
+def _shared(sizes: Any, most: int) -> Any:
+    """How many of each of `sizes` (S,) make `most`: all of small ones, and as many of each of the others."""
+    result = np.zeros(len(sizes), int)
+    for done, place in enumerate(np.argsort(sizes, kind="stable")):
+        result[place] = min(sizes[place], (most - result.sum()) // (len(sizes) - done))
+    return result

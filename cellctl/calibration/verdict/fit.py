@@ -1,0 +1,260 @@
+"""A fit with its proof: identified on some rows, judged on others that it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Self, final
+
+import numpy as np
+
+from cellctl.calibration.effects import EFFECTS
+from cellctl.calibration.estimation.estimate import Estimate, seen_at_start
+from cellctl.calibration.estimation.identify import Identification, certain, identify, rows_together
+from cellctl.calibration.estimation.moved import Placing, placing
+from cellctl.calibration.estimation.progress import Progress, part_of, silent
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.observability.other_postures import in_their_sockets
+from cellctl.calibration.observability.reason import Rowed
+from cellctl.calibration.observability.unobservable import Observability, observability
+from cellctl.calibration.prediction.measured_region import MeasuredRegion, informed
+from cellctl.calibration.prediction.shape import sigma_over_region
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.ladder import Step, climb
+from cellctl.calibration.selection.model_error import FUNCTIONS
+from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
+from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
+from cellctl.calibration.verdict.proof import doubts, sigma_doubts
+from cellctl.calibration.verdict.reliability import Reliability, mostly_outside
+from cellctl.calibration.verdict.split import Split
+from cellctl.kinematics import Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """An identified model with its figures on the rows of the fit and on held-out rows; distances in mm.
+
+    nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
+    nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
+    sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: nothing was held out), and why.
+    predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, apart from what moves all of it
+    as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
+    foresees, unforeseen_mm: how far off, foreseen_mm: 1 σ (3-D) of each of them as foreseen; they are in the figures.
+    ladder: the models tried, where it was left open.
+
+    prior: a prior model, registered, on the rows of `nominal`; None without one. against: what decided the verdict.
+    placing: how far the prior model was off before it was registered. informed: whether the rows determined the robot's
+    own parameters: a prior model's measured region grows by these rows only then.
+    """
+
+    identification: Identification
+    observability: Observability
+    model: str
+    n_fit: int
+    n_test: int
+    nominal: ErrorFigures
+    fit: ErrorFigures
+    test: ErrorFigures
+    predicted_test_rms: float
+    coverage_95: float
+    predicted_volumetric_rms: float
+    verdict: Verdict
+    verdict_reason: str
+    sigma_ok: bool | None
+    sigma_reason: str
+    unforeseen: tuple[int, ...]
+    unforeseen_mm: tuple[float, ...]
+    foreseen_mm: tuple[float, ...]
+    nominal_errors: Floats
+    test_errors: Floats
+    reliability: Reliability
+    region: MeasuredRegion
+    ladder: tuple[Step, ...] = ()
+    prior: ErrorFigures | None = None
+    prior_errors: Floats | None = None
+    against: Baseline = "nominal"
+    placing: Placing | None = None
+    informed: bool = True
+
+    @property
+    def n_parameters(self) -> int:
+        """Free parameters, centres, base and tool among them; the coefficients of random functions are not."""
+        unknowns = self.identification.identified.unknowns
+        return int((unknowns.free & ~unknowns.among(FUNCTIONS)).sum())
+
+    def summary(self) -> dict[str, Any]:
+        """The figures as plain values for JSON; outliers are left to who knows the rows' lines."""
+        found = self.identification.identified
+        return {
+            "n_fit": self.n_fit,
+            "n_test": self.n_test,
+            "model": self.model,
+            "n_parameters": self.n_parameters,
+            "rank": self.observability.rank,
+            "unobservable": list(self.observability.unseen),
+            "unseen": [hidden.summary() for hidden in self.observability.hidden],
+            "nominal": asdict(self.nominal),
+            "prior": asdict(self.prior) if self.prior else None,
+            "prior_as_is_rms": self.placing.as_is_mm if self.placing else None,
+            "informed": self.informed,
+            "fit": asdict(self.fit),
+            "test": asdict(self.test) if self.n_test else dict.fromkeys(asdict(self.test)),
+            "predicted_test_rms": self.predicted_test_rms if self.n_test else None,
+            "coverage_95": self.coverage_95 if self.n_test else None,
+            "tails": self.reliability.tails,
+            "predicted_volumetric_rms": self.predicted_volumetric_rms,
+            "verdict": self.verdict,
+            "verdict_reason": self.verdict_reason,
+            "compared_with": self.against,
+            "sigma_ok": self.sigma_ok,
+            "sigma_reason": self.sigma_reason,
+            "converged": found.converged,
+            "ended": found.ended,
+            "ladder": [asdict(step) for step in self.ladder],
+            "loosened": dict(self.identification.loosened),
+            "noise_growth": [float(value) for value in self.identification.noise],
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """What some rows identified, with as many terms as they support, and how far its σ can be relied on."""
+
+    task: Task
+    identification: Identification
+    reliability: Reliability
+    ladder: tuple[Step, ...]
+
+    @classmethod
+    def of(cls, task: Task, fit: Any, predicted: Any, progress: Progress) -> Self:
+        """From the rows at `fit`; predicted: the rows it is for, of which only the postures are looked at."""
+        progress("identifying", 0.0)
+        if task.candidates is None:
+            return cls._with_reliability(task, identify(task, fit), ())
+        rows = task.rows.pick(fit)
+        kept, apart = rows_together(replace(task, candidates=None), rows)
+        outside = mostly_outside(rows.pick(kept).q, task.rows.pick(predicted).q)
+        chosen = climb(task, rows.pick(kept), progress, outside=outside)
+        found = identify(chosen.task, fit, (kept, apart), chosen.weights)
+        return cls._with_reliability(chosen.task, found, chosen.steps)
+
+    @classmethod
+    def _with_reliability(cls, task: Task, found: Identification, ladder: tuple[Step, ...]) -> Self:
+        return cls(task, found, Reliability.of(task, found), ladder)
+
+    def held_out(self, test: Any) -> HeldOut:
+        """The rows at `test` as this predicts them."""
+        return held_out_rows(self.task, self.identification, self.task.rows.pick(test), self.reliability)
+
+
+def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
+    """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model.
+
+    Where the task leaves it open how much model there is, each part of the split decides it from its own rows.
+    """
+    given, parts = task, _parts(split, progress)
+    predicted = np.concatenate([np.zeros(0, int), *(test for _, test in split.judged)])
+    whole = _Fitted.of(task, split.fit, predicted, next(parts))
+    task, final_one = whole.task, whole.identification
+    held_out = HeldOut.joined(
+        (whole if one is split.fit else _Fitted.of(given, one, test, next(parts))).held_out(test)
+        for one, test in split.judged
+    )
+    progress("figures", 1.0)
+    own = task.rows.pick(list(final_one.used))
+    nominal, prior = _baselines(task, final_one, held_out, own)
+    place = placing(task, final_one.nominal.state, own)
+    judgement = judge(
+        held_out,
+        doubts(task, split, final_one),
+        sigma_doubts(task, final_one),
+        beat_prior=not (task.registers_only or (not task.partial and place is not None and place.moved)),
+    )
+    own_parameters = informed(final_one.identified)
+    region = whole.reliability.region if task.region is None or own_parameters else task.region
+    return FitResult(
+        identification=final_one,
+        observability=_observability(task, final_one, own),
+        model=_model_name(final_one),
+        n_fit=len(own),
+        n_test=int(held_out.identified.size),
+        nominal=ErrorFigures.of(nominal),
+        fit=ErrorFigures.of(own.errors(final_one.identified.state)),
+        test=ErrorFigures.of(held_out.identified),
+        predicted_test_rms=held_out.foreseen_rms,
+        coverage_95=float(held_out.inside.mean()) if held_out.inside.size else 0.0,
+        predicted_volumetric_rms=_over_region(final_one.identified, region),
+        verdict=judgement.verdict,
+        verdict_reason=judgement.reason,
+        sigma_ok=judgement.sigma_ok,
+        sigma_reason=judgement.sigma_reason,
+        **_unforeseen(split, held_out),
+        nominal_errors=nominal,
+        test_errors=held_out.identified,
+        ladder=whole.ladder,
+        reliability=whole.reliability,
+        region=region,
+        prior=None if prior is None else ErrorFigures.of(prior),
+        prior_errors=prior,
+        against=judgement.against,
+        placing=place,
+        informed=own_parameters,
+    )
+
+
+def _baselines(task: Task, found: Identification, held_out: HeldOut, own: Mixture) -> tuple[Floats, Floats | None]:
+    """Errors, mm, of nominal and of a prior model on the held-out rows; where there are none, on those of the fit."""
+    if held_out.nominal.size:
+        return held_out.nominal, held_out.prior
+    before = own.errors(found.nominal.state)
+    return (before, None) if task.nominal is None else (nominal_errors(task, own, own), before)
+
+
+def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
+    """The progress of each identification: of the model, and of one for each fold that is not made from its rows."""
+    folds = sum(one is not split.fit for one, _ in split.judged)
+    count = 1 + folds
+    yield part_of(progress, 0.0, 1.0 / count, "model" if folds else "")
+    for fold in range(1, count):
+        yield part_of(progress, fold / count, (fold + 1) / count, f"fold {fold} of {folds}")
+
+
+def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
+    given = found.identified.unknowns
+    parameters = ~given.among(FUNCTIONS)  # coefficients of a random function are no parameters to be seen one by one
+    unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
+    rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
+    seen = seen_at_start(unknowns, [*rows, *certain(task)])
+    if unknowns.pinned is not None and len(unknowns.pinned):  # what no row can tell from noise is not seen
+        pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
+        seen = seen - (seen @ pins) @ pins.T
+    return observability(
+        replace(found.identified, unknowns=unknowns), seen, Rowed(unknowns, tuple(rows), task.spacings)
+    )
+
+
+def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:
+    """The held-out rows far beyond what was foreseen, how far off each was, and how far it should be, by row."""
+    places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
+    which = held_out.unforeseen
+    columns = (places[which], held_out.identified[which], np.sqrt(held_out.variance[which]))
+    found = sorted(zip(*(column.tolist() for column in columns), strict=True))
+    rows, errors, foreseen = zip(*found, strict=True) if found else ((), (), ())
+    return {"unforeseen": rows, "unforeseen_mm": errors, "foreseen_mm": foreseen}
+
+
+def _over_region(found: Estimate, region: MeasuredRegion) -> float:
+    robot = found.unknowns.robot
+    model, covariance = found.state.model, found.covariance[:robot, :robot]
+    return sigma_over_region(model, covariance, region.lower, region.upper)
+
+
+def _model_name(found: Identification) -> str:
+    unknowns = found.identified.unknowns
+    free = {group for group, is_free in zip(unknowns.groups, unknowns.free, strict=True) if is_free}
+    if free & {"links", "zeros"}:
+        free = {"geometry" if group == "links" else group for group in free} - ({"zeros"} if "links" in free else set())
+    terms = [term for term in ("geometry", "zeros", *EFFECTS) if term in free]
+    return "+".join(terms) or "registration"

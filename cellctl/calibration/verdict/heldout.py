@@ -1,0 +1,174 @@
+"""Rows that a model never saw, as it sees them: what only they can tell is found from them first, and nothing else.
+
+A socket that the fit never saw, or a session in which the robot had been set up anew, has a place that nobody knows but
+the held-out rows themselves. It is fitted to them, for nominal and identified alike; what is left is what the robot's
+model is wrong about among these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cellctl.calibration.estimation.estimate import Estimate, estimate
+from cellctl.calibration.estimation.identify import Identification, registered
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State, Unknowns
+from cellctl.calibration.prediction.predict import foresee
+from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.verdict.judgement import HeldOut
+from cellctl.calibration.verdict.reliability import Reliability
+from cellctl.kinematics import Bools, Floats
+
+
+def held_out_rows(task: Task, by: Identification, rows: Mixture, reliability: Reliability) -> HeldOut:
+    """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`."""
+    used = task.rows.pick(list(by.used))
+    unseen = unseen_by(task, by.identified.unknowns, used, rows)
+    nominal, identified = _both_settled(task, by, rows, unseen)
+    covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
+    noisy = rows.noisier(_noise_of(used, by))
+    hidden = _hidden(identified, noisy, unseen)
+    taken = _taken(identified, noisy, hidden)
+    foreseen = [
+        foresee(
+            identified,
+            covariance,
+            block,
+            hidden=own,
+            taken=taken,
+            doubted=reliability.region.outside(block.q) / np.sqrt(3.0),
+            tails=reliability.tails,
+        )
+        for block, own in zip(noisy.blocks, hidden, strict=True)
+        if len(block)
+    ]
+    before = rows.errors(nominal)
+    return HeldOut(
+        nominal=before if task.nominal is None else nominal_errors(task, used, rows),
+        identified=rows.errors(identified),
+        variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
+        chance=np.concatenate([np.zeros(0), *(each.chance for each in foreseen)]),
+        left=np.full(len(rows), _share_left(rows, hidden)),
+        prior=None if task.nominal is None else before,
+    )
+
+
+def nominal_errors(task: Task, used: Mixture, rows: Mixture) -> Floats:
+    """Distances (N,), mm, of `rows` from the robot as its file has it, registered on the rows `used`."""
+    nominal = task.of_nominal
+    return held_out_errors(nominal, registered(nominal, used), used, rows)
+
+
+def _noise_of(used: Mixture, by: Identification) -> Floats:
+    """The fit's factors of noise; for blocks of which it `used` no row, the greatest that rows of their kind had."""
+    result = by.noise.copy()
+    for block, _, own in used.parts():
+        alike = [by.noise[other] for each, _, other in used.parts() if len(each) and type(each) is type(block)]
+        if not len(block) and alike:
+            result[own] = np.max(alike, axis=0)
+    return result
+
+
+def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -> Floats:
+    """Distances (N,), mm, of held-out `rows` from what was `found` from the rows `used`."""
+    return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
+
+
+def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:
+    """The nominal and the identified robot as held-out `rows` are judged by: with what only these can tell fitted."""
+    used = task.rows.pick(list(by.used))
+    return _both_settled(task, by, rows, unseen_by(task, by.identified.unknowns, used, rows))
+
+
+def _both_settled(task: Task, by: Identification, rows: Mixture, unseen: Bools) -> tuple[State, State]:
+    return _settled(task, by.nominal, rows, unseen), _settled(task, by.identified, rows, unseen)
+
+
+def unseen_by(task: Task, unknowns: Unknowns, used: Mixture, rows: Mixture) -> Bools:
+    """Which parameters (P,) tie `rows` to the robot without any of the rows `used` in the fit having told them."""
+    needed = _touched(unknowns, rows) & task.registration(unknowns)
+    return np.asarray(needed & ~_touched(unknowns, used))
+
+
+def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
+    """Which registration parameters (P,) act on `rows`."""
+    result, start = np.zeros(len(unknowns.names), bool), unknowns.start
+    for block in rows.blocks:
+        if not len(block):
+            continue
+        if isinstance(block, PositionRows | PoseRows):
+            result[start.columns[block.session]] = True
+        if isinstance(block, TouchRows | SocketRows | PlaneRows):
+            for axis in range(3):
+                result[start.points_at + 3 * np.unique(block.point) + axis] = True
+        if isinstance(block, TouchRows):
+            result[start.datums_at + np.unique(block.datum[block.datum >= 0])] = True
+    return result
+
+
+def _settled(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
+    """The state of `found` with what is `unseen` fitted to `rows`."""
+    if not unseen.any():
+        return found.state
+    begin = _begun(task, found, rows, unseen)
+    unknowns = replace(found.unknowns, start=begin, free=unseen, prior=None, pinned=None)
+    return estimate(unknowns, rows.blocks).state
+
+
+def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
+    """Where to look for what is unseen: as `task` would begin with nothing but `rows`."""
+    state = found.state
+    models = [
+        _placed_anew(model, new, unseen[columns[: len(model.parameters)]])
+        for model, new, columns in zip(state.models, task.placed(rows), state.columns, strict=True)
+    ]
+    seen = task.fixed_by(models, rows)
+    points = np.where(unseen[state.of_points].reshape(-1, 3), seen.points, state.points)
+    datums = np.where(unseen[state.datums_at :], seen.datums, state.datums)
+    return replace(state, models=tuple(models), points=points, datums=datums)
+
+
+def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotModel:
+    """`model` with base and tool of `new`, each only if it is unseen: the tool is mostly known from other sessions."""
+    chain = model.chain
+    groups = {name.partition("_")[0] for name, is_new in zip(model.parameters, unseen, strict=True) if is_new}
+    if "base" in groups:
+        chain = chain.with_base(new.chain.base_now)
+    if "tool" in groups:
+        chain = chain.with_tool(new.chain.tool_now)
+    return replace(model, chain=chain)
+
+
+def _share_left(rows: Mixture, hidden: Sequence[Floats | None]) -> float:
+    """The share of the rows' numbers that is left after what was fitted to them."""
+    fitted = max((own.shape[-1] for own in hidden if own is not None), default=0)
+    return max(1.0 - fitted / max(rows.size, 1), 0.0)
+
+
+def _taken(state: State, rows: Mixture, hidden: Sequence[Floats | None]) -> Floats | None:
+    """What the fit to these rows took up of each parameter (H, P): their columns along the basis `hidden`."""
+    parts = [
+        np.einsum("nkh,nkp->hp", own, block.jacobian(state) / block.sigma[..., None])
+        for own, block in zip(hidden, rows.blocks, strict=True)
+        if own is not None
+    ]
+    return np.sum(parts, axis=0) if parts else None
+
+
+def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | None]:
+    """For each block an orthonormal basis (N, k, H) of what was fitted to the rows, in their standard deviations."""
+    if not unseen.any():
+        return [None] * len(rows.blocks)
+    columns = [block.jacobian(state)[..., unseen] / block.sigma[..., None] for block in rows.blocks]
+    stacked = np.concatenate([part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in columns])
+    stacked = stacked / np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+    flat, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
+    flat = flat[:, sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)]
+    cuts = np.cumsum([part.shape[0] * part.shape[1] for part in columns])[:-1]
+    pieces = np.split(flat, cuts)
+    return [piece.reshape(*part.shape[:2], flat.shape[1]) for piece, part in zip(pieces, columns, strict=True)]

@@ -1,0 +1,249 @@
+"""How good a model is on rows that it never saw, and whether that is better than nominal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Self, TypeAlias, final
+
+import numpy as np
+
+from cellctl.calibration.outliers.inliers import OUTLYING
+from cellctl.kinematics import Bools, Floats
+
+Verdict: TypeAlias = Literal["better", "no better", "worse"]
+Baseline: TypeAlias = Literal["nominal", "prior", "both"]
+
+UNLIKELY = 0.01
+"""So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
+
+FAR = 1.25
+"""Found errors up to this many times those foreseen are of the size foreseen."""
+
+NOTHING_MM = 1e-6
+"""Differences up to this are arithmetic."""
+
+WORTH = 0.01
+"""A gain of less than this share of the mean distance changes nothing for anybody."""
+
+SLIGHT = 0.1
+"""A loss of less than this share of a prior model's mean distance is what parameters cost that did not have to be
+free, on the rows of a few folds; the model made from all rows loses less.
+"""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ErrorFigures:
+    """Mean, root mean square and greatest of a set of distances, mm; all 0 where there are none."""
+
+    mean: float
+    rms: float
+    max: float
+
+    @classmethod
+    def of(cls, errors: Floats) -> ErrorFigures:
+        """The figures of `errors` (N,), mm."""
+        if not errors.size:
+            return cls(0.0, 0.0, 0.0)
+        return cls(float(errors.mean()), float(np.sqrt(np.mean(errors**2))), float(errors.max()))
+
+
+def _joined(parts: Iterable[Floats]) -> Floats:
+    return np.concatenate([np.zeros(0), *parts])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Rows that a model never saw: distances from the nominal and from the identified robot (N,), mm; variance (N,) of
+    the latter as foreseen, mm²; chance (N,) of one as improbable as that found, or more so, by what was foreseen; left
+    (N,): the share of each row that is left where something was fitted to these very rows first (None: all of it).
+    prior: distances from a prior model that was updated, registered; None where there was none.
+    """
+
+    nominal: Floats
+    identified: Floats
+    variance: Floats
+    chance: Floats
+    left: Floats | None = None
+    prior: Floats | None = None
+
+    @classmethod
+    def joined(cls, parts: Iterable[Self]) -> Self:
+        """The rows of all parts, one after another."""
+        each = list(parts)
+        return cls(
+            nominal=_joined(part.nominal for part in each),
+            identified=_joined(part.identified for part in each),
+            variance=_joined(part.variance for part in each),
+            chance=_joined(part.chance for part in each),
+            left=_joined(np.ones(part.nominal.size) if part.left is None else part.left for part in each),
+            prior=_joined(priors) if (priors := [part.prior for part in each if part.prior is not None]) else None,
+        )
+
+    @property
+    def count(self) -> float:
+        """How many rows these are worth."""
+        return float(self.nominal.size if self.left is None else self.left.sum())
+
+    @property
+    def foreseen_rms(self) -> float:
+        """Foreseen root mean square of the identified robot's distances, mm; 0 without rows."""
+        return float(np.sqrt(self.variance.mean())) if self.variance.size else 0.0
+
+    @property
+    def inside(self) -> Bools:
+        """Which rows (N,) lie in their foreseen 95 % region."""
+        return np.asarray(self.chance >= 0.05)
+
+    @property
+    def unforeseen(self) -> Bools:
+        """Which rows (N,) lie where hardly any ever does: something is wrong with them, or with the model there."""
+        return np.asarray(self.chance < OUTLYING)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict and its reason, in words that follow a colon or a semicolon; against: the baseline that decided it;
+    whether the stated σ can be trusted (None: no row was held out) and the reason.
+    """
+
+    verdict: Verdict
+    reason: str
+    sigma_ok: bool | None
+    sigma_reason: str
+    against: Baseline = "nominal"
+
+
+def judge(
+    rows: HeldOut, doubts: Sequence[str] = (), sigma_doubts: Sequence[str] = (), *, beat_prior: bool = True
+) -> Judgement:
+    """Whether the identified robot is better than nominal, by `rows`, and whether its σ can be trusted: two questions.
+
+    doubts: why no row could show that it is better; sigma_doubts: why σ cannot be trusted, whatever the rows show.
+    Beside a prior model it has to be `better` than that, too (beat_prior: more than registration was free), or not
+    `worse` in the same paired test, but for a `SLIGHT` loss. The first of these that fails is the verdict.
+    `better` takes a gain beyond its own scatter (`paired_verdict`) and a smaller root mean square. σ is trusted if the
+    held-out errors are those predicted.
+    """
+    sigma = _sigma_trusted(rows, sigma_doubts)
+    verdict, reason = _compared(rows, rows.nominal, doubts)
+    over_nominal = Judgement(verdict, reason, *sigma)
+    if rows.prior is None:
+        return over_nominal
+    verdict, reason = _compared(rows, rows.prior, doubts)
+    if verdict == "worse" and rows.identified.mean() - rows.prior.mean() < SLIGHT * rows.prior.mean():
+        verdict, reason = "no better", "; ".join(doubts) or "it is no gain, and the loss is slight"
+    over_prior = Judgement(verdict, reason, *sigma, against="prior")
+    if "worse" in (over_prior.verdict, over_nominal.verdict):
+        return over_prior if over_prior.verdict == "worse" else over_nominal
+    if beat_prior and over_prior.verdict != "better":
+        return over_prior
+    both = over_nominal.verdict == over_prior.verdict == "better"
+    return replace(over_nominal, against="both") if both else over_nominal
+
+
+def _compared(rows: HeldOut, baseline: Floats, doubts: Sequence[str]) -> tuple[Verdict, str]:
+    """Whether the identified robot is better than one with the errors `baseline` (N,), mm, and why."""
+    verdict = paired_verdict(baseline, rows.identified, count=rows.count)
+    if verdict == "worse":
+        return verdict, "the loss is beyond its own scatter"
+    if doubts:
+        return "no better", "; ".join(doubts)
+    if verdict == "no better":
+        return verdict, "the difference is within its own scatter"
+    if baseline.mean() - rows.identified.mean() < WORTH * baseline.mean():
+        return "no better", "the gain is sure, and too small to matter"
+    before, after = ErrorFigures.of(baseline).rms, ErrorFigures.of(rows.identified).rms
+    if after >= before:
+        return "no better", f"the mean is smaller, the root mean square is not ({before:.3f} → {after:.3f})"
+    return "better", "the gain is beyond its own scatter"
+
+
+def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, str]:
+    if not rows.identified.size:
+        return None, "no row was held out"
+    if doubts:
+        return False, "; ".join(doubts)
+    found = ErrorFigures.of(rows.identified).rms
+    inside = f"{int(rows.inside.sum())} of {rows.inside.size} held-out rows lie in their 95 % region"
+    figures = f"{inside}; {rows.foreseen_rms:.3f} mm RMS predicted, {found:.3f} found"
+    return _foreseen(rows, found), figures
+
+
+def _foreseen(rows: HeldOut, found: float) -> bool:
+    """Whether the found errors (`found`: their RMS, mm) are those foreseen: enough in the 95 % regions, or the size."""
+    from scipy.stats import binom
+
+    count = max(round(rows.count), 1)
+    covered = float(binom.cdf(round(float(rows.inside.mean()) * count), count, 0.95)) >= UNLIKELY
+    return covered or rows.foreseen_rms * FAR >= found
+
+
+def paired_verdict(nominal: Floats, identified: Floats, *, count: float | None = None) -> Verdict:
+    """Whether the identified model's errors (N,), mm, are below nominal's on the same held-out rows.
+
+    Paired t test on the difference of the two errors row by row, two-sided at 5 %: what both share (a far corner of
+    the workspace, a noisy hour) drops out, and a gain that a few lucky rows could explain is `no better`. Fewer than
+    three rows prove nothing. count: how many rows these are worth, if fewer than there are: four touches that found
+    their sphere themselves say one thing, not four.
+    """
+    from scipy.stats import t
+
+    gain = nominal - identified
+    rows = gain.size if count is None else count
+    if rows < 3 or float(np.abs(gain).max()) < NOTHING_MM:
+        return "no better"
+    bound = float(t.ppf(0.975, rows - 1)) * float(gain.std(ddof=1)) / np.sqrt(rows)
+    if gain.mean() > bound:
+        return "better"
+    return "worse" if gain.mean() < -bound else "no better"
+
+
+def verdict_sentence(
+    verdict: Verdict,
+    nominal: ErrorFigures,
+    test: ErrorFigures,
+    rows: int,
+    kind: str,
+    reason: str = "the difference is within its own scatter",
+    prior: ErrorFigures | None = None,
+    against: Baseline = "nominal",
+) -> str:
+    """One sentence for a person: how good before, how good now, on how many held-out rows of what `kind`, and, where
+    it is no better, the `reason`. prior: figures of a prior model; against: what decided the verdict.
+    """
+    where = f"on {rows} held-out {kind}"
+    if prior is not None:
+        return _beside_prior(verdict, (nominal, prior, test), where, reason, against)
+    figures = f"{nominal.mean:.3f} → {test.mean:.3f} mm mean ({nominal.max:.3f} → {test.max:.3f} max)"
+    match verdict:
+        case "better":
+            return f"Better: {figures} {where}."
+        case "worse":
+            return f"Worse than nominal: {figures} {where}; do not use this model."
+        case _:
+            return f"No better than nominal: {figures} {where}; {reason}."
+
+
+def _beside_prior(
+    verdict: Verdict, three: tuple[ErrorFigures, ErrorFigures, ErrorFigures], where: str, reason: str, against: Baseline
+) -> str:
+    """The sentence where there is a prior model; three: figures of nominal, prior model, identified."""
+    names = zip(("nominal", "prior model", "identified"), three, strict=True)
+    means, greatest = (
+        ", ".join(f"{name} {each.mean:.3f}" for name, each in names),
+        (f"{each.max:.3f}" for each in three),
+    )
+    figures = f"{means} mm mean ({', '.join(greatest)} max) {where}"
+    than = {"nominal": "nominal", "prior": "the prior model", "both": "nominal and the prior model"}[against]
+    match verdict:
+        case "better":
+            beside = ", no worse than the prior model" if against == "nominal" else ""
+            return f"Better than {than}{beside}: {figures}."
+        case "worse":
+            return f"Worse than {than}: {figures}; do not use this model."
+        case _:
+            return f"No better than {than}: {figures}; {reason}."

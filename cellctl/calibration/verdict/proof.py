@@ -1,0 +1,136 @@
+"""What a proof on held-out rows takes, whatever they show: enough rows in the fit, and rows that go together."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from cellctl.calibration.estimation.identify import OVERDETERMINED, Identification
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.verdict.split import Split
+
+_AtPoints: TypeAlias = type[TouchRows | PlaneRows | SocketRows]
+
+_AT_LEAST: dict[_AtPoints, tuple[str, str, int]] = {
+    TouchRows: ("sphere", "touches", 4),
+    PlaneRows: ("plane", "touches", 4),
+    SocketRows: ("socket", "visits", 2),
+}
+"""What each kind is at, what its rows are called, and how many of them find its place and show that they agree."""
+
+TOO_NOISY = 10.0
+PER_SEEN = 5
+"""Rows that scatter `TOO_NOISY` times more than they say may be noisy, or contradict each other: it takes `PER_SEEN`
+numbers for each parameter that they determine to tell that."""
+
+
+def doubts(task: Task, split: Split, found: Identification) -> list[str]:
+    """Why no held-out row could show that `found` is better than nominal, in words; empty where nothing stands against
+    it.
+    """
+    if not split.judged:
+        return ["no row was held out"]
+    few = [words for fit, test in split.judged for words in _too_few(task, fit, test)]
+    scatter = _scatter(task, found) if task.partial else []  # anything beats a tool that is there no more
+    return [*dict.fromkeys(few), *_apart(found), *scatter, *_not_converged(found)]
+
+
+def sigma_doubts(task: Task, found: Identification) -> list[str]:
+    """Why the σ of `found` cannot be trusted whatever held-out rows show, in words; empty where nothing is against it.
+
+    A real robot has errors that no model here has, and its few touches scatter many times more than its repeatability:
+    that says nothing against a gain which other touches show plainly.
+    """
+    return [*_apart(found), *_scatter(task, found), *_not_converged(found)]
+
+
+def _apart(found: Identification) -> list[str]:
+    words = f"the rows of the fit do not fit together: {found.apart} of {len(found.used)} contradict the others"
+    return [words] if found.apart else []
+
+
+def _not_converged(found: Identification) -> list[str]:
+    return [] if found.identified.converged else [f"the fit did not converge: {found.identified.ended}"]
+
+
+def _scatter(task: Task, found: Identification) -> list[str]:
+    """Rows that scatter far beyond their stated σ, and are too few to tell noise from contradiction."""
+    numbers, noise = task.rows.pick(list(found.used)).size, float(found.noise.max())
+    if found.apart or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.seen_by_data:
+        return []
+    return [f"the rows of the fit do not fit together: they scatter {noise:.0f} times more than they say"]
+
+
+def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
+    """With hardly more numbers than unknowns *nominal* looks good on the rows of the fit, bad on all others, and
+    anything is better than that.
+    """
+    rows, held_out = task.rows.pick(fit), task.rows.pick(test)
+    needed = OVERDETERMINED * task.registering
+    if rows.size < needed:
+        each = -(-needed // int(rows.numbers.max(initial=1)))
+        return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]
+    rare = [words for kind in _AT_LEAST for words in _rarely_visited(task, rows, held_out, kind)]
+    return [*rare, *_rarely_shown(task, rows, held_out), *_short_sessions(task, rows, held_out)]
+
+
+def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+    """Sessions that the fit never saw and that judge by hardly more numbers than tie them to the robot."""
+    known = {block.session for block in rows.blocks if len(block)}
+    found = []
+    for number, session in enumerate(task.sessions):
+        sizes = [block.sigma.size for block in held_out.blocks if block.session == number and not _at_points(block)]
+        needed = OVERDETERMINED * (9 if "tool" in session.own else 6)
+        if number not in known and 0 < sum(sizes) < needed and session.own:
+            found.append(f"session {session.name} has {sum(sizes)} numbers to judge by, {needed} at least")
+    return found
+
+
+def _at_points(block: Measured) -> bool:
+    return isinstance(block, tuple(_AT_LEAST))
+
+
+def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: _AtPoints) -> list[str]:
+    """Points that judge without their place being known well enough: by the fit, or, unknown to it, by what judges."""
+    noun, visits, least = _AT_LEAST[kind]
+    of_fit, judging = _visits(task, rows, kind), _visits(task, held_out, kind)
+    known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
+    return [
+        f"{noun} {task.points[index]} has {known[index]} {visits} {where[index]}, {least} at least"
+        for index in np.flatnonzero((judging > 0) & (known < least))
+    ]
+
+
+def _rarely_shown(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+    """Instruments that judge without their zero being known well enough: besides its points, the lengths of each have
+    to find it, and to show that they agree.
+    """
+    (of_fit, found), (judging, finding) = _shown(task, rows), _shown(task, held_out)
+    known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
+    least = np.where(of_fit > 0, found, finding)
+    return [
+        f"zero {task.datums[index]} has {known[index]} lengths {where[index]}, {least[index]} at least"
+        for index in np.flatnonzero((judging > 0) & (known < least))
+    ]
+
+
+def _shown(task: Task, rows: Mixture) -> tuple[Any, Any]:
+    """How many lengths each instrument of unknown zero (D,) has, and how many it takes, with the points they go to."""
+    pairs = [
+        np.column_stack([block.datum, block.point])[block.datum >= 0]
+        for block in rows.blocks
+        if isinstance(block, TouchRows)
+    ]
+    shown = np.concatenate([np.zeros((0, 2), int), *pairs]).astype(int)
+    points = np.bincount(np.unique(shown, axis=0)[:, 0], minlength=len(task.datums))
+    return np.bincount(shown[:, 0], minlength=len(task.datums)), 3 * points + 1 + 1  # one zero, one that can disagree
+
+
+def _visits(task: Task, rows: Mixture, kind: _AtPoints) -> Any:
+    """How many rows of `kind` each point (S,) has."""
+    points = [block.point for block in rows.blocks if isinstance(block, kind)]
+    visited = np.concatenate([np.zeros(0, int), *points]).astype(int)
+    return np.bincount(visited, minlength=len(task.points))

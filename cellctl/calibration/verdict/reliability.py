@@ -1,0 +1,157 @@
+"""How far a model's own σ can be relied on, by cross-validation: among the measured joints, and outside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self, final
+
+import numpy as np
+from scipy.stats import binom, chi2
+
+from cellctl.calibration.effects import Discrepancy
+from cellctl.calibration.estimation.identify import Identification, Weights, certain
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.selection.cross_validation import Folded, Predicted
+from cellctl.calibration.selection.folds import end_folds, evenly, judging, random_folds
+from cellctl.kinematics import Floats
+
+OF_EACH_END = 60
+"""Rows of each end of a joint's range that are looked at, at most."""
+
+UNLIKELY = 0.1
+"""So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
+
+ROWS_AT_LEAST = 20
+WIDEST = 3.0
+
+FEW = 250
+"""Of so few rows each fold has a say in noise and prior scales: they are found without it."""
+
+OUTSIDE = 0.5
+"""A posture of which the measured ones leave more than this share of the variance is outside."""
+
+STEPS = 24
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """tails: by how much noise has to be wider than its σ for 95 % of held-out rows of the fit to be in their 95 %
+    regions; 1 where they are anyway. region: what to add outside the measured joints.
+    """
+
+    tails: float
+    region: MeasuredRegion
+
+    @classmethod
+    def of(cls, task: Task, found: Identification) -> Self:
+        """By random folds, and by the ends of the joints' ranges, of the rows of the fit."""
+        used = task.rows.pick(list(found.used))
+        if task.region is not None:  # what a prior model is worth outside, it says itself
+            return cls(1.0, task.region.with_angles(used.q))
+        most = float(np.sqrt(np.mean(used.errors(found.nominal.state) ** 2) / _axes(used)))
+        tails, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
+        in_space = float(np.sqrt(3.0) * np.hypot(outside, _own_discrepancy(found)))
+        return cls(tails, MeasuredRegion.of(used.q, in_space, _scatter(found, used)))
+
+
+def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tuple[float, float]:
+    """What noise has to be multiplied by for 95 % regions; 1 σ on each axis outside, mm, at most `most`."""
+    rows = used.pick(judging(len(used)))
+    unknowns, deviations = found.identified.unknowns, found.identified.deviations
+    registering = task.registration(unknowns)
+    folded = Folded.of(unknowns, deviations, rows, certain(task), random_folds(rows.q), registering)
+    logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
+    everything = np.ones(int(unknowns.free.sum()), bool)
+    inner = folded.predicted(everything, logs, again=len(rows) <= FEW)
+    tails = _tails(inner, folded.noise(logs)[inner.rows])
+    at_ends = end_folds(rows.q)
+    if not at_ends:
+        return tails, most
+    ends = folded.with_folds(at_ends).predicted(everything, logs, OF_EACH_END)
+    share = _left_by_the_others(rows.q, at_ends)
+    sigma = folded.mm[ends.rows]
+    per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+    return tails, _outside(ends, share, per_mm, most)
+
+
+def mostly_outside(measured: Floats, predicted: Floats) -> bool:
+    """Whether most of the postures `predicted` (M, n), rad, are outside those `measured` (N, n)."""
+    if not len(predicted) or len(measured) < ROWS_AT_LEAST:
+        return False
+    return float(np.median(Discrepancy.over(measured).remainder(predicted))) > OUTSIDE
+
+
+def _axes(rows: Mixture) -> int:
+    """How many axes a row's error has: 3 of a point, 1 of a distance."""
+    return max((sum(name != "rotation" for name in block.quantities) for block in rows.blocks if len(block)), default=1)
+
+
+def _scatter(found: Identification, used: Mixture) -> float:
+    """By how much the rows scatter beyond their stated σ, 1 σ, 3-D, mm. Of several kinds the one that does so least: of
+    the others it is the instrument.
+    """
+    excess = []
+    for block, _, own in used.parts():
+        lengths = np.array([name != "rotation" for name in block.quantities])
+        if len(block) and lengths.any():
+            grown = np.maximum(found.noise[own][lengths] ** 2 - 1.0, 0.0)
+            excess.append(float(np.mean(grown * block.sigma[:, lengths] ** 2)))
+    return float(np.sqrt(3.0 * min(excess, default=0.0)))
+
+
+def _own_discrepancy(found: Identification) -> float:
+    """1 σ, mm, of the model's own discrepancy where nothing was measured; 0 without one."""
+    unknowns = found.identified.unknowns
+    mine = unknowns.among(frozenset({"discrepancy"}))
+    return float(unknowns.sigma[mine].max()) if mine.any() else 0.0
+
+
+def _squares(residual: Floats, covariance: Floats) -> Floats:
+    return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
+
+
+def _tails(predicted: Predicted, noise: Floats) -> float:
+    """What the noise (N, k), 1 σ, has to be multiplied by for 95 % of the rows to be in their 95 % regions; 1 where
+    hardly fewer are.
+    """
+    known = ~predicted.placed
+    if not known.any():
+        return 1.0
+    residual, covariance, own = predicted.residual[known], predicted.covariance[known], noise[known] ** 2
+    limits = chi2.isf(0.05, np.count_nonzero(own > 0.0, axis=1))
+    added = own[:, :, None] * np.eye(own.shape[1])
+
+    def inside(factor: float) -> int:
+        return int(np.count_nonzero(_squares(residual, covariance + (factor**2 - 1.0) * added) <= limits))
+
+    if binom.cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
+        return 1.0
+    enough = (each for each in np.arange(1.0, WIDEST, 0.02) if inside(float(each)) >= 0.95 * len(residual))
+    return float(next(enough, WIDEST))
+
+
+def _left_by_the_others(q: Floats, folds: Sequence[Any]) -> Floats:
+    """The share of variance (M,) that the other rows leave at the rows of each fold that are looked at."""
+    others = [np.delete(np.arange(len(q)), test) for test in folds]
+    pairs = zip(folds, others, strict=True)
+    return np.concatenate([Discrepancy.over(q[rest]).remainder(q[evenly(test, OF_EACH_END)]) for test, rest in pairs])
+
+
+def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> float:
+    """1 σ on each axis, mm, outside: that under which the rows at the ends are most probable, `most` at most."""
+    known = ~ends.placed & (share > 0.0)
+    if not known.any():
+        return most
+    residual, covariance = ends.residual[known], ends.covariance[known]
+    added = (share[known, None] * per_mm[known] ** 2)[:, :, None] * np.eye(residual.shape[1])
+    best, chosen = -np.inf, most
+    for tried in most * np.append(0.0, np.geomspace(0.01, 1.0, STEPS)):
+        whole = covariance + tried**2 * added
+        fit = -0.5 * float(np.sum(_squares(residual, whole) + np.linalg.slogdet(whole)[1]))
+        if fit > best:
+            best, chosen = fit, float(tried)
+    return chosen

@@ -1,0 +1,132 @@
+"""A campaign's run: its folder and journal, the simulators where the cell is simulated, the devices, the engine."""
+
+from __future__ import annotations
+
+import asyncio
+import getpass
+import signal
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from cellctl.clock import Clock, WallClock, calendar_time
+from cellctl.devices.cell import ClockMode
+from cellctl.engine import Engine, Mailbox, Operator, Outcome, Plan, Surround, Watcher
+from cellctl.files import Document, sha256_of
+from cellctl.journal import Journal, OperatorAction, RunResumed, RunStarted, RunState, SourceFile
+from cellctl.operations.campaign import Campaign
+from cellctl.operations.connected import open_devices, tell_targets
+from cellctl.operations.parent import aborting_without, under_nohup
+from cellctl.operations.provenance import code_hash, versions
+from cellctl.operations.results import SIMULATOR_MEMORY
+from cellctl.operations.simulated import SimulatedCell
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
+
+    `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
+    `parent`: the process without which the run does not go on; None: there is none. `confirm_all`: every `confirm` step
+    is confirmed at once. `asking`: what stands between engine and watcher to ask the operator at a terminal.
+    """
+
+    seed: int | None
+    clock: ClockMode | None
+    simulator_extra: tuple[str, ...] = ()
+    resumed: RunState | None = None
+    acknowledged: bool = False
+    parent: int | None = None
+    confirm_all: bool = False
+    asking: Callable[[Watcher, Mailbox], Watcher] | None = None
+
+
+async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
+    """Run a campaign into `folder`, with simulators where the cell is simulated.
+
+    SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
+    Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
+    """
+    mailbox = Mailbox(Operator.here("--confirm-all") if options.confirm_all else None)
+    if options.asking:
+        watcher = options.asking(watcher, mailbox)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
+        who = Operator.here(signal.Signals(number).name)
+        loop.add_signal_handler(number, mailbox.abort, "aborted by the operator", who)
+    parent = Operator.here("end of the parent process")
+    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why, parent)):
+        return await _with_simulators(campaign, options, folder, mailbox, watcher)
+
+
+async def _with_simulators(
+    campaign: Campaign, options: Options, folder: Path, mailbox: Mailbox, watcher: Watcher
+) -> Outcome:
+    if not campaign.cell.simulated:
+        return await run_on(None, campaign, options, folder, mailbox, watcher)
+    memory = ("--state", str(folder / SIMULATOR_MEMORY))
+    extra = (*memory, *options.simulator_extra)
+    simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, extra)
+    try:
+        return await run_on(simulated, campaign, options, folder, mailbox, watcher)
+    finally:
+        simulated.stop()
+
+
+async def run_on(
+    simulated: SimulatedCell | None,
+    campaign: Campaign,
+    options: Options,
+    folder: Path,
+    mailbox: Mailbox,
+    watcher: Watcher,
+) -> Outcome:
+    """Run a campaign into `folder` on a running simulated cell, or on the real one (None)."""
+    clock = await simulated.clock() if simulated else WallClock()
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(clock.aclose)
+        seed = options.seed if options.seed is not None else campaign.cell.seed
+        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed))
+        devices = open_devices(campaign.cell, campaign.drivers, clock, simulated)
+        run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
+        plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
+        engine = Engine(plan, run, journal, mailbox, watcher, options.resumed)
+        return await engine.run(lambda: tell_targets(simulated, devices, clock))
+
+
+def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int) -> Journal:
+    """The run's journal, begun or gone on with, its first words written. Raises JournalError."""
+    if options.resumed is None:
+        journal = Journal.create(folder, clock.now_ns)
+        journal.append(_started(campaign, options, seed))
+        return journal
+    journal = Journal.reopen(folder, clock.now_ns)
+    said = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
+    options.resumed.apply(journal.append(said))
+    if options.acknowledged:
+        who = Operator.here("--acknowledge")
+        looked = OperatorAction("acknowledge", who.name, host=who.host, via=who.via, calendar=calendar_time())
+        options.resumed.apply(journal.append(looked))
+    return journal
+
+
+def _started(campaign: Campaign, options: Options, seed: int) -> RunStarted:
+    procedure, cell = campaign.procedure, campaign.cell
+    return RunStarted(
+        procedure=_source(procedure.document),
+        cell=_source(cell.document),
+        parameters=campaign.parameters,
+        seed=seed,
+        clock=(options.clock or cell.clock) if cell.simulated else "realtime",
+        operator=getpass.getuser(),
+        calendar=calendar_time(),
+        code_sha256=code_hash(),
+        versions=versions(),
+    )
+
+
+def _source(document: Document) -> SourceFile:
+    return SourceFile(document.file, document.text, sha256_of(document.text))
