@@ -2,6 +2,7 @@
 
 from cellctl.devices.addresses import Address
 from cellctl.devices.conditions import Conditions
+from cellctl.devices.driver import DriverDescription
 from cellctl.devices.errors import (
     DeviceError,
     DeviceFault,
@@ -44,6 +45,7 @@ __all__ = [
     "DeviceRefused",
     "DeviceUncertain",
     "DeviceUnreachable",
+    "DriverDescription",
     "Finding",
     "Guard",
     "Health",
