@@ -26,7 +26,6 @@ from cellctl.files import InputError
 from cellctl.journal import (
     DevicesConnected,
     Journal,
-    Recorded,
     RunEnded,
     RunState,
     StateChanged,
@@ -49,6 +48,7 @@ from cellctl.procedure import (
     resolve,
     step_path,
 )
+from cellctl.records import VerdictRow
 
 
 class Aborted(Exception):
@@ -111,8 +111,8 @@ class Engine:
             error, troubles, cancelled = await self._worked(after_connect)
         end = self._end_state(error, troubles)
         self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
-        verdict = next(reversed(self._record.recorded("verdict")), None)
-        self._recorder.append(RunEnded(end.value, verdict.get("verdict", "") if verdict else "", str(error or "")))
+        verdict = self._record.last(VerdictRow)
+        self._recorder.append(RunEnded(end.value, verdict.verdict if verdict else "", str(error or "")))
         self._mailbox.taken_by(lambda _: None)
         seconds = self._clock.now() - began
         if cancelled:
@@ -256,10 +256,8 @@ class Engine:
             attempt=attempt,
             run=self._run,
             needs=frozenset(kind.needs),
-            commit=lambda of, data: self._recorder.append(Recorded(of, data, path, attempt)),
-            tell=lambda text: self._recorder.said(path, text),
-            rows=self._record.recorded,
-            all_rows=self._record.all_recorded,
+            journal=self._record,
+            append=self._recorder.append,
         )
 
         async def done() -> dict[str, Any] | None:

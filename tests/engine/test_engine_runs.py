@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import CALLS, LOOP, FakeDevice, FakeRobot, engine_for, events_of
+from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeRobot, engine_for, events_of
 
 from cellctl.devices import NoContact
 from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, State
@@ -42,7 +42,7 @@ def test_every_attempt_is_an_event_and_rows_of_failed_attempts_do_not_count(tmp_
     assert [event.outcome for event in events_of(journal, StepEnded)] == ["failed", "done"]
     assert [event.attempt for event in events_of(journal, StepStarted)] == [1, 2]
     assert len(events_of(journal, Recorded)) == 2
-    assert engine._record.recorded("row") == [{"attempt": 2}]
+    assert engine._record.recorded(AttemptRow) == [AttemptRow(2)]
 
 
 def test_an_error_that_retry_does_not_name_ends_the_run_and_is_cleaned_up(tmp_path: Path) -> None:
@@ -228,7 +228,7 @@ def test_a_resumed_run_does_not_repeat_what_is_done_and_loses_no_row(tmp_path: P
         outcome = asyncio.run(Engine(plan, run, again, Mailbox(), None, record).run())
     assert outcome.state is State.FINISHED
     assert CALLS == ["double 3"]
-    assert fold(read_journal(journal.path)).recorded("doubled") == [{"value": 2}, {"value": 4}, {"value": 6}]
+    assert fold(read_journal(journal.path)).recorded(DoubledRow) == [DoubledRow(2), DoubledRow(4), DoubledRow(6)]
 
 
 def test_an_abort_before_anything_began_is_an_abort_and_connects_nothing(tmp_path: Path) -> None:

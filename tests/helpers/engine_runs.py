@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.files import parse_yaml
 from cellctl.journal import Journal, read_journal
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
+from cellctl.records import Row
 
 CALLS: list[str] = []
 
@@ -28,6 +30,18 @@ class Doubled(StepResult):
     value: int
 
 
+@dataclass(frozen=True)
+class DoubledRow(Row):
+    KIND = "doubled"
+    value: int
+
+
+@dataclass(frozen=True)
+class AttemptRow(Row):
+    KIND = "row"
+    attempt: int
+
+
 @step("test.numbers")
 async def numbers(context: StepContext, inputs: NoInputs) -> Numbers:
     """Give three numbers."""
@@ -38,14 +52,14 @@ async def numbers(context: StepContext, inputs: NoInputs) -> Numbers:
 async def double(context: StepContext, inputs: Value) -> Doubled:
     """Double a number."""
     CALLS.append(f"double {inputs.value}")
-    await context.record("doubled", {"value": 2 * inputs.value})
+    await context.record(DoubledRow(2 * inputs.value))
     return Doubled(value=2 * inputs.value)
 
 
 @step("test.flaky", moves=True)
 async def flaky(context: StepContext, inputs: NoInputs) -> None:
     """Fail at the first attempt, after recording something."""
-    await context.record("row", {"attempt": context.attempt})
+    await context.record(AttemptRow(context.attempt))
     if context.attempt == 1:
         raise NoContact("probe", "nothing there")
 
@@ -85,7 +99,7 @@ async def hold(context: StepContext, inputs: NoInputs) -> None:
 @step("test.look")
 async def look(context: StepContext, inputs: NoInputs) -> None:
     """Note what the step `touch` recorded."""
-    CALLS.append(f"counts {len(context.recorded('row'))}, recorded {len(context.all_recorded('row'))}")
+    CALLS.append(f"counts {len(context.recorded(AttemptRow))}, recorded {len(context.all_recorded(AttemptRow))}")
 
 
 KINDS = [numbers, double, flaky, forever, broken, lost, times_out, hold, look]
