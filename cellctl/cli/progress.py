@@ -80,6 +80,10 @@ class _Shown:
     def _left(self, path: str, index: int, count: int) -> str:
         if not 0 < index < count:
             return ""
-        seconds = (time.monotonic() - self._began[path]) / index * (count - index)
-        minutes, rest = divmod(round(seconds), 60)
-        return f"{minutes} min {rest:02d} s left" if minutes else f"{rest} s left"
+        return f"{time_left((time.monotonic() - self._began[path]) / index * (count - index))} left"
+
+
+def time_left(seconds: float) -> str:
+    """A time in words: `3 min 05 s`, `12 s`."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

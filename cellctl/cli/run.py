@@ -23,6 +23,7 @@ def run(
     detached: Annotated[
         bool, typer.Option(help="Go on when the process that started this one ends; so do runs under nohup and setsid.")
     ] = False,
+    confirm_all: Annotated[bool, typer.Option(help="Confirm every `confirm` step at once: nobody is asked.")] = False,
     simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
 ) -> None:
     """Check a procedure and run it on its cell (simulated where the cell file says so).
@@ -32,6 +33,7 @@ def run(
     Example: cellctl run procedures/sphere_selfcal.yaml --seed 3 --json result.json
     """
     from cellctl.cli.cell_warnings import say_warnings
+    from cellctl.cli.confirming import ConfirmingAtTerminal, interactive
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.progress import progress
     from cellctl.cli.run_end import exit_of, keep_json, report_of, say_end
@@ -40,7 +42,10 @@ def run(
     from cellctl.operations.parent import parent_of_run
     from cellctl.operations.start import new_run, run_to_resume
 
-    options = Options(seed, clock, tuple(simulator or ()), None, acknowledge, parent_of_run(detached=detached))
+    to_stdout = json_ == "-"
+    asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
+    extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)
+    options = Options(seed, clock, extra, None, acknowledge, parent, confirm_all, asking)
     refuse_outputs({"--json": json_}, [procedure, cell])
     campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
     refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
@@ -51,7 +56,6 @@ def run(
         prepared = new_run(campaign, runs, options)
     if prepared.table:
         typer.echo(f"cellctl: {prepared.table}", err=True)
-    to_stdout = json_ == "-"
     with progress(campaign, prepared.folder, quiet=to_stdout) as watcher:
         outcome, result = prepared.carry_out(watcher)
     say_end(outcome, result, prepared.folder, quiet=to_stdout)

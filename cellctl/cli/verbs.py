@@ -18,6 +18,7 @@ from cellctl.cli.ends import Interrupted
 from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
+from cellctl.cli.operate import abort, confirm, continue_, pause, status
 from cellctl.cli.predict import predict
 from cellctl.cli.report import report
 from cellctl.cli.run import run
@@ -77,8 +78,9 @@ def _options(
         os.environ["CELLCTL_DEBUG"] = "1"
 
 
+_RUNNING: tuple[Callable[..., None], ...] = (status, pause, continue_, abort, confirm)
 _VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, convert, runs, show, report)
-for _verb in _VERBS:
-    app.command(_verb.__name__)(_verb)
+for _verb in (*_VERBS, *_RUNNING):
+    app.command(_verb.__name__.rstrip("_"))(_verb)
 app.command("import")(import_data)
 app.add_typer(table, name="table")

@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar, final
 
 from pydantic import BaseModel, ConfigDict
 
+from cellctl.devices import DeviceUncertain
 from cellctl.devices import errors as device_errors
 from cellctl.files import canonical_json
 from cellctl.procedure.cell_check import CheckCell
@@ -88,8 +89,12 @@ class StepKind(Generic[Inputs, Result]):
         return None if result is None else result.model_dump(mode="json")
 
     def retryable(self) -> dict[str, type[Exception]]:
-        """Every error that `retry.on` may name, by name: the devices' errors, a time-out, and the step's own."""
-        return {**_DEVICE_ERRORS, "TimeoutError": TimeoutError, **self.errors}
+        """Every error that `retry.on` may name, by name: the devices' errors, a time-out, and the step's own.
+
+        `DeviceUncertain` is none of them: a person has to look before anything moves again.
+        """
+        errors = {name: error for name, error in self.errors.items() if not issubclass(error, DeviceUncertain)}
+        return {**_DEVICE_ERRORS, "TimeoutError": TimeoutError, **errors}
 
 
 AnyStepKind = StepKind[Any, Any]
@@ -97,7 +102,9 @@ AnyStepKind = StepKind[Any, Any]
 _DEVICE_ERRORS: dict[str, type[Exception]] = {
     name: value
     for name, value in vars(device_errors).items()
-    if isinstance(value, type) and issubclass(value, device_errors.DeviceError)
+    if isinstance(value, type)
+    and issubclass(value, device_errors.DeviceError)
+    and not issubclass(value, DeviceUncertain)
 }
 
 

@@ -11,6 +11,11 @@ def test_a_good_procedure_has_no_mistakes(mistakes, good):
     assert mistakes(good) == []
 
 
+def test_no_step_is_tried_again_after_an_uncertain_state(mistakes, good):
+    (mistake,) = mistakes(good.replace("NoContact", "DeviceUncertain"))
+    assert "never tried again after DeviceUncertain" in mistake
+
+
 def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, good):
     text = (
         good.replace("do: sphere.plan", "do: sphere.pln")
