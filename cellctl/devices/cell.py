@@ -107,7 +107,7 @@ class Cell:
 
 
 def _read(document: Document, content: dict[str, Any]) -> _CellModel:
-    """The file's content. Raises InputError; an address at top level, where devices once were, is told its place."""
+    """The file's content. Raises InputError; the cure of an address at top level names its new place."""
     misplaced = {key for key, value in content.items() if isinstance(value, str) and "://" in value}
     cure = "write it under `devices:`, as `devices: {NAME: ADDRESS}`"
     moved = [document.problem((key,), f"'{key}' is an address at top level", cure, key=True) for key in misplaced]
@@ -123,8 +123,8 @@ def _read(document: Document, content: dict[str, Any]) -> _CellModel:
 
 def table_correction_deg(document: Document) -> float:
     """The most that a compensation table may correct a joint by, deg, as the cell file says: `limits: {table: …}`."""
-    said = (document.data.get("limits") or {}).get(TABLE) or {}
-    return float(said.get("correction_deg", TABLE_CORRECTION_DEG))
+    stated = (document.data.get("limits") or {}).get(TABLE) or {}
+    return float(stated.get("correction_deg", TABLE_CORRECTION_DEG))
 
 
 def _table_limits(document: Document, model: _CellModel) -> list[Problem]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cellctl.devices import DeviceError, DeviceFault, DeviceRefused, LimitExceeded
-from drivers.kuka_rsi.eki_documents import Reply
+from drivers.kuka_rsi.eki.documents import Reply
 
 _LEAP_CURE = (
     "A set-point was too far from the one before. Does something else on this network answer the controller's "

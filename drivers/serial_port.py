@@ -1,15 +1,18 @@
-"""The serial port: opened exclusively, read with a bound, and every way of not opening told with its cure."""
+"""A serial port, for every driver of a device on one: its address, opening it exclusively, reading it with a bound.
+
+Every way of not opening is reported with its cure.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
 import select
-import termios
 from contextlib import suppress
-from typing import TYPE_CHECKING, final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self, final
 
-from cellctl.devices import DeviceUnreachable
+from cellctl.devices import Address, DeviceUnreachable
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -20,12 +23,40 @@ _WRITE_BOUND_S = 0.2
 """Wall time after which a line that cannot be sent says that nobody takes it."""
 
 _CURES = {
-    errno.ENOENT: "is the probe plugged in? `ls /dev/serial/by-id` shows the ports that are there",
+    errno.ENOENT: "is the {device} plugged in? `ls /dev/serial/by-id` shows the ports that are there",
     errno.EACCES: "let your user use serial ports: `sudo usermod -aG dialout $USER`, then log in again",
     errno.EBUSY: "another program has it open; `fuser -v {path}` names it",
     errno.EAGAIN: "another program has it open; `fuser -v {path}` names it",
 }
-_NO_PORT_CURE = "the address has to name a serial port, as `contact+serial:///dev/ttyACM0?baud=250000`"
+_NO_PORT_CURE = "the address has to name a serial port, as `{example}`"
+
+_BAUDS = range(1200, 4_000_001)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SerialPlace:
+    """What a device's address says of its port: `path` (`/dev/ttyACM0`), `baud`; `example`: a right address."""
+
+    path: str
+    baud: int
+    example: str
+
+    @classmethod
+    def of(cls, address: Address, default_baud: int) -> Self:
+        """The port in `SCHEME:///PATH?baud=…`. Raises ValueError for a host, no path, or an impossible baud rate."""
+        example = f"{address.scheme}:///dev/ttyACM0?baud={default_baud}"
+        if address.host or address.port is not None:
+            raise ValueError(f"'{address}' has a host; a serial port's address has three slashes, as {example}")
+        if not address.path.strip("/"):
+            raise ValueError(f"'{address}' names no serial port, as {example}")
+        baud = address.query.get("baud", str(default_baud))
+        if not (baud.isascii() and baud.isdigit() and int(baud) in _BAUDS):
+            raise ValueError(f"'{address}': baud has to be a whole number from 1200 to 4000000")
+        return cls(address.path, int(baud), example)
+
+    def __str__(self) -> str:
+        return f"{self.path} at {self.baud} baud"
 
 
 @final
@@ -73,19 +104,19 @@ class SerialPort:
             self._serial.close()
 
 
-def open_port(device: str, path: str, baud: int) -> SerialPort:
-    """Open `path` exclusively. Raises DeviceUnreachable, with the cure."""
-    from serial import Serial  # lazily: only who talks to a probe pays for it
+def open_port(device: str, place: SerialPlace) -> SerialPort:
+    """Open the port of `device` exclusively. Raises DeviceUnreachable, with the cure."""
+    import termios  # lazily, as it and pyserial are for those alone who talk to a port
+
+    from serial import Serial
 
     try:
-        return SerialPort(
-            Serial(path, baud, timeout=_READ_BOUND_S, exclusive=True),
-        )
+        return SerialPort(Serial(place.path, place.baud, timeout=_READ_BOUND_S, exclusive=True))
     except (OSError, ValueError, termios.error) as error:
         code = getattr(error, "errno", None) or _errno_in(error)
         reason = errno.errorcode.get(code or 0, str(error))
-        cure = _CURES.get(code or 0, _NO_PORT_CURE).format(path=path)
-        raise DeviceUnreachable(device, f"{path} cannot be opened ({reason})", cure) from error
+        cure = _CURES.get(code or 0, _NO_PORT_CURE).format(device=device, path=place.path, example=place.example)
+        raise DeviceUnreachable(device, f"{place.path} cannot be opened ({reason})", cure) from error
 
 
 def _errno_in(error: BaseException) -> int | None:

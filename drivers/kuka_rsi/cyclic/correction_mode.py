@@ -6,8 +6,9 @@ import math
 from enum import StrEnum
 from typing import final
 
-from drivers.kuka_rsi.limits import AXES, Correction
-from drivers.kuka_rsi.telegram import DECIMALS
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.limits import Correction
+from drivers.kuka_rsi.cyclic.telegram import DECIMALS
 
 
 @final

@@ -13,10 +13,10 @@ from dataclasses import asdict
 from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceUnreachable
-from drivers.kuka_rsi.cyclic import CyclicOrders
-from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.process import CyclicOrders
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.shared_block import SharedBlock
 
 _START_S = 60.0
 _END_S = 10.0
@@ -38,13 +38,13 @@ class CyclicProcess:
         settings: RsiSettings,
         block: SharedBlock,
         errors: IO[bytes],
-        said: dict[str, Any],
+        report: dict[str, Any],
     ) -> None:
-        host, port = said["listening"]
+        host, port = report["listening"]
         self.listening: tuple[str, int] = (host, port)
         self.heard = settings.heard
         self.tolerance = settings.tolerance
-        self.granted: dict[str, bool] = {name: said[name] for name in ("fifo", "mlock", "affinity")}
+        self.granted: dict[str, bool] = {name: report[name] for name in ("fifo", "mlock", "affinity")}
         self.block = block
         self.pid = child.pid
         self._child = child
@@ -69,7 +69,7 @@ class CyclicProcess:
             os.getpid(),
         )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic", orders.to_json()]
+        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", orders.to_json()]
         try:
             child = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, pass_fds=[memory]
@@ -77,19 +77,19 @@ class CyclicProcess:
         finally:
             os.close(memory)
         try:
-            said = await _first_words(child)
+            report = await _first_report(child)
         except TimeoutError:
             raise DeviceUnreachable(device, f"the RSI process did not start within {_START_S:g} s") from None
-        if "listening" in said:
-            return cls(child, settings, block, errors, said)
+        if "listening" in report:
+            return cls(child, settings, block, errors, report)
         await _reap(child)
-        raise _cannot_listen(device, settings.bind, said, errors)
+        raise _cannot_listen(device, settings.bind, report, errors)
 
     def alive(self) -> bool:
         """Whether it runs."""
         return self._child.poll() is None
 
-    def last_words(self) -> str:
+    def last_error_line(self) -> str:
         """The last line that it left on its error output."""
         return _last_line(self._errors)
 
@@ -100,7 +100,7 @@ class CyclicProcess:
         self._errors.close()
 
 
-async def _first_words(child: subprocess.Popen[bytes]) -> dict[str, Any]:
+async def _first_report(child: subprocess.Popen[bytes]) -> dict[str, Any]:
     assert child.stdout is not None
     reading = asyncio.create_task(asyncio.to_thread(child.stdout.readline))
     try:
@@ -111,8 +111,8 @@ async def _first_words(child: subprocess.Popen[bytes]) -> dict[str, Any]:
         await reading
         await _reap(child)
         raise
-    words: dict[str, Any] = json.loads(line) if line else {}
-    return words
+    report: dict[str, Any] = json.loads(line) if line else {}
+    return report
 
 
 async def _reap(child: subprocess.Popen[bytes]) -> None:
@@ -125,16 +125,16 @@ async def _reap(child: subprocess.Popen[bytes]) -> None:
         child.stdout.close()
 
 
-def _cannot_listen(device: str, bind: tuple[str, int], said: dict[str, Any], errors: IO[bytes]) -> DeviceUnreachable:
+def _cannot_listen(device: str, bind: tuple[str, int], report: dict[str, Any], errors: IO[bytes]) -> DeviceUnreachable:
     host, port = bind
-    if said.get("errno") == errno.EADDRINUSE:
+    if report.get("errno") == errno.EADDRINUSE:
         cure = (
             f"End the program that holds it (ss -lunp 'sport = :{port}'), or choose another port here and in the XML."
         )
         return DeviceUnreachable(device, f"UDP port {port} on {host} is taken", cure)
-    if "error" in said:
+    if "error" in report:
         cure = "The host in the address must be one of this computer's own, on the controller's RSI network."
-        return DeviceUnreachable(device, f"cannot bind {host}:{port}: {said['error']}", cure)
+        return DeviceUnreachable(device, f"cannot bind {host}:{port}: {report['error']}", cure)
     return DeviceUnreachable(device, f"the RSI process did not start: {_last_line(errors)}")
 
 

@@ -6,7 +6,7 @@ from typing import final
 
 from cellctl.clock import MinimumDelayFit
 from cellctl.devices import JointReadings, SearchEnd, SearchResult
-from drivers.kuka_rsi.shared_block import Sample, SearchStatus, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.shared_block import Sample, SearchStatus, SharedBlock, Slot
 
 _ALL_OF_IT_S = 86_400.0
 

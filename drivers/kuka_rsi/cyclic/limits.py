@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self, final
 
-AXES = 6
-"""Axes in a telegram and in a correction, whatever the robot has."""
+from drivers.kuka_rsi.axes import AXES
 
 Correction = tuple[float, ...]
 """Offset of A1…A6 from the pose at RSI_ON, degrees."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import Enum, auto
 from typing import final
 
-from drivers.kuka_rsi.cycle_timing import CYCLES_MS, CycleTiming
-from drivers.kuka_rsi.telegram import Telegram
+from drivers.kuka_rsi.cyclic.cycle_timing import CYCLES_MS, CycleTiming
+from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 DEFAULT_TOLERANCE = 100
 """Cycles without an answer after which the ETHERNET object gives up, as most contexts set its `Timeout`."""

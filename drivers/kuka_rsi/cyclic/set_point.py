@@ -7,7 +7,7 @@ from typing import final
 
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
-from drivers.kuka_rsi.limits import Correction, SearchLimits
+from drivers.kuka_rsi.cyclic.limits import Correction, SearchLimits
 
 
 @final

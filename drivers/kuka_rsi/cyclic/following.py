@@ -7,8 +7,8 @@ from collections import deque
 from enum import Enum, auto
 from typing import final
 
-from drivers.kuka_rsi.limits import Correction
-from drivers.kuka_rsi.telegram import Telegram
+from drivers.kuka_rsi.cyclic.limits import Correction
+from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 LONGEST_LAG_S = 0.15
 """Joints that follow show a set-point after this at the latest.

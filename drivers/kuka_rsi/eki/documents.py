@@ -9,7 +9,7 @@ from typing import final
 from xml.etree import ElementTree
 
 from cellctl.devices import JointReadings
-from drivers.kuka_rsi.telegram import AXIS_NAMES
+from drivers.kuka_rsi.axes import AXIS_NAMES
 
 LARGEST_DOCUMENT = 4096
 

@@ -8,12 +8,11 @@ from typing import final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-from drivers.kuka_rsi.limits import AXES, Correction
+from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi.cyclic.limits import Correction
 
 DECIMALS = 6
 """Of the corrections in a reply."""
-
-AXIS_NAMES = tuple(f"A{i}" for i in range(1, AXES + 1))
 
 LARGEST_IPOC = 10**15
 LARGEST_DELAY = 10**9

@@ -16,11 +16,10 @@ from cellctl.devices import (
     TableInfo,
     TableState,
 )
-from drivers.kuka_rsi.eki_channel import EkiChannel, Pending
-from drivers.kuka_rsi.eki_documents import Reply
-from drivers.kuka_rsi.refusals import refusal
-from drivers.kuka_rsi.seen_through import see_through
-from drivers.kuka_rsi.table_rows import (
+from drivers.kuka_rsi.eki.channel import EkiChannel, Pending
+from drivers.kuka_rsi.eki.documents import Reply
+from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.eki.table_rows import (
     MOST_ROWS,
     WrittenRow,
     activation,
@@ -33,6 +32,7 @@ from drivers.kuka_rsi.table_rows import (
     staging,
     written_rows,
 )
+from drivers.kuka_rsi.seen_through import see_through
 
 _LOOK = "Connect again and ask which table is active (cellctl table show) before anything relies on one."
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import final
 
-from drivers.kuka_rsi.correction_mode import CorrectionMode, WrittenCorrections
-from drivers.kuka_rsi.cycle_timing import CycleTiming
-from drivers.kuka_rsi.following import LONGEST_LAG_S, Following, Follows
-from drivers.kuka_rsi.limits import AXES, Correction, CycleWatch, Limit, SearchLimits
-from drivers.kuka_rsi.session import DEFAULT_TOLERANCE, Admission, Session
-from drivers.kuka_rsi.set_point import SetPoint
-from drivers.kuka_rsi.telegram import Telegram
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
+from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
+from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
+from drivers.kuka_rsi.cyclic.limits import Correction, CycleWatch, Limit, SearchLimits
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
+from drivers.kuka_rsi.cyclic.set_point import SetPoint
+from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 _STANDING_DEG = 0.001
 """Joints that stay within this span over `_STANDING_CYCLES` stand still (twice a common encoder's step)."""
@@ -29,52 +29,9 @@ _START_TOLERANCE_DEG = 0.1
 """The pose at RSI_ON may differ by this from the one that the search was planned from."""
 
 
-class Phase(IntEnum):
-    """Where a search is."""
-
-    IDLE = 0
-    LEARNING = 1
-    MOVING = 2
-    BRAKING = 3
-    SETTLING = 4
-    LEAVING = 5
-    OVER = 6
-
-
-class Cause(IntEnum):
-    """Why the set-point was brought to a stand."""
-
-    NONE = 0
-    STOPPED = 1
-    TRAVEL = 2
-    GUARD = 3
-    LIMIT = 4
-    START = 5
-    LOST = 6
-    LEFT = 7
-    BEHIND = 8
-    AHEAD = 9
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class SearchOrder:
-    """What is asked of the cyclic process.
-
-    `start`: the joints from which the line was planned; `correction`: offset at its end, degrees; `speed_deg_s`;
-    `guards_ns`: oldest beat allowed per guard slot, 0 where the slot guards nothing.
-    """
-
-    number: int
-    start: tuple[float, ...]
-    correction: Correction
-    speed_deg_s: float
-    guards_ns: tuple[int, ...]
-
-
 @final
 class SearchCycle:
-    """State of one search, in one RSI session.
+    """One search, in one RSI session: a CyclicTask.
 
     No answer differs from anything that the controller may still hold by more than the limits allow. It holds either
     the last set-point known to be taken or the last one sent, and the next one is not sent before the last is known to
@@ -82,9 +39,7 @@ class SearchCycle:
     repeated set-point, where it is taken at last, is one step (speed × cycle) from standstill, as a lost answer is one
     to a stand; and braking on a stop, see `CycleWatch`. Without Delay, see `Following` for what may pile up.
 
-    `cause`, `detail` (guard slot, which limit, or the rise of the count) and `age_ns` (of the guard) say why it ended;
-    `stop_cycles` counts the telegrams answered from the first with the stop known to the first whose set-point stood
-    still, both included; `missed` the telegrams that were not answered, by the controller's count.
+    `detail` is the guard slot, which limit, or the rise of the count, by `cause`; `age_ns` is the guard's.
     """
 
     def __init__(
@@ -94,6 +49,7 @@ class SearchCycle:
         mode: CorrectionMode = CorrectionMode.ABSOLUTE,
         tolerance_cycles: int = DEFAULT_TOLERANCE,
     ) -> None:
+        self.number = order.number
         self.order = order
         self.phase = Phase.LEARNING
         self.cause = Cause.NONE
@@ -127,11 +83,7 @@ class SearchCycle:
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
     ) -> tuple[Correction, bool]:
-        """The corrections (offsets or increments, by the mode) and the stop to answer an admitted `telegram` with.
-
-        `stopped`: the stop slot names this search; `beats`: last beat per guard slot, ns of the cell's time; `leave`:
-        the process must end.
-        """
+        """The corrections and the stop to answer an admitted `telegram` with; see CyclicTask."""
         taken = self._take_in(telegram, now_ns)
         self._look_for_trouble(now_ns, stopped, beats, leave)
         self._look_whether_it_follows(telegram)

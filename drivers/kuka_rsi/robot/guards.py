@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import final
 
 from cellctl.devices import Guard
-from drivers.kuka_rsi.shared_block import GUARDS, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.shared_block import GUARDS, SharedBlock, Slot
 
 ENGINE = "engine"
 """The engine's own beat, which guards every search."""

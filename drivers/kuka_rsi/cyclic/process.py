@@ -1,7 +1,7 @@
-"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic ORDERS`.
+"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
 
 It imports nothing of the engine, has its garbage collector off, and is in real time as far as permitted. It holds the
-robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout says where it
+robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout reports where it
 listens, or why it cannot.
 """
 
@@ -18,13 +18,15 @@ from dataclasses import asdict, dataclass
 from typing import Self, final
 
 from cellctl.clock.reading import reader_of
-from drivers.kuka_rsi.controller_line import ControllerLine
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.real_time import become_real_time
-from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.shared_block import SharedBlock
-from drivers.kuka_rsi.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.real_time import become_real_time
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
+from drivers.kuka_rsi.cyclic.task import CyclicTask, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 _LOOK_S = 0.05
 """Longest wait for a telegram before orders and the parent are looked at."""
@@ -41,7 +43,7 @@ _PR_SET_PDEATHSIG = 1
 @final
 @dataclass(frozen=True, slots=True)
 class CyclicOrders:
-    """What the process is told on its command line.
+    """What the process is given on its command line.
 
     `host`, `port`: to bind; `controller`: the host that is heard; `tolerance`: cycles without an answer after which a
     session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
@@ -88,18 +90,22 @@ class _Leaving:
 
 
 def run(orders: CyclicOrders) -> int:
-    """Bind, say where, and answer until told to leave; the exit code."""
+    """Bind, report where, and answer until asked to leave; the exit code."""
     leaving = _Leaving(orders.parent)
     try:
         line = ControllerLine.bind(orders.host, orders.port, orders.controller)
     except OSError as error:
-        _say({"errno": error.errno, "error": error.strerror})
+        _report({"errno": error.errno, "error": error.strerror})
         return 1
     block = SharedBlock(orders.memory)
     os.close(orders.memory)
     reply, limits, clock = ReplyFormat(orders.reply), SearchLimits(**orders.limits), reader_of(orders.clock)
-    responder = Responder(line, block, reply, limits, clock, orders.mode, orders.tolerance)
-    _say({"listening": line.place, **become_real_time()})
+
+    def task_of(order: SearchOrder) -> CyclicTask:
+        return SearchCycle(order, limits, orders.mode, orders.tolerance)
+
+    responder = Responder(line, block, reply, clock, task_of)
+    _report({"listening": line.place, **become_real_time()})
     _serve(line, responder, leaving)
     return 0
 
@@ -113,11 +119,11 @@ def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> Non
         responder.answer(leave=go)
         if go:
             give_up = give_up or time.monotonic() + _LEAVE_S
-            if not ready or not responder.searching or time.monotonic() > give_up:
+            if not ready or not responder.busy or time.monotonic() > give_up:
                 return
 
 
-def _say(what: dict[str, object]) -> None:
+def _report(what: dict[str, object]) -> None:
     print(json.dumps(what), flush=True)
 
 

@@ -14,8 +14,8 @@ from enum import IntEnum
 from ipaddress import IPv4Address
 from typing import Self, final
 
-from drivers.kuka_rsi.limits import AXES
-from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchCycle, SearchOrder
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
 
 GUARDS = 8
 """Guard slots; slot 0 is the engine's own heartbeat."""
@@ -30,7 +30,7 @@ class Slot(IntEnum):
     """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
 
     `STOP`: number of the search to be stopped, 0 where no stop stands. `SESSION`: number of the search for which the
-    controller has said that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
+    controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
     """
 
     STOP = 0
@@ -84,7 +84,7 @@ class Sample:
 @final
 @dataclass(frozen=True, slots=True)
 class SearchStatus:
-    """What the cyclic process says about the search `number`, as in `SearchCycle`."""
+    """What the cyclic process reports of the task `number`, as in `CyclicTask`."""
 
     number: int
     phase: Phase
@@ -133,7 +133,7 @@ class SharedBlock:
             self.words[Slot.STOP] = number
 
     def announce_session(self, number: int) -> None:
-        """The controller has said that RSI is on, for search `number`: its telegrams may be answered."""
+        """The controller has reported that RSI is on, for search `number`: its telegrams may be answered."""
         self.words[Slot.SESSION] = number
 
     def release(self) -> None:
@@ -177,18 +177,18 @@ class SharedBlock:
         """Last beat of each guard, ns of the cell's time, as it stands at each look."""
         return self.words[Slot.BEATS : Slot.BEATS + GUARDS]
 
-    def publish(self, search: SearchCycle, telegrams: int) -> None:
-        """Say how `search` stands after `telegrams` of its telegrams."""
+    def publish(self, task: CyclicTask, telegrams: int) -> None:
+        """Publish the state of `task` after `telegrams` of its telegrams."""
         words = self.words
-        words[Slot.CAUSE] = search.cause
-        words[Slot.DETAIL] = search.detail
-        words[Slot.AGE] = search.age_ns
-        words[Slot.STOP_CYCLES] = search.stop_cycles
-        words[Slot.IPOC_STEP] = search.timing.ipoc_step
-        words[Slot.CYCLE] = search.timing.cycle_ns
-        words[Slot.PHASE] = search.phase
+        words[Slot.CAUSE] = task.cause
+        words[Slot.DETAIL] = task.detail
+        words[Slot.AGE] = task.age_ns
+        words[Slot.STOP_CYCLES] = task.stop_cycles
+        words[Slot.IPOC_STEP] = task.timing.ipoc_step
+        words[Slot.CYCLE] = task.timing.cycle_ns
+        words[Slot.PHASE] = task.phase
         words[Slot.SEARCH_TELEGRAMS] = telegrams
-        words[Slot.SEARCH] = search.order.number
+        words[Slot.SEARCH] = task.number
 
     def add_sample(self, sample: Sample) -> None:
         """Write a sample over the oldest."""

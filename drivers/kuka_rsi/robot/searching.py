@@ -10,14 +10,14 @@ from typing import final
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd, SearchResult
-from drivers.kuka_rsi.eki_channel import ANSWER_S, EkiChannel, Pending
-from drivers.kuka_rsi.eki_documents import Reply
-from drivers.kuka_rsi.limits import Limit
-from drivers.kuka_rsi.process import CyclicProcess
-from drivers.kuka_rsi.refusals import refusal
-from drivers.kuka_rsi.search_cycle import Cause, SearchOrder
-from drivers.kuka_rsi.search_record import SearchRecord
-from drivers.kuka_rsi.shared_block import SearchStatus, Slot
+from drivers.kuka_rsi.cyclic.limits import Limit
+from drivers.kuka_rsi.cyclic.shared_block import SearchStatus, Slot
+from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
+from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending
+from drivers.kuka_rsi.eki.documents import Reply
+from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
+from drivers.kuka_rsi.robot.search_record import SearchRecord
 
 _FIRST_TELEGRAM_S = 2.0
 _SILENCE_S = 2.0
@@ -32,8 +32,8 @@ _FOLLOWED_DEG = 0.1
 """Where an axis rests further than this from the end of the line, the corrections had no full effect."""
 
 
-def elsewhere(process: CyclicProcess) -> str:
-    """How many datagrams came from another address than the controller's, in words."""
+def foreign_datagrams(process: CyclicProcess) -> str:
+    """How many datagrams came from another address than the controller's, as text."""
     sender = process.block.foreign_sender()
     last = f" (the last one seen from {sender})" if sender else ""
     return f"{process.block.words[Slot.FOREIGN]} datagrams came from elsewhere than {process.heard}{last}"
@@ -42,7 +42,7 @@ def elsewhere(process: CyclicProcess) -> str:
 @final
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A search ordered of the cyclic process. `guards`: names by slot, for what is said about them."""
+    """A search ordered of the cyclic process. `guards`: names by slot, for messages about them."""
 
     device: str
     clock: Clock
@@ -85,7 +85,7 @@ class Search:
         host, port = self.process.listening
         raise DeviceLost(
             self.device,
-            f"RSI is on, and no telegram came within {_FIRST_TELEGRAM_S:g} s; {elsewhere(self.process)}",
+            f"RSI is on, and no telegram came within {_FIRST_TELEGRAM_S:g} s; {foreign_datagrams(self.process)}",
             f"Where the controller sends from another address than {self.process.heard}, write controller=IP into the "
             f"robot's address. It must send to this computer's address on the RSI network, port {port} (<IP_NUMBER> "
             f"and <PORT> in {self.configuration}); bound here: {host}:{port}. Let UDP through the firewall, and keep "
@@ -127,7 +127,7 @@ class Search:
 
     def _look_for_loss(self) -> None:
         if not self.process.alive():
-            raise DeviceLost(self.device, f"the RSI process ended: {self.process.last_words()}")
+            raise DeviceLost(self.device, f"the RSI process ended: {self.process.last_error_line()}")
         status = self._status()
         if status.cause is Cause.LOST:
             raise self._lost(status)
@@ -161,7 +161,7 @@ class Search:
         raise self._trouble(status)
 
     def _short_of_the_end(self, resting: tuple[float, ...]) -> str:
-        """The axes that rest away from the end of the line, in words; empty where none does."""
+        """The axes that rest away from the end of the line, as text; empty where none does."""
         away = [rest - a - b for rest, a, b in zip(resting, self.order.start, self.order.correction, strict=True)]
         return ", ".join(f"A{i} {off:+.2f} deg off" for i, off in enumerate(away, 1) if abs(off) > _FOLLOWED_DEG)
 

@@ -1,23 +1,22 @@
 """Answers the controller: receive, read stop and guards, plan, reply; in this order, once for the newest telegram.
 
-Nothing is answered before a search is ordered and its session announced, nor after the release. Not answering is safe:
-a session's output begins at zero, and later it is held. Zero is not.
+Nothing is answered before a task is ordered and its session announced, nor after the release. Not answering is safe: a
+session's output begins at zero, and later it is held. Zero is not.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
 from cellctl.clock.reading import TimeReader
-from drivers.kuka_rsi.controller_line import ControllerLine, Place
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cycle_timing import AnswerDelay
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.search_cycle import Phase, SearchCycle
-from drivers.kuka_rsi.session import DEFAULT_TOLERANCE, Admission
-from drivers.kuka_rsi.shared_block import Sample, SharedBlock, Slot
-from drivers.kuka_rsi.telegram import ReplyFormat, Telegram, read_telegram
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine, Place
+from drivers.kuka_rsi.cyclic.cycle_timing import AnswerDelay
+from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.shared_block import Sample, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.task import CyclicTask, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, Telegram, read_telegram
 
 _SHORTEST_CYCLE_NS = 4_000_000
 
@@ -34,33 +33,29 @@ class _Waiting:
 
 @final
 class Responder:
-    """The cyclic process's work on the controller's line."""
+    """The cyclic process's work on the controller's line; `task_of` makes the task of an order."""
 
     def __init__(
         self,
         line: ControllerLine,
         block: SharedBlock,
         reply: ReplyFormat,
-        limits: SearchLimits,
         clock: TimeReader,
-        mode: CorrectionMode = CorrectionMode.ABSOLUTE,
-        tolerance_cycles: int = DEFAULT_TOLERANCE,
+        task_of: Callable[[SearchOrder], CyclicTask],
     ) -> None:
         self._line = line
         self._block = block
         self._reply = reply
-        self._limits = limits
         self._clock = clock
-        self._mode = mode
-        self._tolerance = tolerance_cycles
+        self._task_of = task_of
         self._beats = block.beats()
         self._foreign = 0
         self._expect(None)
 
     @property
-    def searching(self) -> bool:
-        """Whether a search has been ordered and not been released."""
-        return self._search is not None
+    def busy(self) -> bool:
+        """Whether a task has been ordered and not been released."""
+        return self._task is not None
 
     @property
     def waits_for_announcement(self) -> bool:
@@ -77,21 +72,21 @@ class Responder:
         self.take_order()
         admitted = self._admitted(self._current(received, now_ns))
         self._show_foreign()
-        if self._search and admitted:
-            self._answer_newest(self._search, admitted, now_ns, leave)
+        if self._task and admitted:
+            self._answer_newest(self._task, admitted, now_ns, leave)
 
     def take_order(self) -> None:
-        """Look whether a search was ordered or released since."""
+        """Look whether a task was ordered or released since."""
         number = self._block.words[Slot.ORDER]
-        if number == (self._search.order.number if self._search else 0):
+        if number == (self._task.number if self._task else 0):
             return
-        self._expect(SearchCycle(self._block.order(), self._limits, self._mode, self._tolerance) if number else None)
-        if self._search:
-            self._block.publish(self._search, 0)
+        self._expect(self._task_of(self._block.order()) if number else None)
+        if self._task:
+            self._block.publish(self._task, 0)
 
-    def _expect(self, search: SearchCycle | None) -> None:
-        """From now on only telegrams of the session of `search` are answered; without one, none."""
-        self._search = search
+    def _expect(self, task: CyclicTask | None) -> None:
+        """From now on only telegrams of the session of `task` are answered; without one, none."""
+        self._task = task
         self._sender: Place | None = None
         self._early: list[_Waiting] = []
         self._telegrams = 0
@@ -104,7 +99,7 @@ class Responder:
         self._early = []
         if self._sender is None:  # none was answered yet: whatever is older may be another session's
             waiting = [one for one in waiting[-1:] if now_ns - one.arrival_ns < _SHORTEST_CYCLE_NS]
-        if self._search and self._block.words[Slot.SESSION] != self._search.order.number:
+        if self._task and self._block.words[Slot.SESSION] != self._task.number:
             self._early, waiting = waiting, []
         return waiting
 
@@ -123,49 +118,49 @@ class Responder:
         return waiting
 
     def _admitted(self, waiting: list[_Waiting]) -> list[_Waiting]:
-        search = self._search
-        return [one for one in waiting if self._admit(search, one)] if search else []
+        task = self._task
+        return [one for one in waiting if self._admit(task, one)] if task else []
 
-    def _admit(self, search: SearchCycle, one: _Waiting) -> bool:
+    def _admit(self, task: CyclicTask, one: _Waiting) -> bool:
         self._sender = one.sender
-        admission = search.admit(one.telegram)
+        admission = task.admit(one.telegram)
         if admission is Admission.STALE:
             self._count(Slot.STALE)
         elif admission is Admission.BEYOND:
             self._count(Slot.BEYOND)
-            self._block.publish(search, self._telegrams)
+            self._block.publish(task, self._telegrams)
         return admission is Admission.ANSWERABLE
 
-    def _answer_newest(self, search: SearchCycle, admitted: list[_Waiting], now_ns: int, leave: bool) -> None:
+    def _answer_newest(self, task: CyclicTask, admitted: list[_Waiting], now_ns: int, leave: bool) -> None:
         """Nothing that others read changes after the reply has left: in lockstep the cell's time goes on with it."""
-        if search.phase is Phase.OVER:  # by a later telegram among these
+        if task.phase is Phase.OVER:  # by a later telegram among these
             return
         for one in admitted:
-            self._take_in(search, one.telegram, now_ns)
+            self._take_in(task, one.telegram, now_ns)
         newest = admitted[-1]
         self._count(Slot.SKIPPED, len(admitted) - 1)
-        reply = self._plan(search, newest.telegram, now_ns, leave, skipped=len(admitted) - 1)
-        self._count_late(search, newest.telegram, now_ns)
+        reply = self._plan(task, newest.telegram, now_ns, leave, skipped=len(admitted) - 1)
+        self._count_late(task, newest.telegram, now_ns)
         try:
             self._line.send(reply, newest.sender)
         except OSError:  # the sender's socket is gone; it counts the answer as late
             self._count(Slot.LATE)
 
-    def _take_in(self, search: SearchCycle, telegram: Telegram, now_ns: int) -> None:
+    def _take_in(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
         self._telegrams += 1
         self._count_reported(telegram)
-        self._block.add_sample(Sample(search.order.number, telegram.ipoc, now_ns, telegram.joints))
+        self._block.add_sample(Sample(task.number, telegram.ipoc, now_ns, telegram.joints))
 
-    def _plan(self, search: SearchCycle, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
-        stopped = self._block.words[Slot.STOP] == search.order.number
-        missed_before = search.missed
-        correction, stop = search.answer(telegram, now_ns, stopped, self._beats, leave=leave)
-        self._count(Slot.LOST, max(0, search.missed - missed_before - skipped))
-        self._block.publish(search, self._telegrams)
+    def _plan(self, task: CyclicTask, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
+        stopped = self._block.words[Slot.STOP] == task.number
+        missed_before = task.missed
+        correction, stop = task.answer(telegram, now_ns, stopped, self._beats, leave=leave)
+        self._count(Slot.LOST, max(0, task.missed - missed_before - skipped))
+        self._block.publish(task, self._telegrams)
         return self._reply.write(correction, stop, telegram.ipoc_text)
 
-    def _count_late(self, search: SearchCycle, telegram: Telegram, now_ns: int) -> None:
-        timing = search.timing
+    def _count_late(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
+        timing = task.timing
         if not timing.learnt:
             return
         sent_ns = telegram.ipoc * timing.cycle_ns // timing.ipoc_step

@@ -9,7 +9,7 @@ from typing import final
 
 from cellctl.clock import Clock, Wire
 from cellctl.devices import DeviceError, DeviceLost, DeviceUnreachable, JointReadings
-from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, read_document, write_command
+from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, read_document, write_command
 
 ANSWER_S = 10.0
 """Longest wait, in the cell's time, for what the controller does at once."""

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 from cellctl.devices import ControllerTable, TableInfo, TableRow, TableState
-from drivers.kuka_rsi.telegram import AXIS_NAMES
+from drivers.kuka_rsi.axes import AXIS_NAMES
 
 BLOCK_ROWS = 2
 """Rows sent or asked for at once; the channel allows ten. The controller works their sums out in KRL, some 3500
