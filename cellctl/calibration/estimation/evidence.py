@@ -241,6 +241,10 @@ class System:
         unlikely = 0.5 * (without[factor] / SCALE_SIGMA) ** 2  # of so small a scale, which stands for none
         return best - self.evidence(without)[0] - unlikely, {**fixed, **tuned}
 
+    def _of_effects_in_order(self, logs: Mapping[Factor, float]) -> list[Factor]:
+        """Those of `of_effects` in `logs`. A set has another order in each process, and a sum other last digits."""
+        return [factor for factor in self.loose if factor in self.of_effects and factor in logs]
+
     @property
     def _open(self) -> list[Factor]:
         closed = {self.loose[place] for place in self.closed}
@@ -294,7 +298,7 @@ class System:
             widened = np.diag(known @ (np.outer(x, x) + covariance) @ known - known)
         own = np.exp(2.0 * tolerances) * self.change * widened
         slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
-        for factor in self.of_effects & logs.keys():
+        for factor in self._of_effects_in_order(logs):
             value -= 0.5 * (logs[factor] / SCALE_SIGMA) ** 2
             slopes[factor] -= logs[factor] / SCALE_SIGMA**2
         return float(value), slopes
