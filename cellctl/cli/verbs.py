@@ -20,6 +20,7 @@ from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
 from cellctl.cli.operate import abort, confirm, continue_, pause, status
 from cellctl.cli.predict import predict
+from cellctl.cli.replay import replay
 from cellctl.cli.report import report
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
@@ -79,7 +80,8 @@ def _options(
 
 
 _RUNNING: tuple[Callable[..., None], ...] = (status, pause, continue_, abort, confirm)
-_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, convert, runs, show, report)
+_FILES: tuple[Callable[..., None], ...] = (fit, predict, compensate, convert)
+_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, *_FILES, runs, show, report, replay)
 for _verb in (*_VERBS, *_RUNNING):
     app.command(_verb.__name__.rstrip("_"))(_verb)
 app.command("import")(import_data)
