@@ -40,6 +40,7 @@ def run(
     from cellctl.operations.parent import parent_of_run
     from cellctl.operations.start import new_run, run_to_resume
 
+    _refuse(resume, acknowledge, seed, clock)
     options = Options(seed, clock, tuple(simulator or ()), None, acknowledge, parent_of_run(detached=detached))
     refuse_outputs({"--json": json_}, [procedure, cell])
     campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
@@ -58,3 +59,22 @@ def run(
     keep_json(result, json_, prepared.folder)
     report_of(prepared.folder)
     raise typer.Exit(exit_of(outcome))
+
+
+def _refuse(resume: Path | None, acknowledge: bool, seed: int | None, clock: str | None) -> None:
+    """Raise InputError for options that a new run, or a resumed one, has no use for."""
+    from cellctl.files import InputError, Problem
+
+    if resume is None:
+        cure = "give --resume RUN with it, or leave it out"
+        problems = [Problem("--acknowledge", 0, 0, "goes with a run that is resumed", cure)] if acknowledge else []
+    else:
+        cure = "leave it out, or run the procedure anew"
+        given = {"--seed": seed, "--clock": clock}
+        problems = [
+            Problem(option, 0, 0, "a resumed run keeps the one that it was begun with", cure)
+            for option, value in given.items()
+            if value is not None
+        ]
+    if problems:
+        raise InputError(problems)

@@ -111,6 +111,7 @@ def test_a_wild_row_is_left_out_and_named(cellctl, files):
         (["--prior", "old.json"], "old.json: cannot be read"),
         (["--holdout", "1.5"], "--holdout"),
         (["--folds", "1"], "--folds"),
+        (["--folds", "61"], "61 folds, but the data set has 60 usable rows"),
         (["--folds", "3", "--holdout", "0.2"], "one of"),
         (["--column", "who"], "--column"),
         (["--holdout", "0.97"], "rows to fit"),
