@@ -14,7 +14,7 @@ import typer
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
 from cellctl.cli.outputs import Unwritten, refuse_outputs
-from cellctl.files import Document, InputError, load_yaml
+from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
     from cellctl.formats import Measurements, ModelFile, RobotFile
@@ -134,7 +134,14 @@ class _Files:
         loaders: list[Callable[[], Any]] = [lambda: _robot(robot), lambda: DataSet.load(data)]
         loaders.append(lambda: load_artefact(artefact) if artefact else None)
         loaders.append(lambda: ModelFile.load(prior) if prior else None)
-        (document, robot_file), rows, points, older = _all_of(loaders)
+        try:
+            (document, robot_file), rows, points, older = _all_of(loaders)
+        except InputError as error:
+            if _is_robot(data):
+                what = f"is taken for the robot file, and the data set {data} is a robot file: they are swapped"
+                cure = f"cellctl fit {data} {robot}"
+                raise InputError(Problem(str(robot), 0, 0, what, cure)) from error
+            raise
         hashes = {"data_sha256": rows.sha256}
         if points:
             hashes["artefact_sha256"] = sha256_of(points.model_dump())
@@ -149,6 +156,15 @@ def _robot(path: Path) -> tuple[Document, RobotFile]:
 
     document = load_yaml(path)
     return document, RobotFile.from_document(document)
+
+
+def _is_robot(path: Path) -> bool:
+    """Whether a file holds a robot, whatever mistakes are in it."""
+    try:
+        content = load_yaml(path).data
+    except InputError:
+        return False
+    return isinstance(content, dict) and {"convention", "joints"} <= content.keys()
 
 
 def _name(path: Path) -> str:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cellctl.cli.ends import SHOWN
+
 if TYPE_CHECKING:
     from cellctl.formats.pendant import Imported
 
@@ -76,5 +78,7 @@ def _words(result: Imported, out: Path | None) -> str:
     count = len(result.records)
     lines = [f"{out or 'data set'}: {count} row{'s' * (count != 1)}", *(f"  {each}" for each in result.decided)]
     if result.left_out:
-        lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out)]
+        lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out[:SHOWN])]
+    if len(result.left_out) > SHOWN:
+        lines.append(f"  … and {len(result.left_out) - SHOWN} more (--json names them all)")
     return "\n".join(lines)

@@ -32,6 +32,7 @@ def run(
     Example: cellctl run procedures/sphere_selfcal.yaml --seed 3 --json result.json
     """
     from cellctl.cli.cell_warnings import say_warnings
+    from cellctl.cli.ends import NOTHING_MOVED, adding
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.progress import progress
     from cellctl.cli.run_end import exit_of, keep_json, report_of, say_end
@@ -40,20 +41,21 @@ def run(
     from cellctl.operations.parent import parent_of_run
     from cellctl.operations.start import new_run, run_to_resume
 
-    _refuse(resume, acknowledge, seed, clock)
-    options = Options(seed, clock, tuple(simulator or ()), None, acknowledge, parent_of_run(detached=detached))
-    refuse_outputs({"--json": json_}, [procedure, cell])
-    campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
-    refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
-    say_warnings(campaign.cell)
-    if resume:
-        prepared = run_to_resume(campaign, runs, resume, set_ or [], options)
-    else:
-        prepared = new_run(campaign, runs, options)
+    with adding(NOTHING_MOVED):
+        _refuse(resume, acknowledge, seed, clock)
+        options = Options(seed, clock, tuple(simulator or ()), None, acknowledge, parent_of_run(detached=detached))
+        refuse_outputs({"--json": json_}, [procedure, cell])
+        campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
+        refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
+        say_warnings(campaign.cell)
+        if resume:
+            prepared = run_to_resume(campaign, runs, resume, set_ or [], options)
+        else:
+            prepared = new_run(campaign, runs, options)
     if prepared.table:
         typer.echo(f"cellctl: {prepared.table}", err=True)
     to_stdout = json_ == "-"
-    with progress(campaign, prepared.folder, quiet=to_stdout) as watcher:
+    with adding(NOTHING_MOVED), progress(campaign, prepared.folder, quiet=to_stdout) as watcher:
         outcome, result = prepared.carry_out(watcher)
     say_end(outcome, result, prepared.folder, quiet=to_stdout)
     keep_json(result, json_, prepared.folder)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from cellctl.cli.ends import Exit
+from cellctl.cli.ends import Exit, adding
 from cellctl.cli.outputs import refuse_outputs
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
     async def work(store: TableStore, who: Any) -> dict[str, Any]:
         return await push_checked(store, who, file, table, place)
 
-    result = _on(place, work)
+    with adding("nothing was written"):
+        result = _on(place, work)
     if place.cell.simulated and state is None:
         typer.echo("cellctl: the simulated controller has forgotten it again: --state FILE is its memory", err=True)
     _say(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
