@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
+from cellctl.cli import arguments
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
 from cellctl.cli.outputs import Unwritten, refuse_outputs
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def fit(
-    robot: Annotated[Path, typer.Argument(help="Robot file: nominal link table, joints, base, tool.")],
+    robot: arguments.Robot,
     data: Annotated[Path, typer.Argument(help="Data set, CSV (docs/reference/data-sets.md).")],
     measure: Annotated[
         str | None, typer.Option(help="Use rows of one kind: position|pose|sphere|plane|socket|distance. Default: all.")
@@ -51,18 +52,16 @@ def fit(
     column: Annotated[str | None, typer.Option(help="The column that says fit or test: set.")] = None,
     by: Annotated[str | None, typer.Option(help="Hold out each value of this column in turn: session.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is held out at random.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Write the model to this file.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model to this file.")] = None,
     page: Annotated[Path | None, typer.Option("--report", help="Write pictures and figures to this HTML file.")] = None,
-    json_: Annotated[
-        str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
-    ] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Identify a robot from measurements and say how good it was and is, on held-out rows.
 
     Ends with 0 where the identified robot is better than nominal (and holds against the prior model), 1 where it is
     not, 2 where the input is wrong.
 
-    Example: cellctl fit procedures/robots/ur10.yaml ur10.csv --column set --out model.json
+    Example: cellctl fit ur10 ur10.csv --column set --out model.json
 
     Same robot, instrument moved: cellctl fit robot.yaml ten.csv --prior model.json --out moved.json
 

@@ -7,19 +7,19 @@ from typing import Annotated, Literal
 
 import typer
 
+from cellctl.cli import arguments
+
 
 def run(
-    procedure: Annotated[Path, typer.Argument(help="Procedure file.")],
-    cell: Annotated[Path | None, typer.Option(help="Cell file instead of the one that the procedure names.")] = None,
-    set_: Annotated[list[str] | None, typer.Option("--set", help="A parameter, name=value; may be repeated.")] = None,
+    procedure: arguments.Procedure,
+    cell: arguments.OtherCell = None,
+    set_: arguments.Settings = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the plan, and of a simulated cell's errors.", min=0)] = None,
     clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="A simulated cell's time.")] = None,
     runs: Annotated[Path, typer.Option(help="Folder for the run's folder.")] = Path("runs"),
     resume: Annotated[Path | None, typer.Option(help="Go on with this run (its folder, or its name).")] = None,
     acknowledge: Annotated[bool, typer.Option(help="With --resume: I have looked at the robot, it may move.")] = False,
-    json_: Annotated[
-        str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
-    ] = None,
+    json_: arguments.Json = None,
     detached: Annotated[
         bool, typer.Option(help="Go on when the process that started this one ends; so do runs under nohup and setsid.")
     ] = False,
@@ -29,7 +29,7 @@ def run(
 
     Ctrl-C, SIGTERM, a closed terminal and the end of the process that started it abort the run, with its clean-up.
 
-    Example: cellctl run procedures/sphere_selfcal.yaml --seed 3 --json result.json
+    Example: cellctl run sphere_selfcal --seed 3 --json result.json
     """
     from cellctl.cli.cell_warnings import say_warnings
     from cellctl.cli.ends import NOTHING_MOVED, adding

@@ -11,6 +11,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.operations.simulated import simulation_mistakes
+from cellctl.operations.system import require_cells
 from cellctl.procedure import CellFiles, Procedure, StepRegistry, check_cell, checked_parameters, load_procedure
 
 
@@ -39,6 +40,7 @@ def load_campaign(
     seed: the run's, None: the cell file's. resumed: the steps found nothing to refuse when the run began, and are not
     asked again. Raises InputError with all mistakes in the files and in the settings.
     """
+    require_cells()
     drivers, registry = DriverRegistry(), StepRegistry.installed()
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)

@@ -100,7 +100,7 @@ def simulator_command(
     cell: Path, seed: int | None, clock: ClockMode | None, ready: Path | None, extra: tuple[str, ...] = ()
 ) -> list[str]:
     """The command that runs the simulators of the cell file `cell`, to die with this process."""
-    command = [sys.executable, "-m", "sims", "run", str(cell), "--parent", str(os.getpid()), *extra]
+    command = [sys.executable, "-P", "-m", "sims", "run", str(cell), "--parent", str(os.getpid()), *extra]
     if ready:
         command += ["--ready", str(ready)]
     if seed is not None:
@@ -112,7 +112,7 @@ def simulator_command(
 
 def simulation_mistakes(document: Document, path: Path) -> list[Problem]:
     """What the simulators find wrong with a cell file, each placed in it. They start nothing for that."""
-    command = [sys.executable, "-m", "sims", "check", str(path)]
+    command = [sys.executable, "-P", "-m", "sims", "check", str(path)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 2) or not done.stdout:
         raise DeviceUnreachable("simulator", f"cannot check {path}:\n{done.stderr.strip()}")
