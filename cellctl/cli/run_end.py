@@ -62,7 +62,7 @@ def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bo
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
         if not quiet:
-            print(result["sentence"] or "Finished.")
+            _print_verdict(result["verdict"], result["sentence"] or "Finished.")
             if result["stops"]:
                 print(stops_line(result["stops"]))
             print(f"Run folder: {folder}")
@@ -76,6 +76,14 @@ def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bo
         lines.append(f"    {said}")
     lines.append(f"    {result['points']} touches are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
+
+
+def _print_verdict(verdict: str | None, sentence: str) -> None:
+    """The verdict on stdout, in its colour on a terminal."""
+    from rich.console import Console
+
+    style = {"better": "bold green", "no better": "bold yellow", "worse": "bold red"}.get(verdict or "", "")
+    Console(highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
 
 
 def _where_the_robot_is(outcome: Outcome) -> str:

@@ -12,7 +12,15 @@ from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.operations.simulated import simulation_mistakes
 from cellctl.operations.system import require_cells
-from cellctl.procedure import CellFiles, Procedure, StepRegistry, check_cell, checked_parameters, load_procedure
+from cellctl.procedure import (
+    CellFiles,
+    Procedure,
+    StepRegistry,
+    check_cell,
+    checked_parameters,
+    expected_passes,
+    load_procedure,
+)
 
 
 @final
@@ -25,6 +33,11 @@ class Campaign:
     cell: Cell
     registry: StepRegistry
     drivers: DriverRegistry
+
+    @property
+    def expected_passes(self) -> int:
+        """How many passes the loops will have together, as far as that is known before the run."""
+        return expected_passes(self.procedure, self.parameters, self.registry)
 
 
 def load_campaign(
