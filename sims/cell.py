@@ -143,7 +143,11 @@ def read_cell(path: Path) -> SimCell:
     if "simulate" not in cell.entries:
         problems.append("it has no 'simulate:' section: it is a real cell")
     model = cell.word("model")
-    addresses = {key: value for key, value in cell.entries.items() if isinstance(value, str) and "://" in value}
+    for key, value in cell.entries.items():
+        if isinstance(value, str) and "://" in value:
+            cell.note(key, "is an address at top level; write it under `devices:`")
+    devices = cell.below("devices")
+    addresses = {name: devices.word(name) for name in devices.entries}
     found = SimCell(
         path=path,
         name=cell.word("name", path.stem),

@@ -116,3 +116,8 @@ def test_the_published_schema_names_what_the_reader_knows(request, edited):
         cell["simulate"] = simulate
 
     assert edited(defaults).simulate == edited(lambda cell, _: cell.update(simulate={})).simulate
+
+
+def test_an_address_at_top_level_is_told_where_it_belongs(edited):
+    found = problems(edited, lambda cell, _: cell.update(cell.pop("devices")))
+    assert found == [f"{name}: is an address at top level; write it under `devices:`" for name in ("probe", "robot")]
