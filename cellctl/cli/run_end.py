@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from cellctl.cli.ends import Exit
 from cellctl.cli.outputs import write_json
 from cellctl.engine import Outcome, State
 from cellctl.files import InputError
-from cellctl.journal import JournalError, fold, read_journal
+from cellctl.journal import JournalError, RunResult, fold, read_journal
 from cellctl.operations.results import table_line
 
 _BY_STATE = {
@@ -21,10 +19,10 @@ _BY_STATE = {
 }
 
 
-def keep_json(result: dict[str, Any], target: str | None, folder: Path) -> None:
+def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
     """`write_json` of a run's result. One that fails spoils no run: it is said on stderr, and can be had again."""
     try:
-        write_json(result, target)
+        write_json(result.to_json(), target)
     except OSError as error:
         again = f"have it again with: cellctl show {folder} --json FILE"
         print(f"cellctl: no JSON: {target}: {error.strerror or error}\n    {again}", file=sys.stderr)
@@ -44,27 +42,18 @@ def exit_of(outcome: Outcome) -> Exit:
     """The exit code of a run's end."""
     if outcome.state is not State.FINISHED:
         return Exit.BAD_INPUT if isinstance(outcome.error, InputError) else _BY_STATE[outcome.state]
-    better = outcome.verdict is None or outcome.verdict.get("verdict") == "better"
+    better = outcome.verdict is None or outcome.verdict.better
     return Exit.GOOD if better else Exit.NOT_BETTER
 
 
-def stops_line(stops: Mapping[str, Any]) -> str:
-    """How the searches stopped, in a line."""
-    return (
-        f"Stops: over-travel {stops['overtravel_mean_mm']:.3f} mm mean ({stops['overtravel_max_mm']:.3f} max), within "
-        f"{stops['stop_cycles_max']} cycles; telegrams late {stops['late']}, lost {stops['lost']}, skipped "
-        f"{stops['skipped']}."
-    )
-
-
-def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bool) -> None:
+def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
         if not quiet:
-            _print_verdict(result["verdict"], result["sentence"] or "Finished.")
-            if result["stops"]:
-                print(stops_line(result["stops"]))
+            _print_verdict(result.verdict, result.sentence or "Finished.")
+            for line in result.lines:
+                print(line)
             print(f"Run folder: {folder}")
         if said := table_line(state, folder, only_unproved=True):
             print(f"cellctl: {said}", file=sys.stderr)
@@ -74,7 +63,7 @@ def say_end(outcome: Outcome, result: dict[str, Any], folder: Path, *, quiet: bo
     lines.append(f"    {_where_the_robot_is(outcome)}")
     if said := table_line(state, folder):
         lines.append(f"    {said}")
-    lines.append(f"    {result['points']} touches are recorded in {folder}")
+    lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
 
 

@@ -39,6 +39,7 @@ class _CellModel(BaseModel):
     devices: dict[str, Any] = Field(default_factory=dict)
     limits: dict[str, dict[str, float]] = Field(default_factory=dict)
     artefact: dict[str, Any] | None = None
+    postures: dict[str, Any] | None = None
     simulate: _Simulate | None = None
 
 

@@ -18,9 +18,10 @@ from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFil
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.connected import open_devices, tell_targets
 from cellctl.operations.parent import aborting_without, under_nohup
-from cellctl.operations.provenance import code_hash, versions
+from cellctl.operations.provenance import code_hash, sources, versions
 from cellctl.operations.results import SIMULATOR_MEMORY
 from cellctl.operations.simulated import SimulatedCell
+from cellctl.procedure import section_of
 
 
 @final
@@ -81,28 +82,29 @@ async def run_on(
     async with AsyncExitStack() as stack:
         stack.push_async_callback(clock.aclose)
         seed = options.seed if options.seed is not None else campaign.cell.seed
-        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed))
+        record = options.resumed or RunState()
+        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed, record))
         devices = open_devices(campaign.cell, campaign.drivers, clock, simulated)
         run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
-        engine = Engine(plan, run, journal, mailbox, watcher, options.resumed)
+        engine = Engine(plan, run, journal, mailbox, watcher, record)
         return await engine.run(lambda: tell_targets(simulated, devices, clock))
 
 
-def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int) -> Journal:
-    """The run's journal, begun or gone on with, its first words written. Raises JournalError."""
+def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int, record: RunState) -> Journal:
+    """The run's journal, begun or gone on with; its first event is written and in `record`. Raises JournalError."""
+    event: RunStarted | RunResumed
     if options.resumed is None:
-        journal = Journal.create(folder, clock.now_ns)
-        journal.append(_started(campaign, options, seed))
-        return journal
-    journal = Journal.reopen(folder, clock.now_ns)
-    said = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
-    options.resumed.apply(journal.append(said))
+        journal, event = Journal.create(folder, clock.now_ns), _started(campaign, options, folder.name, seed)
+    else:
+        journal = Journal.reopen(folder, clock.now_ns)
+        event = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
+    record.apply(journal.append(event))
     return journal
 
 
-def _started(campaign: Campaign, options: Options, seed: int) -> RunStarted:
-    procedure, cell = campaign.procedure, campaign.cell
+def _started(campaign: Campaign, options: Options, name: str, seed: int) -> RunStarted:
+    procedure, cell, files = campaign.procedure, campaign.cell, sources()
     return RunStarted(
         procedure=_source(procedure.document),
         cell=_source(cell.document),
@@ -111,9 +113,18 @@ def _started(campaign: Campaign, options: Options, seed: int) -> RunStarted:
         clock=(options.clock or cell.clock) if cell.simulated else "realtime",
         operator=getpass.getuser(),
         calendar=calendar_time(),
-        code_sha256=code_hash(),
+        code_sha256=sha256_of(files),
         versions=versions(),
+        robot=_robot(cell.robot_file),
+        sources=files,
+        name=name,
+        section=section_of(campaign.procedure, campaign.registry),
     )
+
+
+def _robot(file: Path) -> SourceFile:
+    text = file.read_text(encoding="utf-8")
+    return SourceFile(str(file), text, sha256_of(text))
 
 
 def _source(document: Document) -> SourceFile:

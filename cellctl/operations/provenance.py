@@ -1,17 +1,18 @@
-"""What a run was made with: versions of the main libraries, and a hash of our own code."""
+"""What a run was made with: versions of the main libraries, and hashes of the code."""
 
 from __future__ import annotations
 
-import hashlib
 import platform
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
 from pathlib import Path
 
 from cellctl import __version__
+from cellctl.files import sha256_of
 
+_GROUPS = ("cellctl.devices", "cellctl.steps")
 _LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
-_PACKAGES = ("cellctl", "drivers", "procedures")
 
 
 def versions() -> dict[str, str]:
@@ -25,14 +26,24 @@ def versions() -> dict[str, str]:
     return found
 
 
+def sources() -> dict[str, str]:
+    """Every Python file of cellctl and of the packages with drivers and steps: name → SHA-256 of its content."""
+    points = (point for group in _GROUPS for point in entry_points(group=group))
+    packages = {"cellctl", *(point.module.partition(".")[0] for point in points)}
+    files = sorted((name, file) for package in packages for name, file in _files(package))
+    return {name: sha256_of(file.read_bytes()) for name, file in files}
+
+
 def code_hash() -> str:
-    """SHA-256 over every Python source of ours, by name and content: the same code, the same hash."""
-    digest = hashlib.sha256()
-    for package in _PACKAGES:
-        spec = find_spec(package)
-        for folder in spec.submodule_search_locations or () if spec else ():
-            root = Path(folder)
-            for file in sorted(root.rglob("*.py")):
-                digest.update(f"{package}/{file.relative_to(root).as_posix()}\0".encode())
-                digest.update(file.read_bytes())
-    return digest.hexdigest()
+    """SHA-256 over `sources`: the same code, the same hash."""
+    return sha256_of(sources())
+
+
+def _files(package: str) -> Iterator[tuple[str, Path]]:
+    spec = find_spec(package)
+    folders = spec.submodule_search_locations if spec else None
+    if spec and spec.origin and not folders:
+        yield f"{package}.py", Path(spec.origin)
+    for root in map(Path, folders or ()):
+        for file in root.rglob("*.py"):
+            yield f"{package}/{file.relative_to(root).as_posix()}", file

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from cellctl.clock import calendar_time
 from cellctl.engine import Outcome
 from cellctl.files import InputError, Problem
-from cellctl.journal import PushedTable, RunState, fold, read_journal
+from cellctl.journal import PushedTable, RunResult, RunState, fold, read_journal
 
 SIMULATOR_MEMORY = "simulated_cell.json"
 """Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
@@ -35,39 +34,16 @@ def new_run_folder(runs: Path, procedure: str) -> Path:
     raise InputError(Problem(str(runs), 0, 0, f"holds 999 runs '{stem}' already", "give another folder with --runs"))
 
 
-def result_of(folder: Path, outcome: Outcome, wall_s: float) -> dict[str, Any]:
-    """The result of a run, as `--json` gives it."""
-    state = fold(read_journal(folder))
-    verdict = outcome.verdict or {}
-    return {
-        "run": folder.name,
-        "state": outcome.state.value,
-        "verdict": verdict.get("verdict"),
-        "sentence": verdict.get("sentence"),
-        "points": len(state.recorded("touch")),
-        "before": verdict.get("before"),
-        "after": verdict.get("after"),
-        "model": verdict.get("model"),
-        "table": table_of(state),
-        "held_out": verdict.get("held_out"),
-        "standoff": verdict.get("standoff"),
-        "drift": verdict.get("drift"),
-        "error": str(outcome.error) if outcome.error else None,
-        "stops": verdict.get("stops"),
-        "simulated_s": round(outcome.seconds, 3),
-        "wall_s": round(wall_s, 3),
-    }
-
-
-def table_of(state: RunState) -> dict[str, Any] | None:
-    """The table that the run pushed: id, rows, pushed, verified, active (null: not known), state; None without one."""
-    table = PushedTable.of_run(state)
-    return {**table.row, "state": table.state} if table else None
+def result_of(folder: Path, outcome: Outcome, wall_s: float) -> RunResult:
+    """The result of a run that this process ran."""
+    error = str(outcome.error) if outcome.error else None
+    known = {"state": outcome.state.value, "error": error, "simulated_s": outcome.seconds, "wall_s": wall_s}
+    return RunResult.of(folder.name, fold(read_journal(folder)), **known)
 
 
 def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) -> str:
     """What became of the table that the run pushed, and what to do where it may be in force unproved; may be empty."""
-    table = PushedTable.of_run(state)
+    table = PushedTable.of(state)
     if table is None or (only_unproved and not table.unproved_in_force):
         return ""
     if not table.unproved_in_force:

@@ -6,9 +6,10 @@ import asyncio
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 from cellctl.engine import Outcome, Watcher
+from cellctl.journal import RunResult
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.launch import Options, run_campaign
 from cellctl.operations.results import new_run_folder, result_of, table_line
@@ -29,7 +30,7 @@ class PreparedRun:
         """What became of the table that a resumed run pushed before; empty where it pushed none."""
         return table_line(self.options.resumed, self.folder) if self.options.resumed else ""
 
-    def carry_out(self, watcher: Watcher) -> tuple[Outcome, dict[str, Any]]:
+    def carry_out(self, watcher: Watcher) -> tuple[Outcome, RunResult]:
         """Run it to its end; how it ended, and its result. Raises what `run_campaign` raises."""
         began = time.monotonic()
         outcome = asyncio.run(run_campaign(self.campaign, self.options, self.folder, watcher))

@@ -2,7 +2,7 @@
 
 from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell, expected_passes
 from cellctl.procedure.check import Devices, check, checked_parameters
-from cellctl.procedure.context import Row, StepContext
+from cellctl.procedure.context import StepContext
 from cellctl.procedure.inputs import inputs_of
 from cellctl.procedure.loader import load_procedure, read_procedure
 from cellctl.procedure.model import (
@@ -20,6 +20,7 @@ from cellctl.procedure.model import (
 from cellctl.procedure.parameters import resolve_parameters
 from cellctl.procedure.references import Reference, UnresolvedReference, resolve
 from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
+from cellctl.procedure.section import section_of
 from cellctl.procedure.steps import AnyStepKind, NoInputs, StepInputs, StepKind, StepResult, step
 
 __all__ = [
@@ -37,7 +38,6 @@ __all__ = [
     "Procedure",
     "Reference",
     "Retry",
-    "Row",
     "Step",
     "StepContext",
     "StepInputs",
@@ -55,6 +55,7 @@ __all__ = [
     "read_procedure",
     "resolve",
     "resolve_parameters",
+    "section_of",
     "step",
     "step_path",
     "walk",

@@ -16,6 +16,7 @@ from cellctl.devices import errors as device_errors
 from cellctl.files import canonical_json
 from cellctl.procedure.cell_check import CheckCell, ExpectedPasses
 from cellctl.procedure.context import StepContext
+from cellctl.records import VerdictRow
 
 Inputs = TypeVar("Inputs", bound=BaseModel)
 Result = TypeVar("Result", bound="BaseModel | None")
@@ -47,8 +48,8 @@ class StepKind(Generic[Inputs, Result]):
 
     `needs`: device name → the Protocol that it has to follow. `moves`: it moves or writes, so that a crash in it leaves
     an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name. `check`: raises what the
-    step would refuse of the cell, before the run. `title`: what the operator reads while it runs. `expects`: see
-    `ExpectedPasses`.
+    step would refuse of the cell, before the run. `verdict`: the row that it records, where it records the verdict of a
+    campaign. `title`: what the operator reads while it runs. `expects`: see `ExpectedPasses`.
     """
 
     name: str
@@ -62,6 +63,12 @@ class StepKind(Generic[Inputs, Result]):
     check: CheckCell | None = None
     title: str = ""
     expects: ExpectedPasses | None = None
+    verdict: type[VerdictRow] | None = None
+
+    @property
+    def computes(self) -> bool:
+        """Whether it needs no device: then its result follows from the journal alone, and can be replayed."""
+        return not self.needs and not self.moves
 
     async def __call__(self, context: StepContext, inputs: Inputs) -> Result:
         """Do the step."""
@@ -105,6 +112,7 @@ def step(
     check: CheckCell | None = None,
     title: str = "",
     expects: ExpectedPasses | None = None,
+    verdict: type[VerdictRow] | None = None,
 ) -> Callable[[Callable[[StepContext, Inputs], Awaitable[Result]]], StepKind[Inputs, Result]]:
     """Make a kind of step of `async def name(context, inputs: Model) -> Result | None`.
 
@@ -127,6 +135,7 @@ def step(
             check=check,
             title=title,
             expects=expects,
+            verdict=verdict,
         )
 
     return make

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cellctl.devices import (
     DeviceError,
     DeviceFault,
@@ -13,73 +11,65 @@ from cellctl.devices import (
 )
 from cellctl.devices.cell import table_correction_deg
 from cellctl.formats import RobotFile, TableFile
-from cellctl.journal import PUSH_ROWS, PushedTable
+from cellctl.journal import PushedTable
 from cellctl.operations.table import controller_table, in_force, push_verified, refuse_table
 from cellctl.procedure import StepContext
+from cellctl.records import TablePushRow, TableStateRow
 
 
-async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> dict[str, Any]:
+async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> TableStateRow:
     """Push the table in the run folder, read the active one back, compare; the row to record.
 
-    A `push` row is recorded before: a run that is cut off in the push has said which table may be in force. Where the
-    table is in force already (a resumed run) it is not pushed again: a rollback would go from the table to itself.
+    A `TablePushRow` is recorded before: a run that is cut off in the push has said which table may be in force. Where
+    the table is in force already (a resumed run) it is not pushed again: a rollback would go from the table to itself.
 
     Raises InputError where the file is not table `table_id` or must not go to this controller, DeviceFault where the
     controller holds something else, and what the device raises.
     """
     file = context.run_folder / "table.json"
-    table, who = TableFile.load(file), await robot.connect()
+    table, who = TableFile.load(file), context.identity("robot")
     limit = table_correction_deg(context.cell)
     refuse_table(table, file, who, RobotFile.load(context.robot_file), limit, made=table_id)
-    begins = _row(table, active=None)
-    await push_verified(robot, who.serial, controller_table(table), lambda: context.record("push", begins))
-    return _row(table, active=True)
+    begins = TablePushRow(table.id, len(table.rows), False, False, None, table.max_correction_deg)
+    await push_verified(robot, who.serial, controller_table(table), lambda: context.record(begins))
+    return TableStateRow(table.id, len(table.rows), True, True, True, table.max_correction_deg)
 
 
-async def require_in_force(context: StepContext, robot: TableStore) -> None:
+async def require_in_force(robot: TableStore, table_id: str) -> None:
     """Raise DeviceRefused where the run's table is not in force: the rows of another one lead elsewhere."""
-    table_id = context.recorded("proof")[-1]["table"]
     if not in_force(await robot.table_state(), table_id):
         cure = "Run the procedure anew; one whose push has `on_resume: always` can be resumed after its clean-up."
         raise DeviceRefused("robot", f"table {table_id[:12]} of this run is not in force; nothing was moved", cure)
 
 
-async def take_back(context: StepContext, robot: TableStore, row: dict[str, Any]) -> dict[str, Any]:
+async def take_back(context: StepContext, robot: TableStore, row: TableStateRow) -> TableStateRow:
     """Put the table before the run's one, whose last row is `row`, into force again; the row that says so, recorded.
 
     Nothing is done where the run's table is not in force. Raises DeviceUncertain where it may be afterwards.
     """
-    short = row["id"][:12]
     try:
         state = await robot.table_state()
-        if in_force(state, row["id"]):
+        if in_force(state, row.id):
             state = await robot.rollback_table()
-        if in_force(state, row["id"]):
+        if in_force(state, row.id):
             raise DeviceFault("robot", "it was pushed twice and is still in force after one rollback")
     except DeviceError as error:
-        await context.record("table", {**row, "active": None})
-        what = f"table {short} was pushed by this run, is not proved, and may still be in force"
+        await context.record(_of_table(row, active=None))
+        what = f"table {row.short} was pushed by this run, is not proved, and may still be in force"
         raise DeviceUncertain("robot", f"{what}: {error.what}", error.cure) from error
-    taken = {**row, "active": False}
-    await context.record("table", taken)
+    taken = _of_table(row, active=False)
+    await context.record(taken)
     return taken
 
 
 async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
     """`take_back` of a table that this run pushed and has not proved; nothing where there is none."""
-    table = PushedTable.of(context.all_recorded(*PUSH_ROWS), context.recorded("verdict"))
+    table = PushedTable.of(context)
     if table is not None and table.unproved_in_force:
-        await take_back(context, robot, dict(table.row))
-        context.say(f"table {table.short} is not proved and no longer in force: the one before it is")
+        await take_back(context, robot, table.row)
+        context.say(f"table {table.row.short} is not proved and no longer in force: the one before it is")
 
 
-def _row(table: TableFile, active: bool | None) -> dict[str, Any]:
-    """The row to record; active: True for a table that was pushed and read back, None for a push that begins."""
-    return {
-        "id": table.id,
-        "rows": len(table.rows),
-        "pushed": bool(active),
-        "verified": bool(active),
-        "active": active,
-        "max_correction_deg": table.max_correction_deg,
-    }
+def _of_table(row: TableStateRow, active: bool | None) -> TableStateRow:
+    """A `TableStateRow` with the fields of `row`, which may be that of a push, and another `active`."""
+    return TableStateRow(**{**row.data(), "active": active})

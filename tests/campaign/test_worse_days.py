@@ -113,7 +113,7 @@ def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_
     assert "Traceback" not in said
     state = fold(read_journal(next(runs.iterdir())))
     assert state.state == "uncertain"
-    assert len(state.recorded("touch")) >= 2
+    assert len(state.data_of("touch")) >= 2
     assert not state.in_flight
 
 
@@ -145,7 +145,7 @@ def test_after_the_end_the_controller_can_be_asked_again(tmp_path: Path) -> None
 
 
 def _touches(run: Path) -> list[Any]:
-    return list(fold(read_journal(run)).recorded("touch")) if (run / "journal.sqlite").exists() else []
+    return list(fold(read_journal(run)).data_of("touch")) if (run / "journal.sqlite").exists() else []
 
 
 def _simulator_of(cell: Path) -> int:

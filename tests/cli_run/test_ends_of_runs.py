@@ -33,7 +33,14 @@ from cellctl.journal import Outcome as StepOutcome
 from cellctl.operations.results import result_of
 from cellctl.operations.resume import resumed_run
 
-TABLE = {"id": "6f86d0" * 10 + "6f86", "rows": 30, "pushed": True, "verified": True, "active": True}
+TABLE = {
+    "id": "6f86d0" * 10 + "6f86",
+    "rows": 30,
+    "pushed": True,
+    "verified": True,
+    "active": True,
+    "max_correction_deg": 0.1,
+}
 SHORT = TABLE["id"][:12]
 TAKE_BACK = "cellctl table rollback --cell cell.yaml"
 PUSH: list[KnownEvent] = [
@@ -169,7 +176,7 @@ def test_json_list_and_show_say_whether_the_table_is_in_force(
 ) -> None:
     run = run_with(tmp_path, *events)
     outcome = Outcome(State.ABORTED, None, (), None, 1.0, True, True)
-    assert result_of(run, outcome, 1.0)["table"] == {**TABLE, "active": active, "state": state}
+    assert result_of(run, outcome, 1.0).to_json()["table"] == {**TABLE, "active": active, "state": state}
     assert state in cellctl_says(["runs", "--runs", str(run.parent)], capsys)
     assert f"  table      table {SHORT} " in cellctl_says(["show", str(run)], capsys)
 

@@ -97,7 +97,7 @@ def run_output(folder: Path) -> dict[str, Any]:
 
 
 def journal_of(run: Path) -> list[dict[str, Any]]:
-    """The rows of the campaign and the ends of its steps, as SQLite holds them."""
+    """The rows of the campaign and the ends of its steps, as SQLite holds them; of the kinds there were when frozen."""
     connection = sqlite3.connect(f"file:{run / 'journal.sqlite'}?mode=ro", uri=True)
     columns = "SELECT kind, step, attempt, data FROM events ORDER BY seq"
     rows = [(kind, step, attempt, json.loads(data)) for kind, step, attempt, data in connection.execute(columns)]
@@ -106,7 +106,7 @@ def journal_of(run: Path) -> list[dict[str, Any]]:
     return [
         {"kind": kind, "step": step, "attempt": attempt, "data": without_words(data)}
         for kind, step, attempt, data in rows
-        if kind in kept
+        if kind in kept and data.get("row_kind") != "artefact"
     ]
 
 

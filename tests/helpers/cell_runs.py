@@ -91,7 +91,7 @@ class Ended:
 
     @property
     def touches(self) -> list[dict[str, Any]]:
-        return [dict(row) for row in self.journal.recorded("touch")]
+        return [dict(row) for row in self.journal.data_of("touch")]
 
     def robot_is_held(self) -> bool:
         """The controller is neither moving nor under RSI, and the joints do not change."""

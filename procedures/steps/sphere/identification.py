@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -14,45 +14,51 @@ from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefac
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
-from procedures.steps.sphere.reference_touches import drift_of, drift_report
+from cellctl.records import Figures
+from procedures.steps.sphere.reference_touches import drift_figures, drift_of
+from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
 
-Row = Mapping[str, Any]
+
+@final
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What the touches came to: the texts of data set and model file, and the verdict on held-out touches."""
+
+    data: str
+    model: str
+    verdict: SphereVerdict
 
 
-def identify_touches(
-    context: StepContext, model: ModelChoice, use_distances: bool, robot_serial: str
-) -> dict[str, Any]:
-    """Write `dataset.csv` and `model.json` into the run folder; the verdict with its figures as a row to record.
-
-    Raises InputError where the touches do not allow an identification.
-    """
+def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found:
+    """Identify the robot from the touches. Raises InputError where they do not allow it."""
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
-    touches, drift = context.recorded("touch"), drift_of(context)
+    touches, drift = context.recorded(TouchRow), drift_of(context)
     choice = _Choice(robot, artefact, model, use_distances)
     found = _fitted(touches, choice, None)
     corrected = _fitted(touches, choice, drift) if drift.significant else found
     modelled = corrected.result.fit.rms < found.result.fit.rms  # else it is something else than the tip that drifts
     found = corrected if modelled else found
-    found.data.write(context.run_folder / "dataset.csv")
-    written = (context.run_folder / "dataset.csv").read_bytes()
+    data = found.data.text()
     provenance = {
         "cell_sha256": sha256_of(context.cell.text),
-        "data_sha256": sha256_of(written),
-        "robot_serial": robot_serial,
-        "run": context.run_folder.name,
+        "data_sha256": sha256_of(data),
+        "robot_serial": context.identity("robot").serial,
+        "run": context.run_name,
     }
-    ModelFile.of(robot, found.measured, found.result, provenance).save(context.run_folder / "model.json")
-    report = fit_report(found.measured, found.result)
-    return {
-        "verdict": report["verdict"],
-        "sentence": report["sentence"],
-        "before": report["nominal"],
-        "after": report["test"],
-        "model": report,
-        "stops": _stops(robot, touches),
-        "drift": drift_report(drift, max(row["number"] for row in touches) + 1, modelled=modelled),
-    }
+    report, stops = fit_report(found.measured, found.result), _stops(robot, touches)
+    verdict = SphereVerdict(
+        verdict=report["verdict"],
+        sentence=report["sentence"],
+        before=Figures(**report["nominal"]),
+        after=Figures(**report["test"]),
+        model=report,
+        lines=(stops.line(),),
+        stops=stops,
+        drift=drift_figures(drift, max(row.number for row in touches) + 1, modelled=modelled),
+        noise_scale=float(found.result.identification.noise[0]),
+    )
+    return Found(data, ModelFile.of(robot, found.measured, found.result, provenance).text(), verdict)
 
 
 @final
@@ -76,7 +82,7 @@ class _Fitted:
     result: FitResult
 
 
-def _fitted(touches: Sequence[Row], choice: _Choice, drift: Drift | None) -> _Fitted:
+def _fitted(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> _Fitted:
     """The fit, with the touches' reach corrected for `drift` where it is given."""
     data = DataSet.of_records([_record(row, choice.artefact, drift) for row in touches], "dataset.csv")
     measured = measurements(
@@ -92,34 +98,36 @@ def _fitted(touches: Sequence[Row], choice: _Choice, drift: Drift | None) -> _Fi
     )
 
 
-def _record(row: Row, artefact: Artefact, drift: Drift | None) -> dict[str, Any]:
+def _record(row: TouchRow, artefact: Artefact, drift: Drift | None) -> dict[str, Any]:
     """A recorded touch as a row of the data set; `drift`: what the touch's reach had changed by, where it had."""
-    sphere = artefact.sphere(row["sphere"])
+    sphere = artefact.sphere(row.sphere)
     return {
-        **{f"A{axis}": float(value) for axis, value in enumerate(row["joints"], 1)},
-        "sphere": row["sphere"],
+        **{f"A{axis}": float(value) for axis, value in enumerate(row.joints, 1)},
+        "sphere": row.sphere,
         "radius": sphere.diameter / 2.0 if sphere else None,
         "tip_radius": artefact.tip_radius,
-        "set": row["set"],
-        "time": row["time_ns"] * 1e-9,
-        "touch": row["number"],
-        **({"drift": round(float(drift.at(row["number"])), 6)} if drift else {}),
-        "attempt": row["attempt"],
-        "tick": row["tick"],
-        "bounces": row["bounces"],
-        "stop_cycles": row["stop_cycles"],
+        "set": row.set,
+        "time": row.time_ns * 1e-9,
+        "touch": row.number,
+        **({"drift": round(float(drift.at(row.number)), 6)} if drift else {}),
+        "attempt": row.attempt,
+        "tick": row.tick,
+        "bounces": row.bounces,
+        "stop_cycles": row.stop_cycles,
     }
 
 
-def _stops(robot: RobotFile, touches: Sequence[Row]) -> dict[str, Any]:
+def _stops(robot: RobotFile, touches: Sequence[TouchRow]) -> StopFigures:
     """How the searches stopped: the tip's way from contact to rest in mm by the nominal model; telegrams by fate."""
     chain, joints = robot.chain(), robot.joint_map()
-    contact = chain.forward(joints.model([row["joints"] for row in touches]))[:, :3, 3]
-    rest = chain.forward(joints.model([row["resting"] for row in touches]))[:, :3, 3]
+    contact = chain.forward(joints.model([row.joints for row in touches]))[:, :3, 3]
+    rest = chain.forward(joints.model([row.resting for row in touches]))[:, :3, 3]
     travel = np.linalg.norm(rest - contact, axis=1)
-    return {
-        "overtravel_mean_mm": float(travel.mean()),
-        "overtravel_max_mm": float(travel.max()),
-        "stop_cycles_max": max(row["stop_cycles"] for row in touches),
-        **{count: sum(row[count] for row in touches) for count in ("late", "lost", "skipped")},
-    }
+    return StopFigures(
+        overtravel_mean_mm=float(travel.mean()),
+        overtravel_max_mm=float(travel.max()),
+        stop_cycles_max=max(row.stop_cycles for row in touches),
+        late=sum(row.late for row in touches),
+        lost=sum(row.lost for row in touches),
+        skipped=sum(row.skipped for row in touches),
+    )

@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.formats import RobotFile, artefact_of
+from cellctl.formats import RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
-from cellctl.planning import OutOfReach, PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
+from procedures.steps.sphere.rows import TouchSet
+from procedures.steps.sphere.touch_plans import TouchPlan
 
 
 def planned_touches(
     context: CellContext, fit: int, held_out: int, names: Sequence[str], reference_every: int
-) -> list[dict[str, Any]]:
-    """Touches as `TouchPlan` takes them; the held-out ones drawn at random, evenly over the spheres `names` (or all).
+) -> list[TouchPlan]:
+    """The touches; the held-out ones drawn at random, evenly over the spheres `names` (or all).
 
     After each `reference_every` (0: never) comes a return to the first. Raises InputError where the cell has no such
     sphere, or too few touches can be reached.
@@ -47,17 +49,19 @@ def plan_on(
     See `cellctl.planning.plan_touches`.
 
     `centres`: where spheres are better known than by the cell file; `reach`: joint readings to stay within, else the
-    robot's limits. Raises InputError where too few can be reached.
+    robot's limits. Raises InputError where too few can be reached, or the cell file has no postures.
     """
     artefact = artefact_of(context.cell, ("artefact",))
     robot = RobotFile.load(context.robot_file)
     targets = [_target(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
+    postures = postures_of(context.cell, robot)
     try:
         return plan_touches(
             robot.chain(),
             robot.joint_map(),
             reach or Reach(tuple(low.tolist()), tuple(high.tolist())),
+            RobotPostures(tuple(postures.home), tuple(map(tuple, postures.touch))),
             targets,
             [counts.get(target.name, 0) for target in targets],
             seed,
@@ -127,20 +131,20 @@ def seed_for(context: CellContext, purpose: str) -> int:
     return int.from_bytes(sha256(f"{context.seed}/{purpose}".encode()).digest()[:4])
 
 
-def as_plan(number: int, touch: PlannedTouch, of: str, repeats: int = 0) -> dict[str, Any]:
-    """A planned touch as `TouchPlan` takes it; a reference is one whatever set `of` says, and repeats `repeats`."""
-    return {
-        "number": number,
-        "sphere": touch.sphere,
-        "set": "reference" if touch.reference else of,
-        "origin": list(touch.origin),
-        "approach": [list(q) for q in touch.approach],
-        "start": list(touch.start),
-        "end": list(touch.end),
-        "search_mm": touch.search_mm,
-        "retreat": [list(q) for q in touch.retreat],
-        "repeats": repeats if touch.reference else None,
-    }
+def as_plan(number: int, touch: PlannedTouch, of: TouchSet, repeats: int = 0) -> TouchPlan:
+    """A planned touch for the steps that move; a reference is one whatever set `of` says, and repeats `repeats`."""
+    return TouchPlan(
+        number=number,
+        sphere=touch.sphere,
+        set="reference" if touch.reference else of,
+        origin=list(touch.origin),
+        approach=[list(q) for q in touch.approach],
+        start=list(touch.start),
+        end=list(touch.end),
+        search_mm=touch.search_mm,
+        retreat=[list(q) for q in touch.retreat],
+        repeats=repeats if touch.reference else None,
+    )
 
 
 def _plate(artefact: Artefact) -> Plate:
@@ -158,10 +162,10 @@ def _even(total: int, parts: int) -> list[int]:
     return [total // parts + (index < total % parts) for index in range(parts)]
 
 
-def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: int) -> list[str]:
+def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: int) -> list[TouchSet]:
     """`test` for `held_out` of the touches, evenly over the spheres, at random within each; `fit` for the others."""
     random = np.random.default_rng([seed, 0x7E57])
-    sets = ["fit"] * len(touches)
+    sets: list[TouchSet] = ["fit"] * len(touches)
     for sphere, count in zip(spheres, _even(held_out, len(spheres))[::-1], strict=True):
         on_it = [index for index, touch in enumerate(touches) if touch.sphere == sphere and not touch.reference]
         for index in random.permutation(on_it)[:count]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cellctl.formats import ModelFile, artefact_of
 from cellctl.planning import PlannedTouch, TouchOptions
 from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext
 from procedures.steps.sphere.planning import as_plan, plan_on, seed_for, sphere_called
+from procedures.steps.sphere.reference_touches import last_number
+from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_plans import TouchPlan
 
 _BEYOND_MM = 8.0
 """How far inside the expected surface a stand-off's search ends without contact."""
@@ -16,15 +17,15 @@ _BEYOND_MM = 8.0
 
 def worth_proving(context: StepContext) -> bool:
     """Whether the identified model was better than nominal on the held-out touches."""
-    verdicts = context.recorded("verdict")
-    return bool(verdicts) and verdicts[-1]["verdict"] == "better"
+    verdicts = context.recorded(SphereVerdict)
+    return bool(verdicts) and verdicts[-1].better
 
 
-def locating_touches(context: StepContext, sphere: str, count: int) -> list[dict[str, Any]]:
-    """Touches as `TouchPlan` takes them, numbered on from those that were made. Raises InputError."""
+def locating_touches(context: StepContext, sphere: str, count: int) -> list[TouchPlan]:
+    """The touches, numbered on from those that were made. Raises InputError."""
     sphere_called(context, artefact_of(context.cell, ("artefact",)), sphere)
     touches = plan_on(context, {sphere: count}, seed_for(context, "locate"), reach=_seen(context))
-    first = 1 + max(row["number"] for kind in ("touch", "reference") for row in context.recorded(kind))
+    first = 1 + last_number(context, TouchRow, ReferenceRow)
     return [as_plan(first + index, touch, "locate") for index, touch in enumerate(touches)]
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.records import TableStateRow
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 
@@ -46,7 +49,7 @@ async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
         return ProofPlan(touches=[])
     touches = await context.clock.compute(locating_touches, context, inputs.sphere, inputs.touches)
-    return ProofPlan(touches=[TouchPlan(**touch) for touch in touches])
+    return ProofPlan(touches=touches)
 
 
 class CompensateInputs(StepInputs):
@@ -83,13 +86,7 @@ def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
     check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
 
 
-@step(
-    "sphere.compensate",
-    needs={"robot": TableStore},
-    check=_check_standoffs,
-    title="compensating targets",
-    expects=_standoffs,
-)
+@step("sphere.compensate", check=_check_standoffs, title="compensating targets", expects=_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
     from procedures.steps.sphere.proof_planning import worth_proving
@@ -97,12 +94,11 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
 
     if not worth_proving(context):
         return Compensation(rounds=[], table=None)
-    robot: TableStore = context.device("robot")
-    identity = await robot.connect()
-    found = await context.clock.compute(standoffs_and_table, context, inputs, identity)
-    await context.record("proof", found.row)
+    found = await context.clock.compute(standoffs_and_table, context, inputs)
+    await context.write_artefact("table.json", found.table)
+    await context.record(found.row)
     context.say(found.sentence)
-    return Compensation(rounds=found.rounds, table=found.row["table"])
+    return Compensation(rounds=found.rounds, table=found.row.table)
 
 
 class PushInputs(StepInputs):
@@ -125,12 +121,12 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """
     from procedures.steps.table_push import pushed_row
 
-    judged = [verdict["verdict"] for verdict in context.recorded("verdict") if "standoff" in verdict]
+    judged = [verdict.better for verdict in context.recorded(SphereVerdict) if verdict.standoff]
     if inputs.table is None or judged:
-        return Pushed(active="better" in judged)
+        return Pushed(active=any(judged))
     row = await pushed_row(context, context.device("robot"), inputs.table)
-    await context.record("table", row)
-    context.say(f"table {row['id'][:12]} is in force: {row['rows']} rows, read back letter for letter")
+    await context.record(row)
+    context.say(f"table {row.short} is in force: {row.rows} rows, read back letter for letter")
     return Pushed(active=True)
 
 
@@ -161,20 +157,20 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
 
     robot: CompensatedRobot = context.device("robot")
     target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
-    measured: dict[str, Any] = {}
+    measured: list[StandOffRow] = []
 
     async def to_target() -> JointReadings:
         if target.row is None:
             return await robot.move(tuple(target.commanded), speeds.near_percent)
-        await require_in_force(context, robot)
+        await require_in_force(robot, context.recorded(ProofRow)[-1].table)
         return await robot.move_to_row(target.row, speeds.near_percent)
 
     async def record(found: FoundContact) -> None:
-        measured.update(await context.clock.compute(standoff_row, context, target, found))
-        await context.record("standoff", measured)
+        measured.append(await context.clock.compute(standoff_row, context, target, found))
+        await context.record(measured[-1])
 
     await search_and_retreat(robot, context.device("probe"), target, to_target, speeds, record)
-    return StoodOff(error_mm=measured["error_mm"])
+    return StoodOff(error_mm=measured[-1].error_mm)
 
 
 class Judged(StepResult):
@@ -184,16 +180,16 @@ class Judged(StepResult):
     sentence: str
 
 
-@step("sphere.judge", needs={"robot": TableStore}, moves=True, title="judging the table")
+@step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
     from procedures.steps.sphere.judging import table_taken_back, verdict_of
 
     found = await context.clock.compute(verdict_of, context)
-    if found["verdict"] != "better" and context.recorded("table"):
-        found["table"] = await table_taken_back(context, context.device("robot"))
-    await context.record("verdict", found)
-    return Judged(verdict=found["verdict"], sentence=found["sentence"])
+    if not found.better and context.recorded(TableStateRow):
+        found = replace(found, table=await table_taken_back(context, context.device("robot")))
+    await context.record(found)
+    return Judged(verdict=found.verdict, sentence=found.sentence)
 
 
 @step("sphere.withdraw", needs={"robot": TableStore}, moves=True)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from cellctl.devices import DeviceFault
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.procedure import StepContext
+from procedures.steps.sphere.rows import DriftFigures, LocateRow, ReferenceRow, TouchRow
 
 if TYPE_CHECKING:
     from cellctl.calibration import Drift
-
-Row = Mapping[str, Any]
 
 _JUMP_SIGMAS = 5.0
 _JUMP_MM = 0.1
@@ -24,41 +23,41 @@ def touch_sigma_mm(robot: RobotFile) -> float:
     return robot.repeatability / math.sqrt(3.0)
 
 
-def reference_row(context: StepContext, row: Row, repeats: int) -> dict[str, Any]:
-    """What a return to touch number `repeats` records, from the row of the touch that it was.
-
-    shift_mm: by how much the contact has moved along the sphere's normal since the first visit, by the nominal model;
-    positive away from the sphere. sigma_mm: 1 σ of it if nothing has changed.
-    """
+def reference_row(context: StepContext, row: TouchRow, repeats: int) -> ReferenceRow:
+    """What a return to touch number `repeats` records, from the row of the touch that it was."""
     import numpy as np
 
     robot = RobotFile.load(context.robot_file)
-    first = next(touch for touch in context.recorded("touch") if touch["number"] == repeats)
-    sphere = artefact_of(context.cell, ("artefact",)).sphere(first["sphere"])
+    first = next(touch for touch in context.recorded(TouchRow) if touch.number == repeats)
+    sphere = artefact_of(context.cell, ("artefact",)).sphere(first.sphere)
     assert sphere is not None
-    tips = robot.chain().forward(robot.joint_map().model([first["joints"], row["joints"]]))[:, :3, 3]
+    tips = robot.chain().forward(robot.joint_map().model([first.joints, row.joints]))[:, :3, 3]
     normal = tips[0] - np.array(sphere.centre)
     shift = float((tips[1] - tips[0]) @ normal / np.linalg.norm(normal))
-    after = max(touch["number"] for kind in ("touch", "locate") for touch in context.recorded(kind))
-    return {
-        **row,
-        "repeats": repeats,
-        "after_touch": after,
-        "shift_mm": shift,
-        "sigma_mm": math.sqrt(2.0) * touch_sigma_mm(robot),
-    }
+    return ReferenceRow(
+        **row.data(),
+        repeats=repeats,
+        after_touch=last_number(context, TouchRow, LocateRow),
+        shift_mm=shift,
+        sigma_mm=math.sqrt(2.0) * touch_sigma_mm(robot),
+    )
 
 
-def jump(visits: Sequence[Row]) -> DeviceFault | None:
+def last_number(context: StepContext, *kinds: type[TouchRow]) -> int:
+    """The greatest number of a touch of these kinds that counts."""
+    return max(row.number for kind in kinds for row in context.recorded(kind))
+
+
+def jump(visits: Sequence[ReferenceRow]) -> DeviceFault | None:
     """What is wrong where the last of `visits` differs from the one before it by more than scatter can."""
-    before = visits[-2]["shift_mm"] if len(visits) > 1 else 0.0
+    before = visits[-2].shift_mm if len(visits) > 1 else 0.0
     last = visits[-1]
-    change, limit = last["shift_mm"] - before, max(_JUMP_SIGMAS * last["sigma_mm"], _JUMP_MM)
+    change, limit = last.shift_mm - before, max(_JUMP_SIGMAS * last.sigma_mm, _JUMP_MM)
     if abs(change) <= limit:
         return None
     where = "deeper into" if change < 0.0 else "farther from"
     what = (
-        f"back at the reference touch on {last['sphere']}, contact came {abs(change):.3f} mm {where} the sphere than "
+        f"back at the reference touch on {last.sphere}, contact came {abs(change):.3f} mm {where} the sphere than "
         f"at the visit before (scatter explains {limit:.3f} mm): the tip or the robot has changed"
     )
     cure = (
@@ -72,22 +71,22 @@ def drift_of(context: StepContext) -> Drift:
     """The drift through all visits to the reference touch so far, the first among them."""
     from cellctl.calibration import linear_drift
 
-    visits = context.recorded("reference")
+    visits = context.recorded(ReferenceRow)
     if not visits:
         return linear_drift([], [], 0.0)
     sigma = touch_sigma_mm(RobotFile.load(context.robot_file))
-    numbers = [visits[0]["repeats"], *(row["number"] for row in visits)]
-    return linear_drift(numbers, [0.0, *(row["shift_mm"] for row in visits)], sigma)
+    numbers = [visits[0].repeats, *(row.number for row in visits)]
+    return linear_drift(numbers, [0.0, *(row.shift_mm for row in visits)], sigma)
 
 
-def drift_report(drift: Drift, touches: int, *, modelled: bool) -> dict[str, Any]:
+def drift_figures(drift: Drift, touches: int, *, modelled: bool) -> DriftFigures:
     """The drift as the verdict shows it; total_mm: over `touches` touches; modelled: corrected for."""
-    return {
-        "visits": drift.visits,
-        "mm_per_touch": drift.mm_per_touch,
-        "sigma_mm_per_touch": drift.sigma,
-        "t": drift.t,
-        "significant": drift.significant,
-        "total_mm": drift.mm_per_touch * touches,
-        "modelled": modelled,
-    }
+    return DriftFigures(
+        visits=drift.visits,
+        mm_per_touch=drift.mm_per_touch,
+        sigma_mm_per_touch=drift.sigma,
+        t=drift.t,
+        significant=drift.significant,
+        total_mm=drift.mm_per_touch * touches,
+        modelled=modelled,
+    )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cellctl.formats import ModelFile
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
+from procedures.steps.sphere.rows import StandOffRow
 from procedures.steps.sphere.touch_plans import StandOffPlan
 
 if TYPE_CHECKING:
@@ -16,30 +17,30 @@ if TYPE_CHECKING:
     from cellctl.kinematics import JointMap
 
 
-def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact) -> dict[str, Any]:
-    """The row that a stand-off records. error_mm: travel less the distance meant; positive: the robot stood too far."""
+def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact) -> StandOffRow:
+    """The row that a stand-off records."""
     import numpy as np
 
     joints, models = _models(context.run_folder / "model.json")
     tips = models[target.run].tip(joints.model([found.start, found.joints]))
     travel = float((tips[0] - tips[1]) @ np.array(target.normal))
-    return {
-        "number": target.number,
-        "run": target.run,
-        "row": target.row,
-        "sphere": target.sphere,
-        "nominal": target.nominal,
-        "commanded": target.commanded,
-        "at_target": list(found.start),
-        "at_contact": [round(value, 6) for value in found.joints],
-        "normal": target.normal,
-        "travel_mm": travel,
-        "error_mm": travel - target.distance_mm,
-        "expected_mm": target.expected_mm,
-        "sigma_mm": target.sigma_mm,
+    return StandOffRow(
+        number=target.number,
+        run=target.run,
+        row=target.row,
+        sphere=target.sphere,
+        nominal=tuple(target.nominal),
+        commanded=tuple(target.commanded),
+        at_target=tuple(found.start),
+        at_contact=tuple(round(value, 6) for value in found.joints),
+        normal=tuple(target.normal),
+        travel_mm=travel,
+        error_mm=travel - target.distance_mm,
+        expected_mm=target.expected_mm,
+        sigma_mm=target.sigma_mm,
+        attempt=context.attempt,
         **found.row(),
-        "attempt": context.attempt,
-    }
+    )
 
 
 @lru_cache(maxsize=1)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration import LocatedSphere, RobotModel, locate_sphere
-from cellctl.clock import calendar_time
-from cellctl.devices import Identity
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, artefact_of
 from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
@@ -19,7 +17,8 @@ from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
 from procedures.steps.sphere.planning import as_plan
 from procedures.steps.sphere.proof_planning import standoff_lines
-from procedures.steps.sphere.reference_touches import drift_of, touch_sigma_mm
+from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
+from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 if TYPE_CHECKING:
@@ -53,10 +52,11 @@ class Wanted(Protocol):
 @final
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """The stand-offs in rounds, the row to record, and a line for the operator. The table is in the run folder."""
+    """The stand-offs in rounds, the text of the table file, the row to record, and a line for the operator."""
 
     rounds: list[Round]
-    row: dict[str, Any]
+    table: str
+    row: ProofRow
     sentence: str
 
 
@@ -70,8 +70,8 @@ class _Sphere:
     reach: float
 
 
-def standoffs_and_table(context: StepContext, wanted: Wanted, identity: Identity) -> Prepared:
-    """Locate the sphere by either model, plan targets off it, compensate them, write `table.json`.
+def standoffs_and_table(context: StepContext, wanted: Wanted) -> Prepared:
+    """Locate the sphere by either model, plan targets off it, compensate them, make the table.
 
     Before: nominal joints to targets about the centre that the nominal model found. After: compensated joints to the
     same targets about the identified centre. Raises InputError where targets cannot be reached.
@@ -84,13 +84,12 @@ def standoffs_and_table(context: StepContext, wanted: Wanted, identity: Identity
     lines = standoff_lines(context, wanted.sphere, (x, y, z), wanted.targets, wanted.distance_mm, half, again)
     targets = [line for line in lines if not line.reference]
     found, inside = _compensated(context, model, sphere, targets)
-    table = _table(context, model, sphere, targets, found, identity)
-    table.save(context.run_folder / "table.json")
-    first = _next_number(context)
+    table = _table(context, model, sphere, targets, found)
+    first = 1 + last_number(context, TouchRow, ReferenceRow, LocateRow)
     drifted = _drifted(context, first + 2.0 * np.arange(len(targets)))
     pairs = _pairs(model, sphere, wanted.distance_mm, targets, found, inside, drifted)
     rounds = _rounds(lines, pairs, wanted.reference, first)
-    return Prepared(rounds, _row(wanted.sphere, sphere, table), _sentence(wanted.sphere, sphere, table))
+    return Prepared(rounds, table.text(), _row(wanted.sphere, sphere, table), _sentence(wanted.sphere, sphere, table))
 
 
 def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
@@ -98,19 +97,18 @@ def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
     sphere = artefact.sphere(name)
     assert sphere is not None
     reach = sphere.diameter / 2.0 + artefact.tip_radius
-    rows = context.recorded("locate")
-    q = model.robot.joint_map().model([row["joints"] for row in rows])
-    noise = float(model.figures.get("noise_growth", [1.0])[0])
-    sigma = touch_sigma_mm(model.robot) * noise
-    reaches = reach + _drifted(context, [row["number"] for row in rows])
+    rows = context.recorded(LocateRow)
+    q = model.robot.joint_map().model([row.joints for row in rows])
+    sigma = touch_sigma_mm(model.robot) * context.recorded(SphereVerdict)[-1].noise_scale
+    reaches = reach + _drifted(context, [row.number for row in rows])
     nominal, identified = RobotModel(nominal_chain(model)), model.robot_model()
     return _Sphere(locate_sphere(nominal, q, reaches, sigma), locate_sphere(identified, q, reaches, sigma), reach)
 
 
 def _drifted(context: StepContext, numbers: ArrayLike) -> Floats:
     """By how much the tip's reach has changed at touch `numbers` (N,), mm; 0 unless the fit allowed for it."""
-    modelled = context.recorded("verdict")[-1]["drift"]["modelled"]
-    return drift_of(context).at(numbers) if modelled else np.zeros(np.shape(numbers))
+    drift = context.recorded(SphereVerdict)[-1].drift
+    return drift_of(context).at(numbers) if drift.modelled else np.zeros(np.shape(numbers))
 
 
 def _reference(plan: TouchPlan) -> PlannedTouch:
@@ -148,16 +146,16 @@ def _table(
     sphere: _Sphere,
     lines: list[PlannedTouch],
     found: Compensated,
-    identity: Identity,
 ) -> TableFile:
+    identity = context.identity("robot")
     return table_of(
         model,
         _about_identified(model, sphere, np.array([line.start for line in lines])),
         found,
         serial=identity.serial,
         simulated=identity.simulated,
-        run=context.run_folder.name,
-        created=calendar_time(),
+        run=context.run_name,
+        created=context.calendar,
     )
 
 
@@ -238,29 +236,24 @@ def _rounds(
             standoffs += next(left)
             number += 2
             continue
-        again = TouchPlan(**as_plan(number, line, "reference", reference.number))
+        again = as_plan(number, line, "reference", reference.number)
         rounds.append(Round(standoffs=standoffs, references=[again]))
         standoffs, number = [], number + 1
     return [*rounds, Round(standoffs=standoffs, references=[])] if standoffs else rounds
 
 
-def _next_number(context: StepContext) -> int:
-    return 1 + max(int(row["number"]) for kind in ("touch", "reference", "locate") for row in context.recorded(kind))
-
-
-def _row(name: str, sphere: _Sphere, table: TableFile) -> dict[str, Any]:
-    """The sphere as measured by either model; residuals of the touches that located it, mm."""
-    return {
-        "sphere": name,
-        "nominal_centre": sphere.nominal.centre.tolist(),
-        "identified_centre": sphere.identified.centre.tolist(),
-        "nominal_residuals": sphere.nominal.residuals.tolist(),
-        "identified_residuals": sphere.identified.residuals.tolist(),
-        "table": table.id,
-        "rows": len(table.rows),
-        "created": table.created,
-        "max_correction_deg": table.max_correction_deg,
-    }
+def _row(name: str, sphere: _Sphere, table: TableFile) -> ProofRow:
+    return ProofRow(
+        sphere=name,
+        nominal_centre=tuple(sphere.nominal.centre.tolist()),
+        identified_centre=tuple(sphere.identified.centre.tolist()),
+        nominal_residuals=tuple(sphere.nominal.residuals.tolist()),
+        identified_residuals=tuple(sphere.identified.residuals.tolist()),
+        table=table.id,
+        rows=len(table.rows),
+        created=table.created,
+        max_correction_deg=table.max_correction_deg,
+    )
 
 
 def _sentence(name: str, sphere: _Sphere, table: TableFile) -> str:

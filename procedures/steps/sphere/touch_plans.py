@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cellctl.procedure import StepResult
+from procedures.steps.sphere.rows import TouchSet
 
 _IMPLAUSIBLE_SHARE = 0.1
 """A touch's line is 10 mm to the expected surface and 8 mm on: what comes over 8.2 mm too early is not the sphere.
@@ -27,7 +28,7 @@ class TouchPlan(StepResult):
 
     number: int
     sphere: str
-    set: Literal["fit", "test", "locate", "reference"]
+    set: TouchSet
     origin: Joints
     approach: list[Joints]
     start: Joints

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
 TOUCHES_PER_SPHERE = 6
@@ -80,7 +81,7 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     )
     if assumed := assumption(context):
         context.say(assumed)
-    return Plan(touches=[TouchPlan(**touch) for touch in touches])
+    return Plan(touches=touches)
 
 
 class TouchInputs(StepInputs):
@@ -108,29 +109,31 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     robot: SearchingRobot = context.device("robot")
     probe: ContactProbe = context.device("probe")
     planned, speeds = inputs.touch, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
-    row: dict[str, Any] = {}
+    rows: list[TouchRow] = []
 
     async def record(found: FoundContact) -> None:
-        row.update(await context.clock.compute(_complete, context, planned, _row(planned, context, found)))
-        await context.record(_kind(planned), row)
+        rows.append(await context.clock.compute(_row, context, planned, found))
+        await context.record(rows[-1])
 
     await search_and_retreat(
         robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds, record
     )
-    if planned.repeats is not None:
-        _look_for_jump(context, row)
-    return Touched(joints=row["joints"])
+    if isinstance(rows[-1], ReferenceRow):
+        _look_for_jump(context, rows[-1])
+    return Touched(joints=list(rows[-1].joints))
 
 
-def _kind(planned: TouchPlan) -> str:
+def _row(context: StepContext, planned: TouchPlan, found: FoundContact) -> TouchRow:
     """Touches on the proof sphere and returns to the reference are kept apart: no fit takes them for its own."""
-    if planned.repeats is not None:
-        return "reference"
-    return "locate" if planned.set == "locate" else "touch"
-
-
-def _complete(context: StepContext, planned: TouchPlan, row: dict[str, Any]) -> dict[str, Any]:
-    """The row, with the shift where it is a return to the reference touch."""
+    kind = LocateRow if planned.set == "locate" else TouchRow
+    row = kind(
+        number=planned.number,
+        sphere=planned.sphere,
+        set=planned.set,
+        joints=tuple(round(value, 6) for value in found.joints),
+        attempt=context.attempt,
+        **found.row(),
+    )
     if planned.repeats is None:
         return row
     from procedures.steps.sphere.reference_touches import reference_row
@@ -138,23 +141,12 @@ def _complete(context: StepContext, planned: TouchPlan, row: dict[str, Any]) -> 
     return reference_row(context, row, planned.repeats)
 
 
-def _look_for_jump(context: StepContext, row: dict[str, Any]) -> None:
+def _look_for_jump(context: StepContext, row: ReferenceRow) -> None:
     from procedures.steps.sphere.reference_touches import jump
 
-    context.say(f"reference touch: {row['shift_mm']:+.3f} mm (1 σ {row['sigma_mm']:.3f}) since the first visit")
-    if fault := jump(context.recorded("reference")):
+    context.say(f"reference touch: {row.shift_mm:+.3f} mm (1 σ {row.sigma_mm:.3f}) since the first visit")
+    if fault := jump(context.recorded(ReferenceRow)):
         raise fault
-
-
-def _row(planned: TouchPlan, context: StepContext, found: FoundContact) -> dict[str, Any]:
-    return {
-        "number": planned.number,
-        "sphere": planned.sphere,
-        "set": planned.set,
-        "joints": [round(value, 6) for value in found.joints],
-        **found.row(),
-        "attempt": context.attempt,
-    }
 
 
 class IdentifyInputs(StepInputs):
@@ -171,13 +163,13 @@ class Identified(StepResult):
     sentence: str
 
 
-@step("sphere.identify", needs={"robot": SearchingRobot}, title="identifying the robot")
+@step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
     from procedures.steps.sphere.identification import identify_touches
 
-    robot: SearchingRobot = context.device("robot")
-    serial = (await robot.connect()).serial
-    found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances, serial)
-    await context.record("verdict", found)
-    return Identified(verdict=str(found["verdict"]), sentence=str(found["sentence"]))
+    found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
+    await context.write_artefact("dataset.csv", found.data)
+    await context.write_artefact("model.json", found.model)
+    await context.record(found.verdict)
+    return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import dist
 from typing import TextIO, final
 
-from sims.krc.motions import Joints
+from sims.scene.motions import Joints
 from sims.world.plate import TrueSphere
 from sims.world.screws import Vector
 

@@ -8,11 +8,11 @@ from functools import partial
 from math import radians
 from typing import final
 
-from sims.contact_loop import ContactLoop
 from sims.kernel import Event, Kernel
-from sims.krc.contact_log import ContactLog
-from sims.krc.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
-from sims.krc.stance import Stance
+from sims.scene.contact_log import ContactLog
+from sims.scene.contact_loop import ContactLoop
+from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
+from sims.scene.stance import Stance
 from sims.world.crossings import crossings
 from sims.world.screws import Vector
 from sims.world.world import World
@@ -28,7 +28,7 @@ Then = Callable[[], object]
 
 
 @final
-class Robot:
+class MovingArm:
     """Follows one motion after another; looks 10 ms ahead for contact, and opens and closes the loop at the exact time.
 
     `on_collision` is called where a point-to-point motion pushes the tip over 3 mm deep into a sphere. In a search the
@@ -101,6 +101,17 @@ class Robot:
         """Actual joints now as the encoders show them."""
         return tuple(self._world.encoder(self.joints()))
 
+    def links(self, time_ns: int) -> Joints:
+        """Where the links are, degrees: the joints, less what their play holds back."""
+        joints = self._motion.at(time_ns)
+        if not self._world.backlash:
+            return joints
+        return tuple(joint + ahead for joint, ahead in zip(joints, self._slack_at(time_ns), strict=True))
+
+    def tcp(self, time_ns: int) -> Vector:
+        """The tool centre point at a moment of this motion, mm."""
+        return self._world.tcp(self.links(time_ns), self._scatter_now(time_ns))
+
     def move(self, target: Joints, percent: float, then: Then) -> None:
         """Point to point at `percent` of the highest speeds; `then` is called on arrival."""
         speeds = [speed * percent / 100.0 for speed in self._speeds]
@@ -109,7 +120,7 @@ class Robot:
         self.commanded = target
         self._scatter_before, self._scatter = before, self._draw(target)
         self._follow(motion, then)
-        gap, _ = self._world.gap(self._links(motion.start_ns), before)
+        gap, _ = self._world.gap(self.links(motion.start_ns), before)
         self._deepest_mm = min(gap - COLLISION_MARGIN_MM, -COLLISION_MM)
         self._look_ahead()
 
@@ -148,7 +159,7 @@ class Robot:
             event.cancel()
         self._events.clear()
         if self._log.waiting:
-            self._log.passed(self._tip())
+            self._log.passed(self.tcp(self._kernel.now))
         self._slack = self._slack_at(motion.start_ns)
         self._motion, self._then, self._deepest_mm = motion, then, None
 
@@ -175,7 +186,7 @@ class Robot:
     def _go_on(self) -> None:
         self._events.clear()
         if self._log.waiting:
-            self._log.passed(self._tip())
+            self._log.passed(self.tcp(self._kernel.now))
         if self._kernel.now < self._motion.end_ns:
             self._look_ahead()
             return
@@ -225,24 +236,12 @@ class Robot:
     def _touch(self, closed: bool) -> None:
         if closed and not self._loop.closed:
             now = self._kernel.now
-            _, which = self._world.gap(self._links(now), self._scatter_now(now))
-            self._log.touched(now, self.joints(), self._tip(), self._world.spheres[which], self._world.ageing.worn_mm)
+            _, which = self._world.gap(self.links(now), self._scatter_now(now))
+            self._log.touched(now, self.joints(), self.tcp(now), self._world.spheres[which], self._world.ageing.worn_mm)
         self._loop.set_closed(closed)
 
     def _gap(self, time_ns: int) -> float:
-        return self._world.gap(self._links(time_ns), self._scatter_now(time_ns))[0]
-
-    def _tip(self) -> Vector:
-        """The tool centre point now."""
-        now = self._kernel.now
-        return self._world.tcp(self._links(now), self._scatter_now(now))
-
-    def _links(self, time_ns: int) -> Joints:
-        """Where the links are, degrees: the joints, less what their play holds back."""
-        joints = self._motion.at(time_ns)
-        if not self._world.backlash:
-            return joints
-        return tuple(joint + ahead for joint, ahead in zip(joints, self._slack_at(time_ns), strict=True))
+        return self._world.gap(self.links(time_ns), self._scatter_now(time_ns))[0]
 
     def _slack_at(self, time_ns: int) -> Joints:
         """How far each link is ahead of its joint within the play, the way to there being straight."""

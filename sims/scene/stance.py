@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, final
 
-from sims.krc.motions import Joints
+from sims.scene.motions import Joints
 from sims.world.screws import Vector
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sims.krc.motions import Braking, Cycle, PointToPoint, State
+from sims.scene.motions import Braking, Cycle, PointToPoint, State
 
 SPEEDS = (154.0, 154.0, 228.0)
 ACCELERATIONS = tuple(speed / 0.4 for speed in SPEEDS)
