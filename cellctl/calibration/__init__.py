@@ -15,16 +15,21 @@ from cellctl.calibration.effects import (
     Growth,
     Harmonics,
     JointCompliance,
+    Setup,
     ToolDeflection,
+    functions,
+    kinds,
 )
+from cellctl.calibration.effects.stored import effect_of, settings_of
 from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.estimation.identify import Identification, identify
 from cellctl.calibration.estimation.moved import MOVED
 from cellctl.calibration.estimation.progress import Progress
 from cellctl.calibration.estimation.task import Session, Task
+from cellctl.calibration.model.parameter import Group, Parameter, Unit
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
-from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
+from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
 from cellctl.calibration.prediction.drift import Drift, linear_drift
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
@@ -45,7 +50,6 @@ from cellctl.calibration.rows import (
 )
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.ladder import Step
-from cellctl.calibration.selection.model_error import FUNCTIONS
 from cellctl.calibration.verdict.fit import FitResult, fit
 from cellctl.calibration.verdict.judgement import (
     Baseline,
@@ -63,7 +67,6 @@ __all__ = [
     "DEFLECTION",
     "DOWN",
     "EFFECTS",
-    "FUNCTIONS",
     "MOVED",
     "STANDARD_GRAVITY",
     "At",
@@ -89,6 +92,7 @@ __all__ = [
     "MeasuredRegion",
     "Mixture",
     "Observability",
+    "Parameter",
     "PlaneEstimate",
     "PlaneRows",
     "PoseRows",
@@ -99,6 +103,7 @@ __all__ = [
     "RobotModel",
     "Rows",
     "Session",
+    "Setup",
     "SocketRows",
     "SpacingRows",
     "Split",
@@ -108,19 +113,24 @@ __all__ = [
     "Tolerances",
     "ToolDeflection",
     "TouchRows",
+    "Unit",
     "Unknowns",
     "Verdict",
     "doubt",
+    "effect_of",
     "estimate",
     "fit",
+    "functions",
     "identify",
     "judge",
+    "kinds",
     "linear_drift",
     "locate_sphere",
     "observability",
     "paired_verdict",
     "plane_estimates",
     "predict",
+    "settings_of",
     "shape_sigma",
     "sigma_among",
     "sigma_over_region",

@@ -154,7 +154,7 @@ def test_a_wave_that_nobody_named_is_in_the_turns_of_its_joint():
     assert of.true_error(auto) < 0.3 * of.true_error(plain)
     model, readings = auto.identification.identified.state.model, np.linspace(LOW, HIGH, 200)
     (effect,), q = model.effects, ROBOT.joint_map().model(readings)
-    amounts = [model.amount(name) for name in effect.parameters]
+    amounts = [model.amount(parameter.name) for parameter in effect.parameters]
     turned = effect.turns(model.chain, Postures(q)).total(np.array(amounts), 6)[:, 1]
     true = ROBOT.joints[1].sign * np.radians(0.01) * np.sin(17.0 * np.radians(readings[:, 1]))
     like_geometry = np.stack([np.ones(200), np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1)  # zeros, links

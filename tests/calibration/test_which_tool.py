@@ -36,7 +36,7 @@ def retooled(seed, spheres, touches=10, shift_mm=SHIFT_MM):
 def off_in_sigma(campaign, found):
     """How far the tool found is from the true one, in its own σ."""
     model = found.state.model
-    mine = [model.parameters.index(name) for name in TOOL]
+    mine = [model.names.index(name) for name in TOOL]
     error = model.deviations[mine] - (np.linalg.inv(np.array(model.chain.tool)) @ campaign.truth.tool)[:3, 3]
     return float(np.sqrt(error @ np.linalg.solve(found.covariance[np.ix_(mine, mine)], error)))
 

@@ -86,7 +86,7 @@ def limits():
 
 @pytest.fixture(scope="module")
 def model():
-    return nominal_model(KR5, deflection=False)
+    return nominal_model(KR5, touched=False)
 
 
 @pytest.fixture(scope="module")

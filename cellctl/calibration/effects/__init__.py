@@ -6,18 +6,30 @@ from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects.discrepancy import Discrepancy
-from cellctl.calibration.effects.effect import Effect, OwnTurns
+from cellctl.calibration.effects.effect import Effect, OwnTurns, Setup
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.effects.growth import Growth
 from cellctl.calibration.effects.harmonics import Harmonics, Wave
+from cellctl.calibration.model.parameter import Group
 
-EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth", "discrepancy")
-"""Groups of all effects, in the order in which a model's name lists them."""
+EFFECTS: tuple[type[Effect], ...] = (ToolDeflection, JointCompliance, Harmonics, Backlash, Growth, Discrepancy)
+"""All kinds of effects, in the order in which a model's name lists them."""
+
+
+def kinds() -> dict[Group, type[Effect]]:
+    """The kind of effect of each group, in the order of `EFFECTS`."""
+    return {kind.group: kind for kind in EFFECTS}
+
+
+def functions() -> frozenset[Group]:
+    """Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
+    return frozenset(group for group, kind in kinds().items() if kind.random)
 
 
 def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """The effects in the order of `EFFECTS`."""
-    return tuple(sorted(effects, key=lambda effect: EFFECTS.index(effect.group)))
+    order = list(kinds())
+    return tuple(sorted(effects, key=lambda effect: order.index(effect.group)))
 
 
 __all__ = [
@@ -33,7 +45,10 @@ __all__ = [
     "Harmonics",
     "JointCompliance",
     "OwnTurns",
+    "Setup",
     "ToolDeflection",
     "Wave",
+    "functions",
     "in_order",
+    "kinds",
 ]

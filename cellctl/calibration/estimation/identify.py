@@ -8,19 +8,20 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration.effects import functions
 from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.estimation.linear import Linear
 from cellctl.calibration.estimation.local_optima import tools, undecided
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.model.unknowns import PLACED, Group, State, Unknowns
+from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
 from cellctl.calibration.outliers.at_known_noise import WILD
 from cellctl.calibration.outliers.inliers import OUTLYING, belonging
 from cellctl.calibration.prediction.predict import foresee
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.model_error import (
-    FUNCTIONS,
     ROWS_AT_LEAST,
     discrepancy_scales,
     may_lack,
@@ -148,7 +149,7 @@ def identify(
     if wider is not None:
         task, weights = wider
         nominal, weighed = identify_kept(task, inliers, weights)
-    may_come_back = together is not None or any(effect.group in FUNCTIONS for effect in task.model.effects)
+    may_come_back = together is not None or any(effect.random for effect in task.model.effects)
     while may_come_back and not kept.all():
         back = ~kept & (weighed.chances(rows) >= WILD)
         if not back.any():
@@ -292,7 +293,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
     if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
     start = _starts(task, _registered_on_closest(task, rows), rows)[0]
-    start = start.masked(~start.among(FUNCTIONS))  # hundreds of amounts that hide no outlier stay as they were
+    start = start.masked(~start.among(functions()))  # hundreds of amounts that hide no outlier stay as they were
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
     before = None
     for _ in range(ROUNDS):

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import Estimate, linearised
-from cellctl.calibration.estimation.tool_search import TOOL, Touched
+from cellctl.calibration.estimation.tool_search import Touched, tool_of
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
@@ -86,7 +86,7 @@ def _move(here: State, there: State) -> Floats:
 
 def _is_another(found: Estimate, moved: Floats) -> bool:
     """Whether the tool `moved` to (P,) lies outside what σ says of the one found."""
-    tool = [found.unknowns.names.index(name) for name in TOOL]
+    tool = tool_of(found.state)
     return bool(moved[tool] @ np.linalg.solve(found.covariance[np.ix_(tool, tool)], moved[tool]) > BEYOND)
 
 
@@ -108,7 +108,7 @@ def _too_few(touched: Touched) -> str:
 def _open(found: Estimate, rivals: Sequence[tuple[float, Floats]]) -> str:
     """That another tool is as good, in words."""
     odds, moved = max(rivals, key=lambda rival: rival[0])
-    away = float(np.linalg.norm(moved[[found.unknowns.names.index(name) for name in TOOL]]))
+    away = float(np.linalg.norm(moved[tool_of(found.state)]))
     as_good = "as probable" if odds > ALIKE else f"{odds:.2g} times as probable"
     return (
         f"the rows leave open which tool it is: one {away:.1f} mm from that found is {as_good}; touch from more sides"

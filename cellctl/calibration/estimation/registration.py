@@ -15,8 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.estimation.datums import telling
+from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
-from cellctl.calibration.model.unknowns import PLACED, Group
+from cellctl.calibration.model.unknowns import PLACED
 from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.rows.planes import pole_of
 from cellctl.kinematics import Floats, SerialChain, pose

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self, final
 
 import numpy as np
@@ -11,14 +12,13 @@ import numpy as np
 from cellctl.calibration.effects import Effect
 from cellctl.calibration.estimation.datums import with_datums
 from cellctl.calibration.estimation.registration import fixed_points, on_instrument
+from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
-from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
+from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
-
-_TURNS = ("tool_a", "tool_b", "tool_c")
 
 
 @final
@@ -130,8 +130,9 @@ class Task:
     def unknowns(self, start: State) -> Unknowns:
         """All parameters about `start`, all free, with what is known of them."""
         names = [session.name for session in self.sessions[1:]]
-        taught = Unknowns.of(start, self._point_names, self.tolerances, sessions=names, datums=self.datums)
-        flat = Unknowns.of(start, self._point_names, self.tolerances, flat=PLACED, sessions=names, datums=self.datums)
+        of = partial(Unknowns.of, start, self.points, self.tolerances)
+        taught = of(sessions=names, datums=self.datums, planes=self.planes)
+        flat = of(flat=PLACED, sessions=names, datums=self.datums, planes=self.planes)
         seen = self._seen_by(taught, (PositionRows, PoseRows))
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))
@@ -182,12 +183,6 @@ class Task:
         touched = [block.point for block in self.rows.blocks if isinstance(block, PlaneRows)]
         return frozenset(int(index) for indices in touched for index in np.unique(indices))
 
-    @property
-    def _point_names(self) -> list[str]:
-        """What parameters of points are called after: the three of a plane are those of its pole."""
-        planes = self.planes
-        return [f"{name}_plane" if index in planes else name for index, name in enumerate(self.points)]
-
     def _somewhere(self) -> State:
         """A state of the right shape."""
         models = [self.model] * len(self.sessions)
@@ -203,7 +198,7 @@ class Task:
 
     def _unturned(self, unknowns: Unknowns) -> Bools:
         """The tool's turns (P,) where nothing measured them: a point has no orientation."""
-        turns = np.array([name.partition("@")[0] in _TURNS for name in unknowns.names])
+        turns = np.array([each.group == "tool" and each.turns for each in unknowns.parameters])
         return np.asarray(turns & ~self._seen_by(unknowns, (PoseRows,)))
 
     def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:

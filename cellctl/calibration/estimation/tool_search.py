@@ -17,8 +17,6 @@ from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
-TOOL = ("tool_x", "tool_y", "tool_z")
-
 SHELLS_MM = (5.0, 15.0, 40.0, 100.0)
 DIRECTIONS = 16
 """Tools that are tried: in so many directions at each of these distances."""
@@ -73,7 +71,7 @@ class Touched:
         number = np.concatenate([np.zeros(0, int), *(block.point for block in blocks)]).astype(int)
         points, point = np.unique(number, return_inverse=True)
         pairs, mm, pair_sigma = _certified(certain, points)
-        tool = _tool_of(state)
+        tool = tool_of(state)
         return cls(
             state=state,
             tips=np.concatenate([np.zeros((0, 3)), *(model.tip(block.at) for model, block in seen)]),
@@ -111,7 +109,7 @@ class Touched:
     def _at(self, x: Floats) -> State:
         """The state with tool and points at x (F,), the tool as a change."""
         shift, state = np.zeros(len(self.state.model.parameters)), self.state
-        shift[_tool_of(state)] = x[:3]
+        shift[tool_of(state)] = x[:3]
         models = [
             model.with_deviations(model.deviations + shift) if mine else model
             for model, mine in zip(state.models, _sharing_the_tool(state), strict=True)
@@ -202,14 +200,15 @@ def _directions(count: int) -> Floats:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=1)
 
 
-def _tool_of(state: State) -> list[int]:
-    """Where a model has the tool's place among its parameters."""
-    return [state.model.parameters.index(name) for name in TOOL]
+def tool_of(state: State) -> list[int]:
+    """Where the first session's model has the tool's place among its parameters."""
+    parameters = enumerate(state.model.parameters)
+    return [place for place, each in parameters if each.group == "tool" and not each.turns]
 
 
 def _sharing_the_tool(state: State) -> Bools:
     """Which sessions have the first one's tool."""
-    tool = _tool_of(state)
+    tool = tool_of(state)
     return np.array([np.array_equal(columns[tool], state.columns[0][tool]) for columns in state.columns])
 
 

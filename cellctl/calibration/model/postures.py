@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias, final
+from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.kinematics import Floats
+
+Condition: TypeAlias = Literal["approach", "warmer", "payload"]
+"""What may be noted of a robot besides where its joints are."""
 
 
 @final
@@ -45,3 +48,8 @@ class Postures:
 
 At: TypeAlias = Postures | ArrayLike
 """Postures, or model angles (..., n), rad, of a robot whose conditions nobody noted."""
+
+
+def varies(values: Floats | None) -> bool:
+    """Whether a condition (N,) was noted, and is not always the same."""
+    return values is not None and bool(values.max() - values.min() > 1e-9)

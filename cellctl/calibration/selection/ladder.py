@@ -13,12 +13,13 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import EFFECTS, Effect, Harmonics, in_order
+from cellctl.calibration.effects import Effect, Harmonics, in_order, kinds
 from cellctl.calibration.estimation.evidence import Factor
 from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.model.unknowns import GEOMETRY, Group
+from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.model.unknowns import GEOMETRY
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.selection.cross_validation import Folded
 from cellctl.calibration.selection.folds import end_folds, judging, random_folds
@@ -111,7 +112,7 @@ def _step(before: _Model, tried: _Model) -> Step:
 
 
 def _ordered(groups: tuple[Group, ...]) -> tuple[Group, ...]:
-    return tuple(sorted(groups, key=lambda group: (GEOMETRY, *EFFECTS).index(group)))
+    return tuple(sorted(groups, key=lambda group: (GEOMETRY, *kinds()).index(group)))
 
 
 @final

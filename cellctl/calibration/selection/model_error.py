@@ -16,9 +16,6 @@ from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Floats
 
-FUNCTIONS = frozenset({"harmonics", "discrepancy"})
-"""Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
-
 ROWS_AT_LEAST = 10
 
 SHOWN = 2.0
@@ -31,7 +28,7 @@ def without_functions(task: Task) -> Task:
     """`task` without harmonics and discrepancy; as it is where they belong to a prior model."""
     if task.prior is not None:
         return task
-    return task.with_effects(tuple(effect for effect in task.model.effects if effect.group not in FUNCTIONS))
+    return task.with_effects(tuple(effect for effect in task.model.effects if not effect.random))
 
 
 def may_lack(task: Task) -> bool:

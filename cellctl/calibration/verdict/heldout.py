@@ -136,7 +136,7 @@ def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
 def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotModel:
     """`model` with base and tool of `new`, each only if it is unseen: the tool is mostly known from other sessions."""
     chain = model.chain
-    groups = {name.partition("_")[0] for name, is_new in zip(model.parameters, unseen, strict=True) if is_new}
+    groups = {each.group for each, is_new in zip(model.parameters, unseen, strict=True) if is_new}
     if "base" in groups:
         chain = chain.with_base(new.chain.base_now)
     if "tool" in groups:

@@ -43,21 +43,6 @@ class Conditions:
         return Postures(self.q[chosen], *(None if part is None else part[chosen] for part in parts))
 
 
-def warmth_varies(at: Postures) -> bool:
-    """Whether there is anything to tell growth by."""
-    return at.warmer is not None and bool(at.warmer.max() - at.warmer.min() > 1e-9)
-
-
-def payload_varies(at: Postures) -> bool:
-    """Whether there is anything to tell a payload from the links' own weight by."""
-    return at.payload is not None and bool(at.payload.max() - at.payload.min() > 1e-9)
-
-
-def approach_varies(at: Postures) -> bool:
-    """Whether any joint came from both sides."""
-    return at.approach is not None and bool(((at.approach > 0).any(axis=0) & (at.approach < 0).any(axis=0)).any())
-
-
 def _warmer(sieve: Sieve) -> Floats | None:
     import numpy as np
 

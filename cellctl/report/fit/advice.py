@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration import Measured, PlaneRows, SocketRows, TouchRows
+from cellctl.calibration import Measured, Parameter, PlaneRows, SocketRows, TouchRows
 from cellctl.calibration.prediction.shape import shape_columns
 from cellctl.kinematics import Floats
 from cellctl.planning.like_rows import rows_like
@@ -14,7 +14,6 @@ from cellctl.planning.next_rows import Advice, next_rows
 from cellctl.report.fit.region import RegionSigma
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import MINUS, decimals, fixed
-from cellctl.report.symbols import symbol
 
 Section = dict[str, Any]
 
@@ -83,7 +82,7 @@ def _row(story: FitStory, row: Measured, advised: Advice, place: int) -> Section
         "readings": [f"{value:.1f}".replace("-", MINUS) for value in readings],
         "sides": "".join("+" if side > 0 else MINUS for side in sides[0] * signs) if sides is not None else "",
         "sigma": _alike(advised.sigma_mm[place + 1], advised),
-        "narrows": narrows(story.found.unknowns.names, advised.narrowed[place]),
+        "narrows": narrows(story.found.unknowns.parameters, advised.narrowed[place]),
     }
 
 
@@ -98,11 +97,11 @@ def _what(story: FitStory, row: Measured) -> str:
     return ""
 
 
-def narrows(names: tuple[str, ...], narrowed: Floats) -> str:
+def narrows(parameters: tuple[Parameter, ...], narrowed: Floats) -> str:
     """The parameters (P,) whose σ falls the most, with by how much: `θ4 by 31 %, tool Z by 12 %`."""
     order = np.argsort(narrowed, kind="stable")[:_NAMED]
     named = [
-        f"{symbol(names[at])} by {100.0 * (1.0 - narrowed[at]):.0f}\N{NO-BREAK SPACE}%"
+        f"{parameters[at].label} by {100.0 * (1.0 - narrowed[at]):.0f}\N{NO-BREAK SPACE}%"
         for at in order
         if narrowed[at] <= _NARROWED
     ]
