@@ -86,7 +86,9 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
         return _measuring(block, model, _as_before(postures, _within(model, room, q, count)))
     if isinstance(block, PlaneRows):
         return _on_planes(block, state, room, q[: 4 * count], count)
-    return _visiting(block, state, room, q[: 4 * count], count)
+    if isinstance(block, TouchRows | SocketRows):
+        return _visiting(block, state, room, q[: 4 * count], count)
+    return block.pick(np.zeros(0, int))  # of another kind nobody knows here what else it could measure
 
 
 def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:

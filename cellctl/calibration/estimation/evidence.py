@@ -21,7 +21,7 @@ from cellctl.calibration.effects import kinds
 from cellctl.calibration.estimation.estimate import Estimate, linearised, pins
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import Unknowns
-from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
+from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
@@ -358,9 +358,7 @@ def _measures_length(rows: Mixture, certain: Sequence[Rows]) -> bool:
     """Whether anything here is a length. Sockets and planes alone are not: a robot of no size would be in all of
     them at once, and nothing but the tolerances of its links keeps it from shrinking.
     """
-    return any(map(len, certain)) or any(
-        len(block) and not isinstance(block, SocketRows | PlaneRows) for block in rows.blocks
-    )
+    return any(map(len, certain)) or any(len(block) and block.has_length for block in rows.blocks)
 
 
 def _beyond(squares: float, count: float) -> bool:

@@ -9,7 +9,6 @@ import numpy as np
 
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.calibration.rows.row_blocks import Mixture
 
 MOVED = 4.0
@@ -35,11 +34,7 @@ def placing(task: Task, registered: State, rows: Mixture) -> Placing | None:
 
     Further sessions may have places of their own, which no prior model knows.
     """
-    measured = [
-        block
-        for block in rows.blocks
-        if isinstance(block, PositionRows | PoseRows) and block.session == 0 and len(block)
-    ]
+    measured = [block for block in rows.blocks if block.of_instrument and block.session == 0 and len(block)]
     if task.prior is None or not measured:
         return None
     seen = Mixture.of(tuple(measured))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Self, final
@@ -16,7 +16,7 @@ from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
-from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.kinematics import Bools, Floats
 
@@ -89,8 +89,8 @@ class Task:
     @property
     def retooled(self) -> bool:
         """Whether an older model has a new tool that nothing but distances tells of, their zeros known."""
-        told = bool(self.rows.kinds - {TouchRows}) or bool(self.datums)
-        return self.partial and "tool" in self.freed and not told
+        told = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
+        return self.partial and "tool" in self.freed and told
 
     @property
     def registered(self) -> frozenset[Group]:
@@ -133,7 +133,7 @@ class Task:
         of = partial(Unknowns.of, start, self.points, self.tolerances)
         taught = of(sessions=names, datums=self.datums, planes=self.planes)
         flat = of(flat=PLACED, sessions=names, datums=self.datums, planes=self.planes)
-        seen = self._seen_by(taught, (PositionRows, PoseRows))
+        seen = self._seen_by(taught, lambda block: block.of_instrument)
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))
             return replace(taught, sigma=np.where(unknown, flat.sigma, taught.sigma))
@@ -143,7 +143,7 @@ class Task:
         """Which parameters (P,) tie nominal to the measurement: points and datums always, base and tool to an
         instrument.
         """
-        instrument = self._seen_by(unknowns, (PositionRows, PoseRows))
+        instrument = self._seen_by(unknowns, lambda block: block.of_instrument)
         later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any older model
         placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
         return np.asarray(placed | unknowns.among(frozenset({"points", "datums"})))
@@ -180,7 +180,7 @@ class Task:
     @property
     def planes(self) -> frozenset[int]:
         """Which of the points are planes."""
-        touched = [block.point for block in self.rows.blocks if isinstance(block, PlaneRows)]
+        touched = [block.visited for block in self.rows.blocks if block.of_planes]
         return frozenset(int(index) for indices in touched for index in np.unique(indices))
 
     def _somewhere(self) -> State:
@@ -189,17 +189,17 @@ class Task:
         own = [session.own for session in self.sessions[1:]]
         return State.of_sessions(models, own, np.zeros((len(self.points), 3)), np.zeros(len(self.datums)))
 
-    def _seen_by(self, unknowns: Unknowns, kinds: tuple[type, ...]) -> Bools:
-        """Which base and tool parameters (P,) act on rows of these kinds."""
+    def _seen_by(self, unknowns: Unknowns, such: Callable[[Measured], bool]) -> Bools:
+        """Which base and tool parameters (P,) act on `such` rows."""
         result = np.zeros(len(unknowns.names), bool)
-        for session in {block.session for block in self.rows.blocks if isinstance(block, kinds) and len(block)}:
+        for session in {block.session for block in self.rows.blocks if len(block) and such(block)}:
             result[unknowns.start.columns[session]] = True
         return result & unknowns.among(PLACED)
 
     def _unturned(self, unknowns: Unknowns) -> Bools:
         """The tool's turns (P,) where nothing measured them: a point has no orientation."""
         turns = np.array([each.group == "tool" and each.turns for each in unknowns.parameters])
-        return np.asarray(turns & ~self._seen_by(unknowns, (PoseRows,)))
+        return np.asarray(turns & ~self._seen_by(unknowns, lambda block: block.orientations is not None))
 
     def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:
         """These unknowns as an older model knew them, but for what is to be found anew."""

@@ -58,7 +58,7 @@ class Case:
         """The rows of one session, as indices (N,) of all, and these alone, as the only session that there is."""
         blocks = [block for block in self.task.rows.blocks if block.session == number]
         rows = np.flatnonzero([block.session == number for block in self.task.rows.blocks for _ in range(len(block))])
-        mixture = Mixture(tuple(replace(block, session=0) for block in blocks))
+        mixture = Mixture(tuple(block.changed(session=0) for block in blocks))
         task = replace(self.task, rows=mixture, sessions=(self.task.sessions[number],))
         return rows, replace(self, task=task, readings=self.readings[rows])
 
@@ -72,6 +72,6 @@ class Case:
         blocks, start = [], 0
         for block in self.task.rows.blocks:
             mine = q[start : start + len(block)]
-            blocks.append(replace(block, at=replace(Postures.of(block.at), q=mine)))
+            blocks.append(block.changed(at=replace(Postures.of(block.at), q=mine)))
             start += len(block)
         return replace(self.task, rows=Mixture(tuple(blocks)))

@@ -174,7 +174,7 @@ class _Block:
     def _near(self, measured: Any, joints: Any) -> Any:
         """Which measurements belong to which rows' joints: pairs of rows (K,) each."""
         posture = self.block.postures.pick(joints)
-        rows = replace(self.block.pick(measured), at=posture)
+        rows = self.block.pick(measured).changed(at=posture)
         return rows.errors(self.state) < self.limit
 
 

@@ -22,8 +22,8 @@ STEP_MM = 200.0
 
 def of_planes(rows: Rowed) -> Iterator[Cause]:
     """A single plane, or several without a length."""
-    blocks = [block for block in rows.blocks if isinstance(block, PlaneRows)]
-    planes = {int(index) for block in blocks for index in np.unique(block.point)}
+    blocks = [block for block in rows.blocks if block.of_planes]
+    planes = {int(index) for block in blocks for index in np.unique(block.visited)}
     if len(planes) == 1 and len(blocks) == len(rows.blocks):
         yield Cause("all rows are on one plane", lambda: _on_other_planes(rows, *planes))
     if planes and rows.lengthless:

@@ -18,7 +18,6 @@ from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.prediction.predict import foresee
-from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.calibration.rows.row_blocks import Mixture
 from cellctl.calibration.verdict.judgement import HeldOut
 from cellctl.calibration.verdict.reliability import Reliability
@@ -101,13 +100,11 @@ def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
     for block in rows.blocks:
         if not len(block):
             continue
-        if isinstance(block, PositionRows | PoseRows):
+        if block.of_instrument:
             result[start.columns[block.session]] = True
-        if isinstance(block, TouchRows | SocketRows | PlaneRows):
-            for axis in range(3):
-                result[start.points_at + 3 * np.unique(block.point) + axis] = True
-        if isinstance(block, TouchRows):
-            result[start.datums_at + np.unique(block.datum[block.datum >= 0])] = True
+        for axis in range(3):
+            result[start.points_at + 3 * np.unique(block.visited[block.visited >= 0]) + axis] = True
+        result[start.datums_at + np.unique(block.zeros[block.zeros >= 0])] = True
     return result
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration import Measured, Parameter, PlaneRows, SocketRows, TouchRows
+from cellctl.calibration import Measured, Parameter
 from cellctl.calibration.prediction.shape import shape_columns
 from cellctl.kinematics import Floats
 from cellctl.planning.like_rows import rows_like
@@ -53,7 +53,9 @@ def advice(story: FitStory, region: RegionSigma) -> Section | None:
         "candidates": len(columns),
         "session": story.sessions[blocks[0].session] if len(story.task.sessions) > 1 else "",
         "sides": any(row["sides"] for row in rows),
-        "touches": any(isinstance(block, TouchRows) for block in blocks),
+        "touches": any(
+            bool((block.visited >= 0).any()) and block.along_line and not block.of_planes for block in blocks
+        ),
     }
 
 
@@ -92,9 +94,8 @@ def _alike(sigma: float, advised: Advice) -> str:
 
 
 def _what(story: FitStory, row: Measured) -> str:
-    if isinstance(row, TouchRows | SocketRows | PlaneRows):
-        return str(story.task.points[int(row.point[0])])
-    return ""
+    point = int(row.visited[0])
+    return str(story.task.points[point]) if point >= 0 else ""
 
 
 def narrows(parameters: tuple[Parameter, ...], narrowed: Floats) -> str:
