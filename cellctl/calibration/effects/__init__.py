@@ -5,12 +5,13 @@ from collections.abc import Iterable
 from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
-from cellctl.calibration.effects.discrepancy import Discrepancy
 from cellctl.calibration.effects.effect import Effect, OwnTurns, Setup
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.effects.growth import Growth
-from cellctl.calibration.effects.harmonics import Harmonics, Wave
 from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.residuals.discrepancy import Discrepancy
+from cellctl.calibration.residuals.harmonics import Harmonics, Wave
+from cellctl.calibration.residuals.residual_model import ResidualModel
 
 EFFECTS: tuple[type[Effect], ...] = (ToolDeflection, JointCompliance, Harmonics, Backlash, Growth, Discrepancy)
 """All kinds of effects, in the order in which a model's name lists them."""
@@ -23,7 +24,7 @@ def kinds() -> dict[Group, type[Effect]]:
 
 def functions() -> frozenset[Group]:
     """Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
-    return frozenset(group for group, kind in kinds().items() if kind.random)
+    return frozenset(group for group, kind in kinds().items() if issubclass(kind, ResidualModel))
 
 
 def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -45,6 +46,7 @@ __all__ = [
     "Harmonics",
     "JointCompliance",
     "OwnTurns",
+    "ResidualModel",
     "Setup",
     "ToolDeflection",
     "Wave",

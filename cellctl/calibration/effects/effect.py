@@ -80,10 +80,9 @@ class Effect(ABC):
 
     group: name of the kind, by which it is freed or held, named in `--model`, and stored. title: the same for people.
     chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model by itself
-    (`never`). of_touches: whether `auto` begins with it where the tool touches. random: whether its amounts are the
-    coefficients of a random function, and no parameters of their own. needs: what it needs, where rows do not show it.
-    missing: conditions that it needs at a prediction, each with what is predicted without it. prior_scales: bounds of
-    what the evidence may scale its prior by; None: it is never scaled.
+    (`never`). of_touches: whether `auto` begins with it where the tool touches. needs: what it needs, where rows do not
+    show it. missing: conditions that it needs at a prediction, each with what is predicted without it. prior_scales:
+    bounds of what the evidence may scale its prior by; None: it is never scaled.
     """
 
     __slots__ = ()
@@ -92,7 +91,6 @@ class Effect(ABC):
     title: ClassVar[str]
     chosen: ClassVar[Literal["named", "tried", "never"]] = "tried"
     of_touches: ClassVar[bool] = False
-    random: ClassVar[bool] = False
     needs: ClassVar[str] = ""
     missing: ClassVar[tuple[tuple[Condition, str], ...]] = ()
     prior_scales: ClassVar[tuple[float, float] | None] = PRIOR_SCALES

@@ -8,7 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import functions
+from cellctl.calibration.effects import ResidualModel, functions
 from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.estimation.linear import Linear
@@ -149,7 +149,7 @@ def identify(
     if wider is not None:
         task, weights = wider
         nominal, weighed = identify_kept(task, inliers, weights)
-    may_come_back = together is not None or any(effect.random for effect in task.model.effects)
+    may_come_back = together is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
     while may_come_back and not kept.all():
         back = ~kept & (weighed.chances(rows) >= WILD)
         if not back.any():

@@ -13,7 +13,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Effect, Harmonics, in_order, kinds
+from cellctl.calibration.effects import Effect, ResidualModel, in_order, kinds
 from cellctl.calibration.estimation.evidence import Factor
 from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
@@ -165,8 +165,9 @@ class _Ladder:
         return replace(self.task.with_effects(in_order([*self.task.model.effects, *kept])), groups=None)
 
     def _with_what_shows(self, effect: Effect, model: _Model) -> Effect:
-        """Harmonics without the bands that are too small for any row to show, at their size, in the noise."""
-        if not isinstance(effect, Harmonics):
+        """A residual model without the bands that are too small for any row to show, at their size, in the noise."""
+        bands = dict.fromkeys(parameter.band for parameter in effect.parameters if parameter.band)
+        if not isinstance(effect, ResidualModel) or not bands:
             return effect
         system = self.folded.system
         squares = sum(np.diag(n.square) * np.exp(-2.0 * model.logs.get(f, 0.0)) for f, n in system.numbers.items())
@@ -174,11 +175,10 @@ class _Ladder:
         place = {name: number for number, (name, _) in enumerate(system.loose)}
         large = {
             band
-            for band in dict.fromkeys(effect.bands)
+            for band in bands
             if np.sum(shown[system.groups == place[band]]) * np.exp(2.0 * model.logs.get((band, 0), 0.0)) > SHOWN**2
         }
-        waves = dict.fromkeys(wave for wave, band in zip(effect.waves, effect.bands[::2], strict=True) if band in large)
-        return Harmonics(effect.joints, orders=(), ripple=tuple(waves), expected=effect.expected)
+        return effect.reduced(large)
 
     def weights(self, model: _Model) -> Weights:
         """Its noise and prior scales."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.effects import Discrepancy, in_order
+from cellctl.calibration.effects import Discrepancy, ResidualModel, in_order
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.evidence import Factor, System
 from cellctl.calibration.estimation.task import Task
@@ -28,7 +28,7 @@ def without_functions(task: Task) -> Task:
     """`task` without harmonics and discrepancy; as it is where they belong to a prior model."""
     if task.prior is not None:
         return task
-    return task.with_effects(tuple(effect for effect in task.model.effects if not effect.random))
+    return task.with_effects(tuple(effect for effect in task.model.effects if not isinstance(effect, ResidualModel)))
 
 
 def may_lack(task: Task) -> bool:
@@ -50,7 +50,7 @@ def discrepancy_scales(
     """
     system = System.of(wider, carried(found, wider), rows, certain)
     logs = {factor: float(np.log(value)) for factor, value in scales.items()}
-    gain, tuned = system.gain(("discrepancy", 0), logs)
+    gain, tuned = system.gain((Discrepancy.group, 0), logs)
     if gain < SHOWN:
         return None
     return {factor: float(np.exp(value)) for factor, value in tuned.items()}

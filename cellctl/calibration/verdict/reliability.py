@@ -106,7 +106,7 @@ def _scatter(found: Identification, used: Mixture) -> float:
 def _own_discrepancy(found: Identification) -> float:
     """1 σ, mm, of the model's own discrepancy where nothing was measured; 0 without one."""
     unknowns = found.identified.unknowns
-    mine = unknowns.among(frozenset({"discrepancy"}))
+    mine = unknowns.among(frozenset({Discrepancy.group}))
     return float(unknowns.sigma[mine].max()) if mine.any() else 0.0
 
 

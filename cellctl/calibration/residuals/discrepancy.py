@@ -10,9 +10,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
-from cellctl.calibration.effects.effect import STORED, Effect, Setup
+from cellctl.calibration.effects.effect import STORED, Setup
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.residual_model import ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_MM = 0.1
@@ -35,7 +36,7 @@ _PHRASE = Phrase("discrepancy", "discrepancy")
 
 @final
 @dataclass(frozen=True, eq=False)
-class Discrepancy(Effect):
+class Discrepancy(ResidualModel):
     """A Gaussian process δ(q) on each axis of the robot's base frame, squared exponential in the joint angles.
 
     centres (M, n): postures, rad, at which it is expanded (Nyström): δ = Σ φ_m(q) κ_m with κ ~ N(0, expected²), mm.
@@ -66,7 +67,6 @@ class Discrepancy(Effect):
 
     group: ClassVar[Group] = "discrepancy"
     title: ClassVar[str] = "Discrepancy"
-    random: ClassVar[bool] = True
     chosen: ClassVar = "never"
 
     @classmethod
@@ -96,6 +96,14 @@ class Discrepancy(Effect):
         """Ψ (N, 3, 3M): φ of each centre, on each axis."""
         basis = self._basis(at.q)
         return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, 3 * basis.shape[1]))
+
+    def variance(self, at: Postures) -> Floats:
+        """What the centres leave open (N,), mm² on each axis."""
+        return self.expected**2 * self.remainder(at.q)
+
+    def outside(self, at: Postures) -> Floats:
+        """The share (N,) of its variance that the centres leave."""
+        return self.remainder(at.q)
 
     def remainder(self, q: Floats) -> Floats:
         """The share (N,) of the prior variance at q (N, n), rad, that the centres leave: 0 at them, 1 far away."""

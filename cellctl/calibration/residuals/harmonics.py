@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, OwnTurns, Setup
+from cellctl.calibration.effects.effect import OwnTurns, Setup
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.residual_model import ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 2e-4
@@ -33,7 +35,7 @@ _PHRASES = (
 
 @final
 @dataclass(frozen=True)
-class Harmonics(Effect):
+class Harmonics(ResidualModel):
     """Each joint's error as waves of its own angle: Σ s_m sin mq + c_m (cos mq − 1).
 
     joints: how many. orders: waves per turn of every joint. ripple: further waves as (joint from 1, waves per turn), in
@@ -62,7 +64,6 @@ class Harmonics(Effect):
 
     group: ClassVar[Group] = "harmonics"
     title: ClassVar[str] = "Harmonics"
-    random: ClassVar[bool] = True
 
     @classmethod
     def of_setup(cls, setup: Setup) -> Self:
@@ -98,6 +99,12 @@ class Harmonics(Effect):
         """Prior 1 σ about 0, rad."""
         counts = {band: self.bands.count(band) for band in dict.fromkeys(self.bands)}
         return np.array([self.expected * np.sqrt(2.0 / counts[band]) for band in self.bands])
+
+    def reduced(self, bands: Collection[str]) -> Self:
+        """The waves of these bands alone."""
+        pairs = zip(self.waves, self.bands[::2], strict=True)
+        waves = dict.fromkeys(wave for wave, band in pairs if band in bands)
+        return replace(self, orders=(), ripple=tuple(waves))
 
     def turns(self, nominal: SerialChain, at: Postures) -> OwnTurns:
         """Each wave turns its own joint."""
