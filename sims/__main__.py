@@ -9,6 +9,8 @@ from pathlib import Path
 
 from sims.cell import CellError, read_cell
 from sims.running import Settings, run_cell
+from sims.schema import schema_of
+from sims.simulators import BadSimulator, installed
 from sims.truth import write_truth
 from sims.truth_rows import TruthError
 
@@ -18,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     asked = _parser().parse_args(arguments)
     try:
         return int(asked.do(asked) or 0)
-    except (CellError, TruthError) as error:
+    except (CellError, TruthError, BadSimulator) as error:
         print(error, file=sys.stderr)
     except OSError as error:
         print(f"{error.filename or 'simulated cell'}: {error.strerror}", file=sys.stderr)
@@ -27,10 +29,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m sims", description="The hardware of a cell, simulated.")
-    verbs = parser.add_subparsers(required=True, metavar="run|check|truth")
+    verbs = parser.add_subparsers(required=True, metavar="run|check|truth|schema")
     _add_run(verbs.add_parser("run", help="stand in for the hardware of a cell file that has a simulate: section"))
     _add_check(verbs.add_parser("check", help="every mistake in a cell file, as JSON; starts nothing"))
     _add_truth(verbs.add_parser("truth", help="the simulated robot's true tool centre point at given joints"))
+    schema = verbs.add_parser("schema", help="the JSON Schema of the simulate: section, all installed simulators in it")
+    schema.set_defaults(do=_schema)
     return parser
 
 
@@ -68,7 +72,7 @@ def _run(asked: argparse.Namespace) -> None:
 def _check(asked: argparse.Namespace) -> int:
     """Print the mistakes as a JSON list of texts, each begun by the value's path in the file; 2 where there are any."""
     try:
-        read_cell(asked.cell)
+        read_cell(asked.cell, to_run=True)
     except CellError as error:
         print(json.dumps(error.problems))
         return 2
@@ -78,6 +82,10 @@ def _check(asked: argparse.Namespace) -> int:
 
 def _truth(asked: argparse.Namespace) -> None:
     write_truth(asked.cell, asked.joints, asked.seed, asked.out, pose=asked.pose)
+
+
+def _schema(asked: argparse.Namespace) -> None:
+    print(json.dumps(schema_of(installed()), indent=2))
 
 
 def _seed(text: str) -> int:

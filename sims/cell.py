@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
-from urllib.parse import parse_qs, urlsplit
 
 import yaml
 
-from sims.faults import FaultError, FaultSetting, read_fault
+from sims.faults import Fault, FaultCatalogue, FaultError
 from sims.robot_file import RobotFile, Triple, read_robot
 from sims.section import Section
+from sims.settings import read_settings
+from sims.simulators import BadSimulator, Simulators, installed
 
 ERRORS = {
     "geometry": 1.0,
@@ -82,45 +83,23 @@ class Artefact:
 
 @final
 @dataclass(frozen=True, slots=True)
-class RsiSettings:
-    """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset).
-
-    `mode`: what the controller's program passes to RSI_ON, absolute or relative.
-    """
-
-    cycle_ms: int
-    precision: int
-    timeout_cycles: int
-    counter: str
-    mode: str
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class ProbeSettings:
-    """Grid of the USB polls, ms (0: none), and the further edges of a contact that bounces."""
-
-    usb_delay_ms: float
-    bounce: int
-
-
-@final
-@dataclass(frozen=True, slots=True)
 class Simulate:
-    """The `simulate:` section. `errors`: kind → scale, all of `ERRORS`."""
+    """The `simulate:` section.
+
+    `errors`: kind → scale, all of `ERRORS`. `settings`: section of an installed simulator → its settings' values.
+    """
 
     seed: int
     clock: Literal["lockstep", "realtime"]
     errors: dict[str, float]
-    rsi: RsiSettings
-    probe: ProbeSettings
-    faults: tuple[FaultSetting, ...]
+    settings: dict[str, dict[str, Any]]
+    faults: tuple[Fault, ...]
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class SimCell:
-    """A cell to simulate. `addresses`: device → address as written."""
+    """A cell to simulate. `addresses`: device → address as written. `home`: where the robot is at first, A1…An, deg."""
 
     path: Path
     name: str
@@ -128,6 +107,7 @@ class SimCell:
     addresses: dict[str, str]
     artefact: Artefact
     simulate: Simulate
+    home: tuple[float, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -135,26 +115,47 @@ class SimCell:
         return self.path.parent
 
 
-def read_cell(path: Path) -> SimCell:
-    """The cell of a cell file that has a `simulate:` section. Raises CellError, with every mistake of both files."""
+def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
+    """The cell of a cell file that has a `simulate:` section. Raises CellError, with every mistake of both files.
+
+    `to_run`: each of its devices must have a simulator.
+    """
     problems: list[str] = []
+    try:
+        simulators = installed()
+    except BadSimulator as error:
+        raise CellError(path, [str(error)]) from None
     entries = _load(path)
     cell = Section(entries, "", problems)
     if "simulate" not in cell.entries:
         problems.append("it has no 'simulate:' section: it is a real cell")
     model = cell.word("model")
-    addresses = {key: value for key, value in cell.entries.items() if isinstance(value, str) and "://" in value}
+    for key, value in cell.entries.items():
+        if isinstance(value, str) and "://" in value:
+            cell.note(key, "is an address at top level; write it under `devices:`")
+    devices = cell.below("devices")
+    addresses = {name: devices.word(name) for name in devices.entries}
+    robot = read_robot(Section(_load_model(path, model, problems), model, problems))
     found = SimCell(
         path=path,
         name=cell.word("name", path.stem),
-        robot=read_robot(Section(_load_model(path, model, problems), model, problems)),
+        robot=robot,
         addresses=addresses,
         artefact=_artefact(cell.below("artefact")),
-        simulate=_simulate(cell.below("simulate"), _addressed_mode(addresses)),
+        simulate=_simulate(cell.below("simulate"), simulators, simulators.catalogue(addresses.values())),
+        home=_home(cell.below("postures"), robot),
     )
+    if to_run:
+        problems += simulators.problems(addresses)
     if problems:
         raise CellError(path, problems)
     return found
+
+
+def _home(section: Section, robot: RobotFile) -> tuple[float, ...]:
+    """Where the cell file has it, else every joint at 0, as far as the axes' limits let it."""
+    home = section.numbers("home", len(robot.joints)) if "home" in section.entries else (0.0,) * len(robot.joints)
+    return tuple(min(max(angle, axis.min), axis.max) for angle, axis in zip(home, robot.joints, strict=True))
 
 
 def _load(path: Path) -> Any:
@@ -204,14 +205,9 @@ def _distance(section: Section, names: set[str]) -> Distance:
     )
 
 
-def _addressed_mode(addresses: dict[str, str]) -> str:
-    """What the robot's address says of RSI_ON in the controller's program."""
-    queries = [parse_qs(parts.query) for parts in map(urlsplit, addresses.values()) if parts.scheme == "kuka+rsi"]
-    return "relative" if any(query.get("mode") == ["relative"] for query in queries) else "absolute"
-
-
-def _simulate(section: Section, addressed_mode: str) -> Simulate:
-    section.only(["seed", "clock", "errors", "rsi", "probe", "faults"])
+def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogue) -> Simulate:
+    with_settings = [one for one in simulators.all if one.section]
+    section.only(["seed", "clock", "errors", "faults", *(one.section for one in with_settings)])
     errors = section.below("errors")
     errors.only(ERRORS)
     lockstep = section.word("clock", "lockstep", ["lockstep", "realtime"]) != "realtime"
@@ -219,35 +215,16 @@ def _simulate(section: Section, addressed_mode: str) -> Simulate:
         seed=section.whole("seed", 1),
         clock="lockstep" if lockstep else "realtime",
         errors={kind: errors.scale(kind, usual) for kind, usual in ERRORS.items()},
-        rsi=_rsi(section.below("rsi"), addressed_mode),
-        probe=_probe(section.below("probe")),
-        faults=tuple(_faults(section)),
+        settings={one.section: read_settings(one.settings, section.below(one.section)) for one in with_settings},
+        faults=tuple(_faults(section, catalogue)),
     )
 
 
-def _rsi(section: Section, addressed_mode: str) -> RsiSettings:
-    section.only(["cycle_ms", "precision", "timeout_cycles", "counter", "mode"])
-    cycle = section.whole("cycle_ms", 4, 1)
-    if cycle not in {4, 12}:
-        section.note("cycle_ms", f"4 or 12 is expected, not {cycle}")
-    counter = section.word("counter", "total", ["total", "reset"])
-    mode = section.word("mode", addressed_mode, ["absolute", "relative"])
-    return RsiSettings(cycle, section.whole("precision", 4), section.whole("timeout_cycles", 100, 1), counter, mode)
-
-
-def _probe(section: Section) -> ProbeSettings:
-    section.only(["usb_delay_ms", "bounce"])
-    bounce = section.whole("bounce", 2)
-    if bounce % 2:
-        section.note("bounce", f"an even number is expected (it opens and closes again), not {bounce}")
-    return ProbeSettings(section.number("usb_delay_ms", 1.0, 0.0), bounce)
-
-
-def _faults(section: Section) -> list[FaultSetting]:
+def _faults(section: Section, catalogue: FaultCatalogue) -> list[Fault]:
     found = []
     for entry in section.each("faults"):
         try:
-            found.append(read_fault(entry.entries))
+            found.append(catalogue.read(entry.entries))
         except FaultError as error:
             entry.problems.append(f"{entry.where}: {error}")
     return found

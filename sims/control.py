@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any, final
 
-from sims.faults import FaultError, Faults, read_fault
+from sims.faults import SEARCH, FaultError, Faults
 from sims.kernel import FOR_EVER_NS, Event, Hold, Kernel
+from sims.simulator import Refused, Request
 from sims.wires import Wire
 
 STRIDE_NS = 20_000_000
@@ -23,29 +24,26 @@ STRIDE_NS = 20_000_000
 
 _LONGEST = 65_536
 
-RsiTarget = Callable[[str, int], object]
-"""Tells a robot's controller where its RSI telegrams go: host, port."""
-
-
-class Refused(Exception):
-    """A request that cannot be done; the text says why."""
-
 
 @final
 class ControlPort:
     """Listens on a free port of the loopback.
 
-    `rsi_targets`: device → where to say its host and port; `wires`: device → what went over its wire.
+    `requests`: device → `op` → what it does for its device; `wires`: device → what went over its wire.
     """
 
     def __init__(
-        self, kernel: Kernel, faults: Faults, rsi_targets: dict[str, RsiTarget], wires: dict[str, Wire] | None = None
+        self,
+        kernel: Kernel,
+        faults: Faults,
+        requests: Mapping[str, Mapping[str, Request]],
+        wires: dict[str, Wire] | None = None,
     ) -> None:
         self.kernel = kernel
         self.wires = wires or {}
         self.attached: Connection | None = None
         self._faults = faults
-        self._rsi_targets = rsi_targets
+        self._requests = requests
         self._connections: set[Connection] = set()
         self._awaited: Hold | None = None
         kernel.before_event = self._keep_in_step
@@ -84,9 +82,6 @@ class ControlPort:
             case {"op": "attach"}:
                 self._attach(connection, str(request.get("name", "host")))
                 return None
-            case {"op": "rsi_target"}:
-                self._set_rsi_target(request)
-                return {"ok": True}
             case {"op": "fault"}:
                 self._fault({key: value for key, value in request.items() if key != "op"})
                 return {"ok": True}
@@ -95,7 +90,10 @@ class ControlPort:
             case {"op": "shutdown"}:
                 self.kernel.stop()
                 return {"ok": True}
-        raise Refused("what is asked is not understood; op is attach, rsi_target, fault, status or shutdown")
+            case {"op": str(op)}:
+                self._ask_device(op, request)
+                return {"ok": True}
+        raise Refused("what is asked is not understood; a message has an 'op', as attach, fault, status or shutdown")
 
     def gone(self, connection: Connection) -> None:
         """A connection has ended."""
@@ -130,18 +128,19 @@ class ControlPort:
         if self.attached is not None:
             self.attached.go_on_if_read()
 
-    def _set_rsi_target(self, request: dict[str, Any]) -> None:
-        target = self._rsi_targets.get(str(request.get("device")))
-        if target is None:
-            raise Refused(f"no device of that name takes RSI; there are {', '.join(self._rsi_targets) or 'none'}")
-        host, port = request.get("host"), request.get("port")
-        if not isinstance(host, str) or not isinstance(port, int) or not 0 < port < 0x10000:
-            raise Refused("host and port are expected, as 127.0.0.1 and 49152")
-        target(host, port)
+    def _ask_device(self, op: str, request: dict[str, Any]) -> None:
+        able = {device: requests[op] for device, requests in self._requests.items() if op in requests}
+        ask = able.get(str(request.get("device")))
+        if ask is None:
+            raise Refused(
+                f"there is no '{op}' of that device; devices that have it: {', '.join(able) or 'none'}; "
+                "without a device: attach, fault, status, shutdown"
+            )
+        ask(request)
 
     def _fault(self, entry: dict[str, Any]) -> None:
         try:
-            self._faults.schedule(read_fault(entry))
+            self._faults.schedule(self._faults.catalogue.read(entry))
         except FaultError as error:
             raise Refused(str(error)) from None
 
@@ -151,7 +150,8 @@ class ControlPort:
             "ok": True,
             "time_ns": kernel.now,
             "mode": kernel.mode,
-            "searches": self._faults.searches,
+            "searches": self._faults.counts[SEARCH],
+            "events": dict(self._faults.counts),
             "holds": kernel.holders(),
         }
 

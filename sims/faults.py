@@ -1,35 +1,24 @@
-"""Faults: what goes wrong, and when. The devices' simulators ask whether one is active, or are told when it starts."""
+"""Faults: what goes wrong, and when. The devices' simulators ask whether one is active, or are told when it starts.
+
+A fault starts at a time of the cell, or at an event, which a device's simulator announces by its name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, final
 
 from sims.kernel import Kernel
+from sims.settings import FaultKind
 
-SETTINGS: dict[str, frozenset[str]] = {
-    "rsi.silent": frozenset(),
-    "rsi.sentype": frozenset(),
-    "rsi.stall": frozenset({"for_ms"}),
-    "rsi.drop": frozenset({"for_ms"}),
-    "robot.stop": frozenset(),
-    "robot.restart": frozenset(),
-    "tip.jump": frozenset({"mm"}),
-    "probe.closed": frozenset({"for_ms"}),
-    "probe.wire_break": frozenset({"for_ms"}),
-    "probe.silent": frozenset({"for_ms"}),
-    "probe.reset": frozenset(),
-    "probe.no_contact": frozenset({"for_ms"}),
-    "probe.corrupt": frozenset({"every", "for_ms"}),
-}
-"""Fault → its settings, besides those that say when."""
+SEARCH, SEARCH_END = "robot.search", "robot.search_end"
+"""The events that `search:` and `before_search:` mean."""
 
-MOMENTARY = frozenset({"robot.stop", "robot.restart", "tip.jump", "probe.reset"})
-"""Faults that happen and are over: only their start is told."""
-
-_WHEN = ("search", "before_search", "at_ms")
+WHEN = ("event", "search", "before_search", "at_ms")
+_COUNTS = {"count", "search", "before_search"}
 _MS = 1_000_000
 
 
@@ -39,40 +28,78 @@ class FaultError(ValueError):
 
 @final
 @dataclass(frozen=True, slots=True)
-class FaultSetting:
-    """One fault of the schedule.
+class Trigger:
+    """When a fault starts: at a time of the cell, or `after_ms` after the `count`-th `event` (None: within it).
 
-    At most one of `search` (counted from 1, with `after_ms`), `before_search` and `at_ms` says when; none means at
-    once. `for_ms`: how long; None stays. `every`: each how many lines one is corrupted. `mm`: by how much the tip is
-    shorter.
+    `last`: the event, with its count, before which the fault must be on the schedule.
     """
 
-    fault: str
-    search: int | None = None
-    before_search: int | None = None
-    at_ms: float | None = None
-    after_ms: float = 0.0
-    for_ms: float | None = None
-    every: int = 1
-    mm: float = 0.5
+    at_ms: float = 0.0
+    event: str | None = None
+    count: int = 1
+    after_ms: float | None = 0.0
+    last: tuple[str, int] = ("", 1)
 
 
-def read_fault(entry: Mapping[str, Any]) -> FaultSetting:
-    """A fault as the cell file or the control port writes it. Raises FaultError."""
-    name = entry.get("fault")
-    if not isinstance(name, str) or name not in SETTINGS:
-        raise FaultError(f"there is no fault '{name}'; there are {', '.join(sorted(SETTINGS))}")
-    allowed = {"fault", *_WHEN, "after_ms", *SETTINGS[name]}
-    for key in entry:
-        if key not in allowed:
-            raise FaultError(f"{name} has no setting '{key}'; it has {', '.join(sorted(allowed - {'fault'}))}")
-    if sum(key in entry for key in _WHEN) > 1:
-        raise FaultError(f"{name}: only one of {', '.join(_WHEN)} can say when")
-    if "after_ms" in entry and "search" not in entry:
-        raise FaultError(f"{name}: after_ms counts from the start of a search; say which with 'search'")
-    for key in entry.keys() - {"fault"}:
-        _check_number(f"{name}: {key}", entry[key], whole=key in {"search", "before_search", "every"})
-    return FaultSetting(**entry)
+@final
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of the schedule. `settings`: name → value, None where nothing is stated (`for_ms`: it stays)."""
+
+    kind: FaultKind
+    trigger: Trigger
+    settings: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """Of its kind: `probe.wire_break`."""
+        return self.kind.name
+
+
+@final
+class FaultCatalogue:
+    """The faults that there are, and the events at which they can start."""
+
+    def __init__(self, kinds: Iterable[FaultKind], events: Iterable[str]) -> None:
+        self.kinds = {kind.name: kind for kind in kinds}
+        self.events = tuple(dict.fromkeys(events))
+
+    def read(self, entry: Mapping[str, Any]) -> Fault:
+        """A fault as the cell file or the control port writes it. Raises FaultError."""
+        name = entry.get("fault")
+        kind = self.kinds.get(name) if isinstance(name, str) else None
+        if kind is None:
+            raise FaultError(f"there is no fault '{name}'; there are {', '.join(sorted(self.kinds))}")
+        own = {setting.name: setting for setting in kind.settings}
+        allowed = {*WHEN, "count", "after_ms", *own}
+        for key, value in entry.items():
+            if key == "fault":
+                continue
+            if key not in allowed:
+                raise FaultError(f"{name} has no setting '{key}'; it has {', '.join(sorted(allowed))}")
+            if key != "event":
+                whole = key in _COUNTS or (key in own and own[key].kind == "whole")
+                _check_number(f"{name}: {key}", value, whole=whole)
+        settings = {setting.name: entry.get(setting.name, setting.default) for setting in kind.settings}
+        return Fault(kind, self._trigger(kind.name, entry), settings)
+
+    def _trigger(self, name: str, entry: Mapping[str, Any]) -> Trigger:
+        if sum(key in entry for key in WHEN) > 1:
+            raise FaultError(f"{name}: only one of {', '.join(WHEN)} can say when")
+        if "after_ms" in entry and not entry.keys() & {"event", "search"}:
+            raise FaultError(f"{name}: after_ms counts from an event; say which with 'event'")
+        if "count" in entry and "event" not in entry:
+            raise FaultError(f"{name}: count is of events; say which with 'event'")
+        if "before_search" in entry:
+            number = entry["before_search"]
+            return Trigger(event=SEARCH_END, count=number - 1, after_ms=None, last=(SEARCH, number))
+        if not entry.keys() & {"event", "search"}:
+            return Trigger(at_ms=entry.get("at_ms", 0.0))
+        event, count = entry.get("event", SEARCH), entry.get("search", entry.get("count", 1))
+        if "event" in entry and event not in self.events:
+            known = ", ".join(self.events) or "none"
+            raise FaultError(f"{name}: no device of this cell has the event '{event}'; there are {known}")
+        return Trigger(event=event, count=count, after_ms=entry.get("after_ms", 0.0), last=(event, count))
 
 
 def _check_number(what: str, value: object, *, whole: bool) -> None:
@@ -86,31 +113,32 @@ def _check_number(what: str, value: object, *, whole: bool) -> None:
 
 @final
 class Faults:
-    """The schedule of faults on the cell's time, and the count of searches."""
+    """The schedule of faults on the cell's time, and the count of each event."""
 
-    def __init__(self, kernel: Kernel) -> None:
-        self.searches = 0
+    def __init__(self, kernel: Kernel, catalogue: FaultCatalogue) -> None:
+        self.catalogue = catalogue
+        self.counts: Counter[str] = Counter()
         self._kernel = kernel
-        self._active: dict[str, list[FaultSetting]] = {name: [] for name in SETTINGS}
-        self._on_start: dict[str, list[Callable[[], object]]] = {name: [] for name in SETTINGS}
-        self._on_end: dict[str, list[Callable[[], object]]] = {name: [] for name in SETTINGS}
-        self._waiting: list[FaultSetting] = []
-        self._ended = 0
+        self._active: dict[str, list[Fault]] = {name: [] for name in catalogue.kinds}
+        self._on_start: dict[str, list[Callable[[], object]]] = {name: [] for name in catalogue.kinds}
+        self._on_end: dict[str, list[Callable[[], object]]] = {name: [] for name in catalogue.kinds}
+        self._waiting: list[Fault] = []
 
-    def schedule(self, setting: FaultSetting) -> None:
-        """Put a fault on the schedule. Raises FaultError where the search it belongs to has begun."""
-        number = setting.search or setting.before_search
-        if number is not None and number <= self.searches:
-            raise FaultError(f"{setting.fault}: search {number} has begun already")
-        if setting.search is not None or (setting.before_search or 0) > self._ended + 1:
-            self._waiting.append(setting)
+    def schedule(self, fault: Fault) -> None:
+        """Put a fault on the schedule. Raises FaultError where its event is over."""
+        trigger = fault.trigger
+        event, count = trigger.last
+        if self.counts[event] >= count:
+            raise FaultError(f"{fault.name}: {event} {count} has begun already")
+        if trigger.event is None or self.counts[trigger.event] >= trigger.count:
+            self._kernel.at(round(trigger.at_ms * _MS), partial(self._start, fault))
         else:
-            self._kernel.at(round((setting.at_ms or 0.0) * _MS), partial(self._start, setting))
+            self._waiting.append(fault)
 
-    def active(self, name: str) -> FaultSetting | None:
+    def active(self, name: str) -> Fault | None:
         """The fault of this name that is going on, the latest of several; None where all is well."""
-        settings = self._active[name]
-        return settings[-1] if settings else None
+        faults = self._active[name]
+        return faults[-1] if faults else None
 
     def on_start(self, name: str, callback: Callable[[], object]) -> None:
         """Call `callback` whenever a fault of this name starts, within its event."""
@@ -120,31 +148,34 @@ class Faults:
         """Call `callback` whenever a fault of this name ends by its `for_ms`, within its event."""
         self._on_end[name].append(callback)
 
-    def search_begins(self) -> int:
-        """RSI is on for a search; returns its number, from 1."""
-        self.searches += 1
-        for setting in [setting for setting in self._waiting if setting.search == self.searches]:
-            self._waiting.remove(setting)
-            self._kernel.after(round(setting.after_ms * _MS), partial(self._start, setting))
-        return self.searches
+    def announce(self, event: str) -> int:
+        """A device says that `event` happens now; returns how often it has, from 1. Raises KeyError: not described."""
+        if event not in self.catalogue.events:
+            raise KeyError(f"{event} is not among the events of its device's description")
+        self.counts[event] += 1
+        due = [fault for fault in self._waiting if self._is_due(fault.trigger, event)]
+        for fault in due:
+            self._waiting.remove(fault)
+            if fault.trigger.after_ms is None:
+                self._start(fault)
+            else:
+                self._kernel.after(round(fault.trigger.after_ms * _MS), partial(self._start, fault))
+        return self.counts[event]
 
-    def search_ends(self) -> None:
-        """The search's last reply has been sent: what is due before the next one starts."""
-        self._ended = self.searches
-        for setting in [setting for setting in self._waiting if setting.before_search == self._ended + 1]:
-            self._waiting.remove(setting)
-            self._start(setting)
+    def _is_due(self, trigger: Trigger, event: str) -> bool:
+        return trigger.event == event and trigger.count == self.counts[event]
 
-    def _start(self, setting: FaultSetting) -> None:
-        self._active[setting.fault].append(setting)
-        for callback in self._on_start[setting.fault]:
+    def _start(self, fault: Fault) -> None:
+        self._active[fault.name].append(fault)
+        for callback in self._on_start[fault.name]:
             callback()
-        if setting.for_ms is not None:
-            self._kernel.after(round(setting.for_ms * _MS), partial(self._end, setting))
-        elif setting.fault in MOMENTARY:
-            self._end(setting)
+        for_ms = fault.settings.get("for_ms")
+        if for_ms is not None:
+            self._kernel.after(round(for_ms * _MS), partial(self._end, fault))
+        elif fault.kind.momentary:
+            self._end(fault)
 
-    def _end(self, setting: FaultSetting) -> None:
-        self._active[setting.fault].remove(setting)
-        for callback in self._on_end[setting.fault]:
+    def _end(self, fault: Fault) -> None:
+        self._active[fault.name].remove(fault)
+        for callback in self._on_end[fault.name]:
             callback()

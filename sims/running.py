@@ -11,20 +11,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO, final
-from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from sims import parent
 from sims.cell import CellError, SimCell, Simulate, read_cell
-from sims.contact_loop import ContactLoop
-from sims.control import ControlPort, RsiTarget
+from sims.control import ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel, Mode
 from sims.memory import BadMemory, Memory, sole_user
+from sims.scene.scene import Scene
+from sims.simulator import CannotStart, Setup, Started
+from sims.simulators import installed
 from sims.timefile import TimeFile
 from sims.wires import Wire
-
-ROBOT = "kuka+rsi"
-PROBE = "contact+serial"
 
 
 @final
@@ -79,15 +77,19 @@ class RunningCell:
             closing.callback(time_file.close)
         self.kernel = Kernel(cell.simulate.clock, time_file and time_file.publish)
         closing.callback(self.kernel.close)
-        self.faults = Faults(self.kernel)
-        wires = {device: Wire() for device in cell.addresses}
-        devices, rsi_targets = _start_devices(cell, self.kernel, self.faults, truth_log, self._memory, wires, closing)
-        for setting in cell.simulate.faults:
-            self.faults.schedule(setting)
-        control = ControlPort(self.kernel, self.faults, rsi_targets, wires)
+        self.faults = Faults(self.kernel, installed().catalogue(cell.addresses.values()))
+        try:
+            scene = Scene(self.kernel, cell, self.faults, truth_log=truth_log, memory=self._memory)
+        except BadMemory as error:
+            raise CellError(cell.path, [str(error)]) from None
+        devices, wires = _start_devices(cell, self.kernel, self.faults, scene, self._memory, closing)
+        for fault in cell.simulate.faults:
+            self.faults.schedule(fault)
+        requests = {name: device.requests for name, device in devices.items()}
+        control = ControlPort(self.kernel, self.faults, requests, wires)
         closing.callback(control.close)
         self.ready: dict[str, Any] = {
-            **devices,
+            **{name: device.address for name, device in devices.items()},
             "control": control.address,
             "time": {
                 "mode": cell.simulate.clock,
@@ -100,79 +102,37 @@ class RunningCell:
 
 
 def _start_devices(
-    cell: SimCell,
-    kernel: Kernel,
-    faults: Faults,
-    truth_log: TextIO | None,
-    memory: Memory,
-    wires: dict[str, Wire],
-    closing: contextlib.ExitStack,
-) -> tuple[dict[str, str], dict[str, RsiTarget]]:
-    """Device → address with the places filled in, and the robots' RSI targets."""
-    loop = ContactLoop()
-    addresses: dict[str, str] = {}
-    rsi_targets: dict[str, RsiTarget] = {}
+    cell: SimCell, kernel: Kernel, faults: Faults, scene: Scene, memory: Memory, closing: contextlib.ExitStack
+) -> tuple[dict[str, Started], dict[str, Wire]]:
+    """Each device of the cell, started, and its wire."""
+    wires = {device: Wire() for device in cell.addresses}
+    devices: dict[str, Started] = {}
     for device, address in cell.addresses.items():
-        if urlsplit(address).scheme == ROBOT:
-            from sims import krc  # numpy and the world, which a cell without a robot does without
-
-            try:
-                robot = krc.start(kernel, cell, faults, loop, truth_log, memory=memory, wire=wires[device])
-            except (krc.BadConfig, BadMemory) as error:
-                raise CellError(cell.path, [f"{device}: {error}"]) from None
-            closing.callback(robot.close)
-            rsi_targets[device] = robot.set_rsi_target
-            places = {"eki": f"127.0.0.1:{robot.eki_port}"}
-            if "controller" in dict(parse_qsl(urlsplit(address).query)):
-                places["controller"] = "127.0.0.1"
-            addresses[device] = with_settings(address, "127.0.0.1:0", **places)
-        else:
-            from sims import probe
-
-            server = probe.start(kernel, cell, faults, loop, _baud(address), wires[device])
-            closing.callback(server.close)
-            addresses[device] = with_path(address, server.path)
-    return addresses, rsi_targets
-
-
-def with_settings(address: str, place: str, **settings: str) -> str:
-    """The address with this host and port, and settings added or replaced."""
-    parts = urlsplit(address)
-    query = {**dict(parse_qsl(parts.query)), **settings}
-    return f"{parts.scheme}://{place}{parts.path}?{urlencode(query, safe='/:')}"
-
-
-def with_path(address: str, path: str) -> str:
-    """The address with this path and no host."""
-    parts = urlsplit(address)
-    return f"{parts.scheme}://{path}" + (f"?{parts.query}" if parts.query else "")
-
-
-def _baud(address: str) -> int:
-    return int(dict(parse_qsl(urlsplit(address).query)).get("baud", "250000"))
-
-
-def check_devices(cell: SimCell) -> None:
-    """Raises CellError where a device of the cell cannot be simulated."""
-    problems = []
-    schemes = [urlsplit(address).scheme for address in cell.addresses.values()]
-    for device, scheme in zip(cell.addresses, schemes, strict=True):
-        if scheme not in {ROBOT, PROBE}:
-            problems.append(f"{device}: there is no simulator for '{scheme}', only for {ROBOT} and {PROBE}")
-    problems += [f"only one device of {kind} can be simulated" for kind in (ROBOT, PROBE) if schemes.count(kind) > 1]
-    for device, address in cell.addresses.items():
-        with contextlib.suppress(ValueError):
-            if _baud(address) > 0:
-                continue
-        problems.append(f"{device}: baud is not a number above 0")
-    if problems:
-        raise CellError(cell.path, problems)
+        simulator = installed().of(address)
+        if simulator is None:  # `read_cell` has refused it
+            continue
+        setup = Setup(
+            device=device,
+            address=address,
+            settings=cell.simulate.settings.get(simulator.section, {}),
+            cell=cell,
+            kernel=kernel,
+            scene=scene,
+            faults=faults,
+            wire=wires[device],
+            memory=memory,
+        )
+        try:
+            devices[device] = simulator.start(setup)
+        except (CannotStart, BadMemory) as error:
+            raise CellError(cell.path, [f"{device}: {error}"]) from None
+        closing.callback(devices[device].close)
+    return devices, wires
 
 
 def run_cell(path: Path, settings: Settings) -> None:
     """Simulate the cell of a cell file until SIGINT, SIGTERM, `shutdown` or the parent's end. Raises CellError."""
-    cell = read_cell(path)
-    check_devices(cell)
+    cell = read_cell(path, to_run=True)
     cell = replace(cell, simulate=_overridden(cell.simulate, settings))
     _on_signals(_leave)
     with contextlib.ExitStack() as closing:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any, final
 
 _REQUIRED: Any = object()
+_WORDS = {3: "three"}
 
 
 @final
@@ -77,14 +78,19 @@ class Section:
 
     def triple(self, key: str, default: tuple[float, float, float] = _REQUIRED) -> tuple[float, float, float]:
         """Three numbers."""
+        x, y, z = self.numbers(key, 3, default)
+        return (x, y, z)
+
+    def numbers(self, key: str, count: int, default: tuple[float, ...] = _REQUIRED) -> tuple[float, ...]:
+        """So many numbers."""
         value = self._get(key, default)
         if value is None:
-            return (0.0, 0.0, 0.0)
-        if not isinstance(value, (list, tuple)) or len(value) != 3:
-            self.note(key, f"three numbers are expected, not {value!r}")
-            return (0.0, 0.0, 0.0)
-        parts = Section(dict(zip("012", value, strict=True)), self.place(key), self.problems)
-        return (parts.number("0"), parts.number("1"), parts.number("2"))
+            return (0.0,) * count
+        if not isinstance(value, (list, tuple)) or len(value) != count:
+            self.note(key, f"{_WORDS.get(count, count)} numbers are expected, not {value!r}")
+            return (0.0,) * count
+        parts = Section({str(i): part for i, part in enumerate(value)}, self.place(key), self.problems)
+        return tuple(parts.number(str(i)) for i in range(count))
 
     def below(self, key: str, *, required: bool = False) -> Section:
         """The mapping at `key`; an empty one where there is none."""

@@ -19,8 +19,8 @@ def check(
 
     Example: cellctl check procedures/sphere_selfcal.yaml
     """
-    from cellctl.cli.campaign import load_campaign
     from cellctl.cli.cell_warnings import say_warnings
+    from cellctl.operations.campaign import load_campaign
 
     campaign = load_campaign(procedure, cell, set_ or [])
     say_warnings(campaign.cell)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from cellctl.cli.learnt_on import LearntOn
     from cellctl.files import Problem
     from cellctl.formats import ModelFile, TableFile
     from cellctl.formats.targets import Targets
     from cellctl.kinematics import Bools
+    from cellctl.operations.learnt_on import LearntOn
 
 __all__ = ["compensate"]
 
@@ -33,12 +33,11 @@ def compensate(
 
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
-    from cellctl.cli.learnt_on import learnt_on
-    from cellctl.cli.outputs import refuse_outputs, to_stdout
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.table_making import foreseen, sigma_among_rows
     from cellctl.formats.targets import read_targets
+    from cellctl.operations.learnt_on import learnt_on
 
     _refuse(method, out, json_)
     refuse_outputs({"--out": out, "--json": json_}, [model, targets])

@@ -19,6 +19,8 @@ from cellctl.files import Document, InputError, load_yaml
 if TYPE_CHECKING:
     from cellctl.formats import Measurements, ModelFile, RobotFile
 
+NO_CHECK = "--no-check skips this check and fits anyway: do not use such a model before you know the cause"
+
 
 def fit(
     robot: Annotated[Path, typer.Argument(help="Robot file: nominal link table, joints, base, tool.")],
@@ -45,7 +47,7 @@ def fit(
         str | None,
         typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points,datums or effects."),
     ] = None,
-    check: Annotated[bool, typer.Option(help="Look for mistakes of set-up first: units, signs, order of rows.")] = True,
+    check: Annotated[bool, typer.Option(help="Look for set-up errors first: units, signs, order of rows.")] = True,
     holdout: Annotated[float | None, typer.Option(help="Share of the rows to hold out, at random.")] = None,
     folds: Annotated[int | None, typer.Option(help="Judge by K folds. Default: column set, else 5.")] = None,
     column: Annotated[str | None, typer.Option(help="The column that says fit or test: set.")] = None,
@@ -77,10 +79,10 @@ def fit(
     from cellctl.cli.fit_progress import shown_progress
     from cellctl.cli.fit_split import split_of
     from cellctl.cli.fit_words import name_rows, say
-    from cellctl.cli.mistakes import refuse_mistakes
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import write_json
     from cellctl.formats import ModelFile, fit_report
     from cellctl.formats.measurements import refuse_alike
+    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
 
     files = _Files.of(robot, data, asked)
     measured = _measured(files, asked)
@@ -88,7 +90,7 @@ def fit(
     split, labels = split_of(measured, judging)
     if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
         with shown_progress("check") as progress:
-            refuse_mistakes(files.document, data, measured, artefact, progress)
+            refuse_setup_errors(measured, SetupFiles(files.document, data, artefact), NO_CHECK, progress)
     with shown_progress("fit") as progress:
         result = fitted(measured.task, split, progress)
     report = fit_report(measured, result, labels)

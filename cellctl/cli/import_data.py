@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from cellctl.formats.pendant import Imported
+    from cellctl.pendant_import import Imported
 
 
 def import_data(
@@ -44,12 +44,11 @@ def import_data(
 
     Example: cellctl import messung.dat positions.csv --robot procedures/robots/kr5_r1400.yaml -o data.csv
     """
-    from cellctl.cli.outputs import refuse_outputs, to_stdout
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
     from cellctl.formats import RobotFile
     from cellctl.formats.dataset import text_of
-    from cellctl.formats.pendant import choices, imported
+    from cellctl.pendant_import import choices, imported
 
     _refuse(out, json_)
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])

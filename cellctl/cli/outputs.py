@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import typer
 
-from cellctl.files import InputError, Problem, is_stream
+from cellctl.files import InputError, Problem, is_stream, write_atomically
 
 
 def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[Path | None]) -> None:
@@ -55,6 +56,17 @@ class Unwritten:
 def to_stdout(text: str) -> None:
     """Write a file's `text` to stdout, in UTF-8 as files are, whatever the terminal knows."""
     typer.echo(text.encode(), nl=False)
+
+
+def write_json(result: dict[str, Any], target: str | None) -> None:
+    """Write `result` to a file, or to stdout for `-`."""
+    if target is None:
+        return
+    text = json.dumps(result, indent=2, ensure_ascii=False) + "\n"
+    if target == "-":
+        to_stdout(text)
+    else:
+        write_atomically(Path(target), text)
 
 
 def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str | None:

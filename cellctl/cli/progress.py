@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import final
 
-from cellctl.cli.campaign import Campaign
 from cellctl.engine import NobodyWatching, Watcher
 from cellctl.journal import DevicesConnected, KnownEvent, Said, StateChanged
+from cellctl.operations.campaign import Campaign
 
 
 @contextmanager

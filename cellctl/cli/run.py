@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -31,46 +31,30 @@ def run(
 
     Example: cellctl run procedures/sphere_selfcal.yaml --seed 3 --json result.json
     """
-    import asyncio
-    import time
-
-    from cellctl.cli.campaign import load_campaign
     from cellctl.cli.cell_warnings import say_warnings
-    from cellctl.cli.launch import Options, run_campaign
     from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.parent import parent_of_run
     from cellctl.cli.progress import progress
-    from cellctl.cli.results import (
-        exit_of,
-        keep_json,
-        new_run_folder,
-        report_of,
-        result_of,
-        say_end,
-        table_line,
-    )
-    from cellctl.cli.resume import resumed_run
+    from cellctl.cli.run_end import exit_of, keep_json, report_of, say_end
+    from cellctl.operations.campaign import load_campaign
+    from cellctl.operations.launch import Options
+    from cellctl.operations.parent import parent_of_run
+    from cellctl.operations.start import new_run, run_to_resume
 
-    parent = parent_of_run(detached=detached)
+    options = Options(seed, clock, tuple(simulator or ()), None, acknowledge, parent_of_run(detached=detached))
     refuse_outputs({"--json": json_}, [procedure, cell])
-    campaign = load_campaign(procedure, cell, set_ or [])
+    campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
     refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
     say_warnings(campaign.cell)
     if resume:
-        going_on = resumed_run(campaign, runs, resume, set_ or [], acknowledged=acknowledge)
-        campaign, folder = going_on.campaign, going_on.folder
-        options = Options(going_on.seed, going_on.clock, tuple(simulator or ()), going_on.state, acknowledge, parent)
-        if said := table_line(going_on.state, folder):
-            typer.echo(f"cellctl: {said}", err=True)
+        prepared = run_to_resume(campaign, runs, resume, set_ or [], options)
     else:
-        folder = new_run_folder(runs, campaign.procedure.name)
-        options = Options(seed, clock, tuple(simulator or ()), parent=parent)
-    began = time.monotonic()
+        prepared = new_run(campaign, runs, options)
+    if prepared.table:
+        typer.echo(f"cellctl: {prepared.table}", err=True)
     to_stdout = json_ == "-"
-    with progress(campaign, folder, quiet=to_stdout) as watcher:
-        outcome = asyncio.run(run_campaign(campaign, options, folder, watcher))
-    result: dict[str, Any] = result_of(folder, outcome, time.monotonic() - began)
-    say_end(outcome, result, folder, quiet=to_stdout)
-    keep_json(result, json_, folder)
-    report_of(folder)
+    with progress(campaign, prepared.folder, quiet=to_stdout) as watcher:
+        outcome, result = prepared.carry_out(watcher)
+    say_end(outcome, result, prepared.folder, quiet=to_stdout)
+    keep_json(result, json_, prepared.folder)
+    report_of(prepared.folder)
     raise typer.Exit(exit_of(outcome))

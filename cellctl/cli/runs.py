@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from cellctl.journal import RunState
 
-_COLUMNS = ["run", "began", "state", "touches", "verdict", "table"]
+_COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
 _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
 
 
@@ -24,8 +24,7 @@ def runs(
 
     Example: cellctl runs --json -
     """
-    from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import JournalError, fold, read_journal
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
@@ -56,8 +55,7 @@ def show(
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
-    from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import fold, read_journal
 
     place = run if run.exists() else folder / run
@@ -81,11 +79,11 @@ def _aligned(rows: list[list[str]]) -> list[str]:
 
 
 def _summary(place: Path, state: RunState) -> dict[str, Any]:
-    from cellctl.cli.results import table_line, table_of
-    from cellctl.journal import writer_of
+    from cellctl.journal import RunResult, writer_of
+    from cellctl.operations.results import table_line
 
-    table = table_of(state)
-    verdict = (state.recorded("verdict") or [{}])[-1]
+    result = RunResult.of(place.name, state)
+    content = result.to_json()
     writer = writer_of(place)
     alive = state.ended is not None or writer
     return {
@@ -94,17 +92,14 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
         "procedure": state.started.procedure.path if state.started else None,
         "cell": state.started.cell.path if state.started else None,
         "state": state.state if alive else f"cut off while {state.state}",
-        "points": len(state.recorded("touch")),
+        "points": result.points,
         "attempts": sum(step.attempt for step in state.steps.values()),
-        "verdict": verdict.get("verdict"),
-        "sentence": verdict.get("sentence"),
-        "before": verdict.get("before"),
-        "after": verdict.get("after"),
-        "table": table,
-        "table_state": table["state"] if table else None,
+        **{name: content[name] for name in ("verdict", "sentence", "before", "after", "table")},
+        "table_state": result.table.state if result.table else None,
         "table_words": table_line(state, place) or None,
         "process": writer.pid if writer else None,
-        "stops": verdict.get("stops"),
+        **result.section,
+        "lines": result.lines,
         "reason": state.ended.reason if state.ended else None,
         "cell_s": round((state.last_ns - state.first_ns) * 1e-9, 3),
         "seed": state.started.seed if state.started else None,
@@ -113,8 +108,6 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
 
 
 def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
-    from cellctl.cli.results import stops_line
-
     lines = [
         f"{summary['run']}: {summary['state']}",
         f"  procedure  {summary['procedure']}",
@@ -124,15 +117,13 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
     if summary["process"]:
         lines.append(f"  run by     process {summary['process']}")
     lines += [f"  {name:10} {who['model']}, serial {who['serial']}" for name, who in state.identities.items()]
-    lines.append(
-        f"  touches    {summary['points']}; attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
-    )
+    attempts = f"attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
+    lines.append(f"  points     {summary['points']} measured; {attempts}")
     if summary["sentence"]:
         lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
     if summary["table_words"]:
         lines.append(f"  table      {summary['table_words']}")
-    if summary["stops"]:
-        lines.append(f"  {stops_line(summary['stops'])}")
+    lines += [f"  {line}" for line in summary["lines"]]
     if summary["reason"]:
         lines.append(f"  ended by   {summary['reason']}")
     return lines

@@ -21,10 +21,10 @@ def sim(
     Example: cellctl sim procedures/cells/sphere_cell.yaml --clock realtime --ready /tmp/ready.json
     """
     from cellctl.cli.outputs import refuse_outputs
-    from cellctl.cli.simulated import simulator_command
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
     from cellctl.files import InputError
+    from cellctl.operations.simulated import simulator_command
 
     refuse_outputs({"--ready": ready}, [cell])
     loaded = Cell.load(cell, DriverRegistry())

@@ -12,8 +12,8 @@ from cellctl.cli.ends import Exit
 from cellctl.cli.outputs import refuse_outputs
 
 if TYPE_CHECKING:
-    from cellctl.cli.table_cell import TableCell
     from cellctl.devices import TableStore
+    from cellctl.operations.table_cell import TableCell
 
 Result = TypeVar("Result")
 
@@ -34,15 +34,15 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
 
     Example: cellctl table push table.json --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, push_checked
     from cellctl.formats import TableFile
+    from cellctl.operations.table_cell import TableCell, push_checked
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     file = TableFile.load(table)
     place = TableCell.load(cell, seed, state)
 
     async def work(store: TableStore, who: Any) -> dict[str, Any]:
-        return await push_checked(store, who, file, str(table), place)
+        return await push_checked(store, who, file, table, place)
 
     result = _on(place, work)
     if place.cell.simulated and state is None:
@@ -62,8 +62,9 @@ def show(
 
     Example: cellctl table show table.json
     """
-    from cellctl.cli.table_cell import TableCell, state_of, state_words, table_words
+    from cellctl.cli.table_words import state_words, table_words
     from cellctl.formats import TableFile
+    from cellctl.operations.table_cell import TableCell, state_of
 
     _one_of(table, cell)
     refuse_outputs({"--json": json_}, [table, cell, state])
@@ -88,8 +89,9 @@ def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None,
 
     Example: cellctl table verify table.json --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, controller_table, differences
     from cellctl.formats import TableFile
+    from cellctl.operations.table import controller_table, differences
+    from cellctl.operations.table_cell import TableCell
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(TableFile.load(table))
@@ -117,7 +119,8 @@ def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json
 
     Example: cellctl table rollback --cell procedures/cells/sphere_cell.yaml
     """
-    from cellctl.cli.table_cell import TableCell, state_of, state_words
+    from cellctl.cli.table_words import state_words
+    from cellctl.operations.table_cell import TableCell, state_of
 
     refuse_outputs({"--json": json_}, [cell, state])
 
@@ -147,7 +150,7 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 
 
 def _say(json_: str | None, result: dict[str, Any], words: str) -> None:
-    from cellctl.cli.results import write_json
+    from cellctl.cli.outputs import write_json
 
     if json_ != "-":  # first of all: whatever becomes of the file, the table is in force
         typer.echo(words)

@@ -1,6 +1,7 @@
 """What a device can do, where it is, and what can go wrong: the seam between campaigns and drivers."""
 
 from cellctl.devices.addresses import Address
+from cellctl.devices.driver import DriverDescription
 from cellctl.devices.errors import (
     DeviceError,
     DeviceFault,
@@ -42,6 +43,7 @@ __all__ = [
     "DeviceRefused",
     "DeviceUncertain",
     "DeviceUnreachable",
+    "DriverDescription",
     "Finding",
     "Guard",
     "Health",

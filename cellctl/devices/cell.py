@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self, final
 
@@ -33,11 +33,13 @@ class _Simulate(BaseModel):
 
 
 class _CellModel(BaseModel):
-    model_config = ConfigDict(extra="allow")  # every other key is a device
+    model_config = ConfigDict(extra="forbid")
     name: str
     model: str
+    devices: dict[str, Any] = Field(default_factory=dict)
     limits: dict[str, dict[str, float]] = Field(default_factory=dict)
     artefact: dict[str, Any] | None = None
+    postures: dict[str, Any] | None = None
     simulate: _Simulate | None = None
 
 
@@ -71,7 +73,7 @@ class Cell:
         document = load_yaml(path)
         if not isinstance(document.data, dict):
             raise InputError(document.problem((), "is not a cell file", "it is a mapping: name, model, devices …"))
-        model = validated(document, _CellModel)
+        model = _read(document, document.data)
         robot_file = path.parent / model.model
         reach_mm = reach_of(robot_file)
         addresses, problems = _addresses(document, model)
@@ -105,18 +107,33 @@ class Cell:
         return Surroundings(clock, self.path.parent, self.limits.get(device, {}), self.reach_mm)
 
 
+def _read(document: Document, content: dict[str, Any]) -> _CellModel:
+    """The file's content. Raises InputError; the cure of an address at top level names its new place."""
+    misplaced = {key for key, value in content.items() if isinstance(value, str) and "://" in value}
+    cure = "write it under `devices:`, as `devices: {NAME: ADDRESS}`"
+    moved = [document.problem((key,), f"'{key}' is an address at top level", cure, key=True) for key in misplaced]
+    rest = {key: value for key, value in content.items() if key not in misplaced}
+    try:
+        model = validated(replace(document, data=rest), _CellModel)
+    except InputError as error:
+        raise InputError([*moved, *error.problems]) from error
+    if moved:
+        raise InputError(moved)
+    return model
+
+
 def table_correction_deg(document: Document) -> float:
     """The most that a compensation table may correct a joint by, deg, as the cell file says: `limits: {table: …}`."""
-    said = (document.data.get("limits") or {}).get(TABLE) or {}
-    return float(said.get("correction_deg", TABLE_CORRECTION_DEG))
+    stated = (document.data.get("limits") or {}).get(TABLE) or {}
+    return float(stated.get("correction_deg", TABLE_CORRECTION_DEG))
 
 
 def _table_limits(document: Document, model: _CellModel) -> list[Problem]:
     at = ("limits", TABLE)
     problems = []
-    if TABLE in (model.model_extra or {}):
+    if TABLE in model.devices:
         cure = f"call it something else: '{TABLE}' in `limits:` stands for compensation tables"
-        problems.append(document.problem((TABLE,), f"a device cannot be called '{TABLE}'", cure, key=True))
+        problems.append(document.problem(("devices", TABLE), f"a device cannot be called '{TABLE}'", cure, key=True))
     for name, value in model.limits.get(TABLE, {}).items():
         if name != "correction_deg":
             problems.append(document.problem((*at, name), f"unknown table limit '{name}'", "correction_deg", key=True))
@@ -129,15 +146,17 @@ def _table_limits(document: Document, model: _CellModel) -> list[Problem]:
 def _addresses(document: Document, model: _CellModel) -> tuple[dict[str, Address], list[Problem]]:
     addresses: dict[str, Address] = {}
     problems: list[Problem] = []
-    for name, value in (model.model_extra or {}).items():
+    for name, value in model.devices.items():
         try:
             if not isinstance(value, str):
                 raise ValueError("a device is given by its address, scheme://…")
             addresses[name] = Address.parse(value)
         except ValueError as error:
-            problems.append(document.problem((name,), f"{name}: {error}"))
+            problems.append(document.problem(("devices", name), f"{name}: {error}"))
     if not addresses and not problems:
-        problems.append(document.problem((), "the cell has no device", "add at least one, name: scheme://…"))
+        problems.append(
+            document.problem((), "the cell has no device", "add at least one, `devices: {name: scheme://…}`")
+        )
     return addresses, problems
 
 
@@ -160,5 +179,5 @@ def _findings(
 
 
 def _placed(document: Document, device: str, found: Finding) -> Problem:
-    place = ("limits", device, found.limit) if found.limit else (device,)
+    place = ("limits", device, found.limit) if found.limit else ("devices", device)
     return document.problem(place, f"{device}: {found.what}", found.cure, key=bool(found.limit))

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from cellctl.clock import Clock
-from cellctl.devices import Device
-from cellctl.files import Document
-
-Row = Mapping[str, Any]
+from cellctl.devices import Device, Identity
+from cellctl.files import Document, InputError, Problem, sha256_of, write_atomically
+from cellctl.journal import KnownEvent, Recorded, RunState, Said
+from cellctl.records import AnyRow, ArtefactRow, Row
 
 
 @final
@@ -30,16 +30,17 @@ class Surround:
 @final
 @dataclass(slots=True)
 class Context:
-    """One attempt at one step: implements `cellctl.procedure.StepContext`."""
+    """One attempt at one step: implements `cellctl.procedure.StepContext`.
+
+    journal: what it holds so far; append: commits an event to it.
+    """
 
     step: str
     attempt: int
     run: Surround
     needs: frozenset[str]
-    commit: Callable[[str, Row], None]
-    tell: Callable[[str], None]
-    rows: Callable[[str], Sequence[Row]]
-    all_rows: Callable[..., Sequence[Row]]
+    journal: RunState
+    append: Callable[[KnownEvent], None]
 
     @property
     def clock(self) -> Clock:
@@ -53,8 +54,18 @@ class Context:
 
     @property
     def run_folder(self) -> pathlib.Path:
-        """Where the run's files go."""
+        """Where the run's files are."""
         return self.run.run_folder
+
+    @property
+    def run_name(self) -> str:
+        """The name that the run began with, wherever its folder is now."""
+        return self.journal.name or self.run.run_folder.name
+
+    @property
+    def calendar(self) -> str:
+        """When the run began or was last resumed, UTC, ISO 8601."""
+        return self.journal.calendar
 
     @property
     def cell(self) -> Document:
@@ -72,21 +83,37 @@ class Context:
             raise KeyError(f"step {self.step} did not say that it needs '{name}'")
         return self.run.devices[name]
 
-    async def record(self, kind: str, data: Row) -> None:
+    def identity(self, name: str) -> Identity:
+        """Who the device `name` said it is. Raises InputError where the run has connected no such device."""
+        who = self.journal.identities.get(name)
+        if who is None:
+            what = f"step {self.step} asks who '{name}' is, and the cell has no such device"
+            raise InputError(Problem(self.run.cell.file, 0, 0, what, f"add '{name}' to the cell file"))
+        return Identity(**who)
+
+    async def record(self, row: Row) -> None:
         """Commit a row; when this returns it survives a crash."""
-        self.commit(kind, data)
+        self.append(Recorded.of(row, self.step, self.attempt))
 
-    def recorded(self, kind: str) -> Sequence[Row]:
-        """The rows of `kind` that count: of finished steps and of this attempt, in the order of recording."""
-        return self.rows(kind)
+    async def write_artefact(self, name: str, content: str | bytes) -> str:
+        """Write a file into the run folder, whole or not at all, and record its hash; the SHA-256 (hex)."""
+        data = content.encode() if isinstance(content, str) else content
+        write_atomically(self.run_folder / name, data)
+        row = ArtefactRow(name, sha256_of(data), len(data))
+        await self.record(row)
+        return row.sha256
 
-    def all_recorded(self, *kinds: str) -> Sequence[Row]:
-        """The rows of these kinds of every attempt, failed and cut-off ones too, in order: what was done."""
-        return self.all_rows(*kinds)
+    def recorded(self, kind: type[AnyRow]) -> Sequence[AnyRow]:
+        """The rows of this class that count: of finished steps and of this attempt, in the order of recording."""
+        return self.journal.recorded(kind)
+
+    def all_recorded(self, *kinds: type[AnyRow]) -> Sequence[AnyRow]:
+        """The rows of these classes of every attempt, failed and cut-off ones too, in order: what was done."""
+        return self.journal.all_recorded(*kinds)
 
     def say(self, text: str) -> None:
         """One line of progress for the operator."""
-        self.tell(text)
+        self.append(Said(text, self.step))
 
 
 AfterConnect = Callable[[], Awaitable[None]]

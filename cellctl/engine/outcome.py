@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 from cellctl.engine.states import State
+from cellctl.records import VerdictRow
 
 
 @final
@@ -21,7 +21,7 @@ class Outcome:
     state: State
     error: BaseException | None
     troubles: tuple[str, ...]
-    verdict: Mapping[str, Any] | None
+    verdict: VerdictRow | None
     seconds: float
     moved: bool
     held: bool

@@ -21,7 +21,6 @@ from cellctl.journal import (
     Journal,
     JournalError,
     KnownEvent,
-    Recorded,
     RunEnded,
     RunState,
     Said,
@@ -43,6 +42,7 @@ from cellctl.procedure import (
     resolve,
     step_path,
 )
+from cellctl.records import VerdictRow
 
 _STOP_SECONDS = 10.0
 """How long one device may take to come to its safe state, in the cell's time."""
@@ -116,8 +116,8 @@ class Engine:
         troubles = await _shielded(self._clean_up(error))
         end = self._end_state(error, troubles)
         self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
-        verdict = next(reversed(self._record.recorded("verdict")), None)
-        self._append(RunEnded(end.value, verdict.get("verdict", "") if verdict else "", str(error or "")))
+        verdict = self._record.last(VerdictRow)
+        self._append(RunEnded(end.value, verdict.verdict if verdict else "", str(error or "")))
         seconds = self._clock.now() - began
         error = error or self._journal_error
         return Outcome(end, error, tuple(troubles), verdict, seconds, self._moved, self._held())
@@ -194,10 +194,8 @@ class Engine:
             attempt=attempt,
             run=self._run,
             needs=frozenset(kind.needs),
-            commit=lambda of, data: self._append(Recorded(of, data, path, attempt)),
-            tell=lambda text: self._said(path, text),
-            rows=self._record.recorded,
-            all_rows=self._record.all_recorded,
+            journal=self._record,
+            append=self._append,
         )
         self._append(StepStarted(path, attempt, kind.moves, step.do))
         try:

@@ -5,6 +5,7 @@ from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.fit_report import fit_report, sentence
 from cellctl.formats.measurements import Measurements, measurements, nominal_model
 from cellctl.formats.model import ModelFile
+from cellctl.formats.postures import postures_of
 from cellctl.formats.prior import from_prior, only
 from cellctl.formats.robot import RobotFile
 from cellctl.formats.table import TableFile
@@ -27,6 +28,7 @@ __all__ = [
     "measurements",
     "nominal_model",
     "only",
+    "postures_of",
     "sentence",
     "table_of",
     "table_problems",

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.dataset import DataSet, Rejected
+from cellctl.formats.dataset import Cell, DataSet, Rejected
 
 if TYPE_CHECKING:
     from cellctl.formats.robot import RobotFile
@@ -42,8 +42,8 @@ class Sieve:
         rows: the only ones to be looked at; NaN for the others.
         """
         return [
-            self._number(row, name, text, missing) if rows is None or row in rows else math.nan
-            for row, text in enumerate(self.data.texts(name))
+            self._number(row, name, cell, missing) if rows is None or row in rows else math.nan
+            for row, cell in enumerate(self.data.values(name))
         ]
 
     def kept(self) -> list[int]:
@@ -59,13 +59,14 @@ class Sieve:
         mine = [Rejected(self.data.lines[row], reason) for row, reason in self._reasons.items()]
         return sorted([*self.data.rejected, *mine], key=lambda rejected: rejected.line)
 
-    def _number(self, row: int, name: str, text: str, missing: float | None) -> float:
+    def _number(self, row: int, name: str, cell: Cell, missing: float | None) -> float:
+        text = str(cell)
         if not text:
             if missing is None:
                 self.reject(row, f"{name} is missing")
             return math.nan if missing is None else missing
         try:
-            value = float(text if "_" not in text else "text")  # 1_000 is Python's own way to write a number
+            value = float(cell if "_" not in text else "text")  # 1_000 is Python's own way to write a number
         except ValueError:
             self.reject(row, f"{name} '{text[:20]}' is not a number")
             return math.nan

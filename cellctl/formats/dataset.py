@@ -1,4 +1,4 @@
-"""Data sets: CSV with a header; what a column is, its name says. Cells stay text until somebody needs them."""
+"""Data sets: CSV with a header; the name of a column says what it is. Cells of a file stay text until they are used."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Any, Self, TypeAlias, final
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
 from cellctl.formats.plain_text import decoded
 from cellctl.formats.separated import named, separator, with_points
+
+Cell: TypeAlias = str | int | float
 
 DOCUMENT = "docs/reference/data-sets.md"
 
@@ -30,11 +32,13 @@ class Rejected:
 @final
 @dataclass(frozen=True)
 class DataSet:
-    """A data set as read. cells: for each usable row its texts, in the order of `columns`; lines: where each stood."""
+    """A data set. cells: of each usable row, in the order of `columns`: text as read from a file, or numbers as made in
+    memory; lines: where each row is in the file.
+    """
 
     file: str
     columns: tuple[str, ...]
-    cells: tuple[tuple[str, ...], ...]
+    cells: tuple[tuple[Cell, ...], ...]
     lines: tuple[int, ...]
     rejected: tuple[Rejected, ...] = ()
     sha256: str = ""
@@ -65,7 +69,7 @@ class DataSet:
             what = f"is not CSV here: {error}"
             raise InputError(Problem(file, reader.line_num, 0, what, "check the quotes")) from error
         if not cells and not rejected:
-            raise InputError(Problem(file, 0, 0, "holds no rows", "a header row and one row for each measurement"))
+            raise _without_rows(file)
         if mark != ",":
             cells = with_points(header, cells, lines, file)
         return cls(file, header, tuple(cells), tuple(lines), tuple(rejected), sha256)
@@ -73,7 +77,12 @@ class DataSet:
     @classmethod
     def of_records(cls, records: Iterable[Mapping[str, Any]], file: str = "measurements") -> Self:
         """A data set from rows in memory, with the columns of all; the lines are those that `write` gives them."""
-        return cls.parse(text_of(list(records)), file)
+        rows = list(records)
+        if not rows:
+            raise _without_rows(file)
+        columns = _columns_of(rows)
+        cells = tuple(tuple(_plain(row.get(name)) for name in columns) for row in rows)
+        return cls(file, columns, cells, tuple(range(2, len(cells) + 2)))
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -83,27 +92,46 @@ class DataSet:
         return all(name in self._index for name in names)
 
     def texts(self, name: str) -> list[str]:
-        """A column's cells as they stand, empty ones empty; all empty where there is no such column."""
+        """A column's cells as text, empty ones empty; all empty where there is no such column."""
+        return [_text(value) for value in self.values(name)]
+
+    def values(self, name: str) -> list[Cell]:
+        """A column's cells, text or numbers; all empty text where there is no such column."""
         place = self._index.get(name)
         return [""] * len(self.cells) if place is None else [row[place] for row in self.cells]
 
+    def text(self) -> str:
+        """The usable rows as CSV, every column kept."""
+        return _csv([self.columns, *(map(_text, row) for row in self.cells)])
+
     def write(self, path: Path) -> None:
         """Write the usable rows, every column kept. Raises OSError."""
-        write_atomically(path, _csv([self.columns, *self.cells]))
+        write_atomically(path, self.text())
 
 
 def text_of(records: Sequence[Mapping[str, Any]]) -> str:
     """CSV of `records` with the union of their keys as columns; None and missing are empty cells, floats round-trip."""
-    columns = list(dict.fromkeys(name for record in records for name in record))
-    rows = [[_cell(record.get(name)) for name in columns] for record in records]
-    return _csv([columns, *rows])
+    columns = _columns_of(records)
+    return _csv([columns, *([_text(_plain(record.get(name))) for name in columns] for record in records)])
 
 
-def _cell(value: Any) -> str:
-    return "" if value is None else repr(float(value)) if isinstance(value, float) else str(value)
+def _columns_of(records: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for record in records for name in record))
 
 
-def _csv(rows: Iterable[Sequence[str]]) -> str:
+def _plain(value: Any) -> Cell:
+    return "" if value is None else value if isinstance(value, int | float) else str(value)
+
+
+def _text(value: Cell) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _without_rows(file: str) -> InputError:
+    return InputError(Problem(file, 0, 0, "holds no rows", "a header row and one row for each measurement"))
+
+
+def _csv(rows: Iterable[Iterable[str]]) -> str:
     stream = io.StringIO()
     csv.writer(stream, lineterminator="\n").writerows(rows)
     return stream.getvalue()

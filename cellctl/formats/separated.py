@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
-
-if TYPE_CHECKING:
-    from cellctl.formats.pendant.choices import DecimalSign
-    from cellctl.formats.pendant.decimals import Cell
+from cellctl.formats.decimals import Cell, DecimalSign, decimal_sign, number
 
 _SEPARATORS = (",", ";", "\t")
 _SAID = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
@@ -49,8 +45,6 @@ def with_points(
 
 
 def _sign(file: str, cells: Sequence[Cell]) -> DecimalSign:
-    from cellctl.formats.pendant.decimals import decimal_sign
-
     try:
         return decimal_sign(file, cells, None)[0]
     except InputError as error:
@@ -59,7 +53,5 @@ def _sign(file: str, cells: Sequence[Cell]) -> DecimalSign:
 
 
 def _pointed(text: str, sign: DecimalSign) -> str:
-    from cellctl.formats.pendant.decimals import number
-
     value = number(text, sign)
     return text if value is None else str(value)

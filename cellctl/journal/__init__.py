@@ -21,13 +21,13 @@ from cellctl.journal.events import (
     StepStarted,
 )
 from cellctl.journal.lock import Writer
-from cellctl.journal.pushed_table import PUSH_ROWS, PushedTable
+from cellctl.journal.pushed_table import PushedTable
 from cellctl.journal.reader import is_being_written, journal_in, read_journal, writer_of
+from cellctl.journal.result import RunResult
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
 
 __all__ = [
-    "PUSH_ROWS",
     "DevicesConnected",
     "Entry",
     "Event",
@@ -41,6 +41,7 @@ __all__ = [
     "Recorded",
     "RecordedRow",
     "RunEnded",
+    "RunResult",
     "RunResumed",
     "RunStarted",
     "RunState",

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
-Json = Any
-"""What JSON can hold; NaN and infinities it cannot."""
+from cellctl.records import Json, Row
 
 
 @final
@@ -27,6 +26,9 @@ class RunStarted:
     """The first event: all that is needed to know what was run, and to tell whether it has changed since.
 
     `versions`: package → version, `python` among them. `clock`: `realtime` or `lockstep`. `calendar`: UTC, ISO 8601.
+    `robot`: the robot file; the artefact is in the cell file. `sources`: Python files of cellctl, drivers and steps, by
+    name, with the SHA-256 of each. `name`: of the run, whatever its folder is called later. `section`: the fields of a
+    verdict that are of this kind of campaign alone; None in journals that did not say so yet.
     """
 
     kind: ClassVar[str] = "run_started"
@@ -39,6 +41,10 @@ class RunStarted:
     calendar: str
     code_sha256: str
     versions: Mapping[str, str]
+    robot: SourceFile | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+    name: str = ""
+    section: tuple[str, ...] | None = None
 
 
 @final
@@ -122,13 +128,23 @@ class StepEnded:
 @final
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A row of measurement of the given `row_kind` (`touch`), by a step's attempt, or by the engine (empty, 0)."""
+    """A row of the given `row_kind` (`touch`), by a step's attempt, or by the engine (empty, 0).
+
+    `version`: of its class. `measurement`: it is a measured point of the run; None in journals that did not say so yet.
+    """
 
     kind: ClassVar[str] = "recorded"
     row_kind: str
     data: Mapping[str, Json]
     step: str = ""
     attempt: int = 0
+    version: int = 1
+    measurement: bool | None = None
+
+    @classmethod
+    def of(cls, row: Row, step: str = "", attempt: int = 0) -> Recorded:
+        """The event that records `row`."""
+        return cls(row.KIND, row.data(), step, attempt, row.VERSION, row.MEASUREMENT)
 
 
 @final

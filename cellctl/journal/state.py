@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, final
 
+from cellctl.files import InputError, Problem
 from cellctl.journal.events import (
     DevicesConnected,
     Entry,
@@ -20,6 +21,8 @@ from cellctl.journal.events import (
     StepFailure,
     StepStarted,
 )
+from cellctl.journal.older import MEASURED_KINDS, SECTION
+from cellctl.records import AnyRow, BadRow, Row
 
 
 @final
@@ -38,14 +41,17 @@ class StepState:
 @final
 @dataclass(frozen=True, slots=True)
 class RecordedRow:
-    """A row as it was recorded: the event's number, the cell's time, its kind, its data, and whose it is."""
+    """A row as it was recorded: the event's number, the cell's time, and the event."""
 
     seq: int
     time_ns: int
-    kind: str
-    data: Mapping[str, Any]
-    step: str
-    attempt: int
+    event: Recorded
+
+    @property
+    def measurement(self) -> bool:
+        """Whether it is a measured point of the run."""
+        said = self.event.measurement
+        return self.event.row_kind in MEASURED_KINDS if said is None else said
 
 
 @final
@@ -60,6 +66,7 @@ class RunState:
     started: RunStarted | None = None
     ended: RunEnded | None = None
     state: str = "idle"
+    calendar: str = ""
     resumed: int = 0
     identities: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     steps: dict[str, StepState] = field(default_factory=dict)
@@ -67,11 +74,23 @@ class RunState:
     last_seq: int = 0
     first_ns: int = 0
     last_ns: int = 0
+    _read: dict[tuple[int, type[Row]], Row] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def parameters(self) -> Mapping[str, Any]:
         """The run's parameters; empty before it began."""
         return self.started.parameters if self.started else {}
+
+    @property
+    def name(self) -> str:
+        """The name that the run began with; empty in journals that did not say so yet."""
+        return self.started.name if self.started else ""
+
+    @property
+    def section(self) -> tuple[str, ...]:
+        """The fields of a verdict that are of this kind of campaign alone."""
+        said = self.started.section if self.started else ()
+        return SECTION if said is None else said
 
     @property
     def finished(self) -> dict[str, Any]:
@@ -95,38 +114,70 @@ class RunState:
         """The number of the step's next attempt, from 1."""
         return self.steps[step].attempt + 1 if step in self.steps else 1
 
-    def recorded(self, kind: str) -> list[Mapping[str, Any]]:
-        """The rows of `kind` that count, in the order of recording."""
-        return [row.data for row in self.rows if row.kind == kind and self.counts(row)]
+    @property
+    def measurements(self) -> int:
+        """How many measured points count."""
+        return sum(row.measurement and self.counts(row) for row in self.rows)
 
-    def all_recorded(self, *kinds: str) -> list[Mapping[str, Any]]:
-        """The rows of these kinds of every attempt, failed and cut-off ones too, in order: what was done."""
-        return [row.data for row in self.rows if row.kind in kinds]
+    def recorded(self, kind: type[AnyRow]) -> list[AnyRow]:
+        """The rows of this class that count, in the order of recording.
+
+        Raises InputError, naming event, kind and field, where the journal holds something else.
+        """
+        mine = (row for row in self.rows if row.event.row_kind == kind.KIND and self.counts(row))
+        return [self._as(kind, row) for row in mine]
+
+    def all_recorded(self, *kinds: type[AnyRow]) -> list[AnyRow]:
+        """The rows of these classes of every attempt, failed and cut-off ones too, in order: what was done.
+
+        Raises InputError as `recorded`.
+        """
+        of = {kind.KIND: kind for kind in kinds}
+        return [self._as(of[row.event.row_kind], row) for row in self.rows if row.event.row_kind in of]
+
+    def last(self, kind: type[AnyRow]) -> AnyRow | None:
+        """The last row of this class that counts; None where there is none. Raises InputError as `recorded`."""
+        return next(reversed(self.recorded(kind)), None)
+
+    def data_of(self, kind: str) -> list[Mapping[str, Any]]:
+        """The rows of the kind with this name that count, as the journal holds them: for readers without its class."""
+        return [row.event.data for row in self.rows if row.event.row_kind == kind and self.counts(row)]
 
     def counts(self, row: RecordedRow) -> bool:
         """Whether `row` counts: the engine's own always, a step's if it is of the latest attempt, done or in flight."""
-        step = self.steps.get(row.step)
+        step = self.steps.get(row.event.step)
         if step is None:
-            return not row.step
-        return step.attempt == row.attempt and step.outcome in (None, Outcome.DONE)
+            return not row.event.step
+        return step.attempt == row.event.attempt and step.outcome in (None, Outcome.DONE)
+
+    def _as(self, kind: type[AnyRow], row: RecordedRow) -> AnyRow:
+        read = self._read.get((row.seq, kind))
+        if read is None:
+            try:
+                read = kind.read(row.event.data, row.event.version)
+            except BadRow as error:
+                what = f"event {row.seq}, a row of kind '{kind.KIND}': {error}"
+                cure = "read it with the cellctl that wrote it, or restore the run folder from a copy"
+                raise InputError(Problem("journal", 0, 0, what, cure)) from error
+            self._read[row.seq, kind] = read
+        assert isinstance(read, kind)
+        return read
 
     def apply(self, entry: Entry) -> None:
         """Take in the next event."""
         self.first_ns = self.first_ns if self.last_seq else entry.time_ns
         self.last_seq, self.last_ns = entry.seq, entry.time_ns
         if isinstance(entry.event, Recorded):
-            event = entry.event
-            row = RecordedRow(entry.seq, entry.time_ns, event.row_kind, event.data, event.step, event.attempt)
-            self.rows.append(row)
+            self.rows.append(RecordedRow(entry.seq, entry.time_ns, entry.event))
         else:
             self._apply(entry.event)
 
     def _apply(self, event: Event) -> None:
         match event:
             case RunStarted():
-                self.started = event
+                self.started, self.calendar = event, event.calendar
             case RunResumed():
-                self._resume()
+                self._resume(event)
             case DevicesConnected(identities):
                 self.identities = identities
             case StateChanged(after=after):
@@ -145,8 +196,8 @@ class RunState:
         outcome, failure = event.outcome, event.failure
         self.steps[event.step] = StepState(event.step, event.attempt, moves, outcome, event.result, failure)
 
-    def _resume(self) -> None:
-        self.ended, self.state = None, "idle"
+    def _resume(self, event: RunResumed) -> None:
+        self.ended, self.state, self.calendar = None, "idle", event.calendar
         self.resumed += 1
         for step in self.in_flight:
             self.steps[step.step] = replace(step, outcome=Outcome.INTERRUPTED)

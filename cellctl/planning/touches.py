@@ -50,9 +50,8 @@ class TouchOptions:
     ends without contact; `cap`: largest angle of the contact normal from straight up; `tilt`: largest angle between
     the tool's shaft and the normal; `clear`: distance from the surface at which the tool turns; `clearance`: the least
     distance of the robot's surface, of this `thickness`, from anything on the way; `search_joints`: the longest search,
-    as norm of the joint vector; `wrist_bend`: the least |A5| (the wrist's singularity is at 0); `turn`: the most that
-    a joint turns between guard distance and clear. `home`: where a campaign begins and ends; `starts`: postures from
-    which the inverse kinematics sets out, A1 turned towards the sphere.
+    as norm of the joint vector; `wrist_bend`: the least angle of the last joint but one (the wrist is singular at 0);
+    `turn`: the most that a joint turns between guard distance and clear.
     """
 
     guard: float = 10.0
@@ -65,22 +64,26 @@ class TouchOptions:
     search_joints: float = 4.5
     wrist_bend: float = 12.0
     turn: float = 60.0
-    home: tuple[float, ...] = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
-    starts: tuple[tuple[float, ...], ...] = field(
-        default=(
-            (0.0, -60.0, 90.0, 0.0, 60.0, 0.0),
-            (0.0, -60.0, 90.0, 120.0, -60.0, 0.0),
-            (0.0, -60.0, 90.0, -120.0, -60.0, 0.0),
-            (0.0, -45.0, 60.0, 60.0, 60.0, 0.0),
-            (0.0, -45.0, 60.0, -60.0, 60.0, 0.0),
-        )
-    )
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RobotPostures:
+    """Joint readings A1…An of one robot in its cell, degrees.
+
+    `home`: clear of everything, where a campaign begins and ends; `touch`: from which the inverse kinematics of touches
+    sets out, A1 turned towards the sphere.
+    """
+
+    home: tuple[float, ...]
+    touch: tuple[tuple[float, ...], ...]
 
 
 def plan_touches(
     chain: SerialChain,
     joints: JointMap,
     reach: Reach,
+    postures: RobotPostures,
     spheres: list[SphereTarget],
     counts: list[int],
     seed: int,
@@ -92,7 +95,7 @@ def plan_touches(
 ) -> list[PlannedTouch]:
     """Plan `counts[i]` touches on `spheres[i]`, in an order whose ways are clear, beginning and ending at home.
 
-    The first touch's approach begins at `options.home`; the last one's retreat ends there. A sphere with a count of 0
+    The first touch's approach begins at `postures.home`; the last one's retreat ends there. A sphere with a count of 0
     is only kept clear of; so are `plate` (else one 100 mm below the lowest centre) and the stems on it. After each
     `reference_every` touches (0: never) comes a return to `reference`, a touch of an earlier plan, or else to this
     plan's first. The same seed gives the same touches. Raises OutOfReach naming the
@@ -104,14 +107,14 @@ def plan_touches(
     ways = Ways(body, reach, Obstacles(around, plate or Plate.assumed(around)), options.clearance)
     chosen: list[Candidate] = []
     for index, count in enumerate(counts):
-        found = _candidates(chain, joints, ways, spheres[index], index, count, seed, options) if count else []
+        found = _candidates(chain, joints, ways, postures, spheres[index], index, count, seed, options) if count else []
         if len(found) < count:
             raise OutOfReach(
                 f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
                 f"limits and clear of spheres, stems and plate"
             )
         chosen += found
-    home = np.array(options.home)
+    home = np.array(postures.home)
     tour = ordered(chosen, ways, home)
     if reference_every:
         tour = with_references(tour, reference_every, Candidate.of(reference) if reference else tour[0])
@@ -127,6 +130,7 @@ def _candidates(
     chain: SerialChain,
     joints: JointMap,
     ways: Ways,
+    postures: RobotPostures,
     sphere: SphereTarget,
     index: int,
     count: int,
@@ -135,12 +139,12 @@ def _candidates(
 ) -> list[Candidate]:
     """The first `count` feasible touches of the sphere's quasi-random sequence, or fewer where it runs out."""
     sampler = qmc.Sobol(6, rng=np.random.default_rng([seed, index]))
-    home = np.array(options.home)
+    home = np.array(postures.home)
     found: list[Candidate] = []
     for _ in range(_BATCHES):
         samples = sampler.random(_BATCH)
         normals, rotations = _wishes(samples, chain, options)
-        for readings in _solved(chain, joints, ways, sphere, normals, rotations, samples[:, 5], options):
+        for readings in _solved(chain, joints, ways, postures, sphere, normals, rotations, samples[:, 5], options):
             candidate = _feasible(ways, sphere.name, index, readings, home, options)
             if candidate:
                 found.append(candidate)
@@ -164,6 +168,7 @@ def _solved(
     chain: SerialChain,
     joints: JointMap,
     ways: Ways,
+    postures: RobotPostures,
     sphere: SphereTarget,
     normals: Array,
     rotations: Array,
@@ -175,8 +180,9 @@ def _solved(
     poses = np.tile(np.eye(4), (len(normals), 3, 1, 1))
     poses[..., :3, :3] = rotations[:, None]
     poses[..., :3, 3] = np.array(sphere.centre) + distances[:, None] * normals[:, None]
-    starts = np.array(options.starts)[(choice * len(options.starts)).astype(int)]
-    starts[:, 0] = np.degrees(np.arctan2(-sphere.centre[1], sphere.centre[0]))
+    starts = np.array(postures.touch)[(choice * len(postures.touch)).astype(int)]
+    towards = np.degrees(np.arctan2(sphere.centre[1], sphere.centre[0]))
+    starts[:, 0] = joints.sign[0] * (towards - joints.offset[0])
     first = inverse(chain, poses[:, 0], joints.model(starts))
     poses, q = poses[first.converged], first.q[first.converged]
     solved = inverse(chain, poses, np.repeat(q[:, None], 3, axis=1))
@@ -190,7 +196,7 @@ def _feasible(
     at_guard, inside, clear = readings
     if (
         np.linalg.norm(inside - at_guard) > options.search_joints
-        or np.abs(readings[:, 4]).min() < options.wrist_bend
+        or np.abs(readings[:, -2]).min() < options.wrist_bend
         or np.abs(clear - at_guard).max() > options.turn
         or not ways.only_tip_touches(at_guard, inside, index)
         or not ways.clear(clear, at_guard, touched=index)

@@ -1,7 +1,8 @@
 """Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
 
+from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell
 from cellctl.procedure.check import Devices, check, checked_parameters
-from cellctl.procedure.context import Row, StepContext
+from cellctl.procedure.context import StepContext
 from cellctl.procedure.inputs import inputs_of
 from cellctl.procedure.loader import load_procedure, read_procedure
 from cellctl.procedure.model import (
@@ -19,12 +20,15 @@ from cellctl.procedure.model import (
 from cellctl.procedure.parameters import resolve_parameters
 from cellctl.procedure.references import Reference, UnresolvedReference, resolve
 from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
+from cellctl.procedure.section import section_of
 from cellctl.procedure.steps import AnyStepKind, NoInputs, StepInputs, StepKind, StepResult, step
 
 __all__ = [
     "Action",
     "AnyStepKind",
     "BrokenSteps",
+    "CellContext",
+    "CellFiles",
     "Devices",
     "Loop",
     "NoInputs",
@@ -34,7 +38,6 @@ __all__ = [
     "Procedure",
     "Reference",
     "Retry",
-    "Row",
     "Step",
     "StepContext",
     "StepInputs",
@@ -44,12 +47,14 @@ __all__ = [
     "UnknownStep",
     "UnresolvedReference",
     "check",
+    "check_cell",
     "checked_parameters",
     "inputs_of",
     "load_procedure",
     "read_procedure",
     "resolve",
     "resolve_parameters",
+    "section_of",
     "step",
     "step_path",
     "walk",

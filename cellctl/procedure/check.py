@@ -154,7 +154,7 @@ class _Checker:
             what = _lacking(name, protocol, self._devices)
             if what and name not in self._devices_named:  # once is enough: every touch needs the probe
                 self._devices_named.add(name)
-                cure = f"add '{name}: <address>' to the cell file, with a driver that is a {protocol.__name__}"
+                cure = f"add '{name}: <address>' under `devices:`, with a driver that is a {protocol.__name__}"
                 self.findings.report((*step.at, "do"), f"step {kind.name} needs {what}", cure)
 
     def _retry(self, step: Step, kind: AnyStepKind) -> None:

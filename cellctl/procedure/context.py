@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from cellctl.clock import Clock
+from cellctl.devices import Identity
 from cellctl.files import Document
-
-Row = Mapping[str, Any]
-"""A recorded row: JSON, no NaN."""
+from cellctl.records import AnyRow, Row
 
 
 class StepContext(Protocol):
@@ -34,7 +33,15 @@ class StepContext(Protocol):
 
     @property
     def run_folder(self) -> pathlib.Path:
-        """Where the run's files go."""
+        """Where the run's files are. To write one: `write_artefact`."""
+
+    @property
+    def run_name(self) -> str:
+        """The name that the run began with, wherever its folder is now."""
+
+    @property
+    def calendar(self) -> str:
+        """When the run began or was last resumed, UTC, ISO 8601: a label, as the journal has it."""
 
     @property
     def cell(self) -> Document:
@@ -50,17 +57,29 @@ class StepContext(Protocol):
         A step gets what it declared in `needs`; KeyError for anything else.
         """
 
-    async def record(self, kind: str, data: Row) -> None:
-        """Commit a row of `kind` to the journal; when this returns it survives a crash.
+    def identity(self, name: str) -> Identity:
+        """Who the device `name` said it is when this run connected it. It needs no device. Raises InputError."""
+
+    async def record(self, row: Row) -> None:
+        """Commit a row to the journal; when this returns it survives a crash.
 
         Raises ValueError for what JSON cannot hold (NaN among it), and the journal's own error where it cannot write.
         """
 
-    def recorded(self, kind: str) -> Sequence[Row]:
-        """The rows of `kind` that count: those of finished steps, and of this attempt, in the order of recording."""
+    async def write_artefact(self, name: str, content: str | bytes) -> str:
+        """Write a file into the run folder, whole or not at all, and record its hash; the SHA-256 (hex).
 
-    def all_recorded(self, *kinds: str) -> Sequence[Row]:
-        """The rows of these kinds of every attempt, failed and cut-off ones too, in order: what was done."""
+        Raises OSError, and what `record` raises.
+        """
+
+    def recorded(self, kind: type[AnyRow]) -> Sequence[AnyRow]:
+        """The rows of this class that count: those of finished steps, and of this attempt, in the order of recording.
+
+        Raises InputError, naming event, kind and field, where the journal holds something else.
+        """
+
+    def all_recorded(self, *kinds: type[AnyRow]) -> Sequence[AnyRow]:
+        """The rows of these classes of every attempt, failed and cut-off ones too, in order: what was done."""
 
     def say(self, text: str) -> None:
         """One line of progress for the operator."""

@@ -152,8 +152,8 @@ def drift_section(run: Run) -> Section | None:
 
 def table_section(run: Run) -> Section | None:
     """The compensation table: what the journal says became of it, and what the file holds."""
-    pushed = PushedTable.of_run(run.state)
-    told = {**pushed.row, "now": pushed.state} if pushed else {}
+    pushed = PushedTable.of(run.state)
+    told: dict[str, Any] = {**pushed.row.data(), "now": pushed.state} if pushed else {}
     if not told and run.table is None:
         return None
     content = run.table or {}

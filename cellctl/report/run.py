@@ -61,7 +61,7 @@ class Run:
     @property
     def verdict(self) -> Mapping[str, Any]:
         """The last verdict; empty where the run never got to one."""
-        return self.recorded("verdict")[-1] if self.recorded("verdict") else {}
+        return next(reversed(self.recorded("verdict")), {})
 
     @property
     def figures(self) -> Mapping[str, Any]:
@@ -83,8 +83,8 @@ class Run:
         return "still running" if self.alive else f"cut off while {self.state.state}"
 
     def recorded(self, kind: str) -> list[Mapping[str, Any]]:
-        """The journal's rows of `kind` that count."""
-        return self.state.recorded(kind)
+        """The journal's rows of `kind` that count, as it holds them."""
+        return self.state.data_of(kind)
 
 
 def _cell(state: RunState) -> Document | None:

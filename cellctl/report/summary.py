@@ -28,7 +28,7 @@ def head(run: Run) -> Section:
         "verdict": str(run.verdict.get("verdict") or ""),
         "sentence": sentence,
         "failures": _failures(run),
-        "touches": len(run.recorded("touch")),
+        "points": run.state.measurements,
         "figures": [*_held_out(run), *_standoff(run)],
     }
 

@@ -1,5 +1,1 @@
 """A contact probe on a serial line (`contact+serial:///dev/ttyACM0?baud=250000`): docs/reference/probe-protocol.md."""
-
-from drivers.contact_probe.opening import open_probe
-
-__all__ = ["open_probe"]

@@ -14,7 +14,7 @@ from cellctl.devices import DeviceLost
 from drivers.contact_probe.lines import Line, LineError, Splitter, encode, parse_line
 from drivers.contact_probe.liveness import Liveness
 from drivers.contact_probe.messages import Answer, Boot, Heartbeat, Message
-from drivers.contact_probe.port import SerialPort
+from drivers.serial_port import SerialPort
 
 _REPEAT_AFTER_S = 0.1
 _TIMES = 5

@@ -22,6 +22,7 @@ from cellctl.devices import (
 from drivers.contact_probe.messages import Introduction
 from drivers.contact_probe.search import Search, fault_of
 from drivers.contact_probe.session import Session
+from drivers.serial_port import SerialPlace
 
 _CLOSE_BOUND_S = 2.0
 """Wall time: a simulated cell whose time stands still must not keep the probe open."""
@@ -31,15 +32,15 @@ _CLOSE_BOUND_S = 2.0
 class SerialProbe:
     """A ContactProbe on a serial line; docs/reference/probe-protocol.md says how it speaks."""
 
-    def __init__(self, name: str, path: str, baud: int, clock: Clock) -> None:
+    def __init__(self, name: str, place: SerialPlace, clock: Clock) -> None:
         self.name = name
-        self._path, self._baud, self._clock = path, baud, clock
+        self._place, self._clock = place, clock
         self._session: Session | None = None
 
     async def connect(self) -> Identity:
         """Open the port, ask who is there, and fit its count to the cell's clock (about 1 s of heartbeats)."""
         await self.close()
-        session = self._session = Session(self.name, self._path, self._baud, self._clock)
+        session = self._session = Session(self.name, self._place, self._clock)
         try:
             return self._identity(await session.meet())
         except BaseException as error:

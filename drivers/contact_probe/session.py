@@ -11,9 +11,9 @@ from cellctl.devices import DeviceLost, DeviceUnreachable
 from drivers.contact_probe.lines import Line
 from drivers.contact_probe.link import Answered, Arrival, Link
 from drivers.contact_probe.messages import Boot, Heartbeat, Introduction, Reply, Synced
-from drivers.contact_probe.port import open_port
 from drivers.contact_probe.search import Search
 from drivers.contact_probe.ticks import TickClock
+from drivers.serial_port import SerialPlace, open_port
 
 PROTOCOL = 1
 _QUIET_S = 0.1
@@ -34,15 +34,15 @@ class Session:
     Raises DeviceUnreachable where the port cannot be opened.
     """
 
-    def __init__(self, device: str, path: str, baud: int, clock: Clock) -> None:
+    def __init__(self, device: str, place: SerialPlace, clock: Clock) -> None:
         self.search: Search | None = None
         self.ticks: TickClock | None = None
         self.last_beat: Heartbeat | None = None
         self._beat_tick = 0
         self._beaten = asyncio.Event()
         self.resets = self.refused_edges = 0
-        self._device, self._place, self._clock = device, f"{path} at {baud} baud", clock
-        self.link: Final = Link(device, open_port(device, path, baud), baud, clock, self)
+        self._device, self._place, self._clock = device, str(place), clock
+        self.link: Final = Link(device, open_port(device, place), place.baud, clock, self)
         self.link.start()
 
     async def meet(self) -> Introduction:

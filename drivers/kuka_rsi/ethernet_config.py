@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import final
 from xml.parsers import expat
 
-from drivers.kuka_rsi.correction_mode import CorrectionMode
+from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.telegram import ReplyTag
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.telegram import AXIS_NAMES, ReplyTag
 
 _KINDS = ("BOOL", "LONG", "DOUBLE", "STRING")
 _MOST_CHANNELS = 64

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Self, final
 
 from cellctl.devices import Address
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.session import DEFAULT_TOLERANCE
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
 
 _SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "controller", "tolerance"}
 _LARGEST_TOLERANCE = 1000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 
 from cellctl.devices import Address, Finding, Surroundings
-from drivers.kuka_rsi.limits import SEARCH_NEEDS, ceilings, limit_mistakes
+from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, ceilings, limit_mistakes
 
 
 def findings(address: Address, surroundings: Surroundings) -> list[Finding]:

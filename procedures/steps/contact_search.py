@@ -92,10 +92,10 @@ class FoundContact:
     contact: Contact
 
     def row(self) -> dict[str, Any]:
-        """What a touch records of how its search went."""
+        """The fields of a row that say how its search went."""
         found, contact = self.found, self.contact
         return {
-            "resting": list(found.resting),
+            "resting": tuple(found.resting),
             "time_ns": contact.time_ns,
             "time_sigma_ns": contact.sigma_ns,
             "tick": contact.tick,

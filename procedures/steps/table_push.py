@@ -2,115 +2,74 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cellctl.devices import (
-    ControllerTable,
     DeviceError,
     DeviceFault,
     DeviceRefused,
     DeviceUncertain,
-    TableRow,
-    TableState,
     TableStore,
 )
 from cellctl.devices.cell import table_correction_deg
-from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
-from cellctl.formats.table_refusals import table_problems
-from cellctl.journal import PUSH_ROWS, PushedTable
+from cellctl.journal import PushedTable
+from cellctl.operations.table import controller_table, in_force, push_verified, refuse_table
 from cellctl.procedure import StepContext
+from cellctl.records import TablePushRow, TableStateRow
 
 
-async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> dict[str, Any]:
+async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> TableStateRow:
     """Push the table in the run folder, read the active one back, compare; the row to record.
 
-    A `push` row is recorded before: a run that is cut off in the push has said which table may be in force. Where the
-    table is in force already (a resumed run) it is not pushed again: a rollback would go from the table to itself.
+    A `TablePushRow` is recorded before: a run that is cut off in the push has said which table may be in force. Where
+    the table is in force already (a resumed run) it is not pushed again: a rollback would go from the table to itself.
 
     Raises InputError where the file is not table `table_id` or must not go to this controller, DeviceFault where the
     controller holds something else, and what the device raises.
     """
-    table = await _checked(context, robot, table_id)
-    wanted = ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
-    state = await robot.table_state()
-    if state.staged or not in_force(state, table.id):
-        await context.record("push", _row(table, active=None))
-        state = await robot.push_table(wanted)
-    if await robot.read_table() != wanted or not in_force(state, table.id):
-        cure = "look at the controller's tables: cellctl table show, cellctl table rollback"
-        raise DeviceFault("robot", f"the table in force is not table {table.id[:12]}, which was pushed", cure)
-    return _row(table, active=True)
+    file = context.run_folder / "table.json"
+    table, who = TableFile.load(file), context.identity("robot")
+    limit = table_correction_deg(context.cell)
+    refuse_table(table, file, who, RobotFile.load(context.robot_file), limit, made=table_id)
+    begins = TablePushRow(table.id, len(table.rows), False, False, None, table.max_correction_deg)
+    await push_verified(robot, who.serial, controller_table(table), lambda: context.record(begins))
+    return TableStateRow(table.id, len(table.rows), True, True, True, table.max_correction_deg)
 
 
-async def require_in_force(context: StepContext, robot: TableStore) -> None:
+async def require_in_force(robot: TableStore, table_id: str) -> None:
     """Raise DeviceRefused where the run's table is not in force: the rows of another one lead elsewhere."""
-    table_id = context.recorded("proof")[-1]["table"]
     if not in_force(await robot.table_state(), table_id):
         cure = "Run the procedure anew; one whose push has `on_resume: always` can be resumed after its clean-up."
         raise DeviceRefused("robot", f"table {table_id[:12]} of this run is not in force; nothing was moved", cure)
 
 
-async def take_back(context: StepContext, robot: TableStore, row: dict[str, Any]) -> dict[str, Any]:
+async def take_back(context: StepContext, robot: TableStore, row: TableStateRow) -> TableStateRow:
     """Put the table before the run's one, whose last row is `row`, into force again; the row that says so, recorded.
 
     Nothing is done where the run's table is not in force. Raises DeviceUncertain where it may be afterwards.
     """
-    short = row["id"][:12]
     try:
         state = await robot.table_state()
-        if in_force(state, row["id"]):
+        if in_force(state, row.id):
             state = await robot.rollback_table()
-        if in_force(state, row["id"]):
+        if in_force(state, row.id):
             raise DeviceFault("robot", "it was pushed twice and is still in force after one rollback")
     except DeviceError as error:
-        await context.record("table", {**row, "active": None})
-        what = f"table {short} was pushed by this run, is not proved, and may still be in force"
+        await context.record(_of_table(row, active=None))
+        what = f"table {row.short} was pushed by this run, is not proved, and may still be in force"
         raise DeviceUncertain("robot", f"{what}: {error.what}", error.cure) from error
-    taken = {**row, "active": False}
-    await context.record("table", taken)
+    taken = _of_table(row, active=False)
+    await context.record(taken)
     return taken
 
 
 async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
     """`take_back` of a table that this run pushed and has not proved; nothing where there is none."""
-    table = PushedTable.of(context.all_recorded(*PUSH_ROWS), context.recorded("verdict"))
+    table = PushedTable.of(context)
     if table is not None and table.unproved_in_force:
-        await take_back(context, robot, dict(table.row))
-        context.say(f"table {table.short} is not proved and no longer in force: the one before it is")
+        await take_back(context, robot, table.row)
+        context.say(f"table {table.row.short} is not proved and no longer in force: the one before it is")
 
 
-def in_force(state: TableState, table_id: str) -> bool:
-    """Whether the controller's active table is the one with this id."""
-    return state.active is not None and state.active.id == table_id
-
-
-def _row(table: TableFile, active: bool | None) -> dict[str, Any]:
-    """The row to record; active: True for a table that was pushed and read back, None for a push that begins."""
-    return {
-        "id": table.id,
-        "rows": len(table.rows),
-        "pushed": bool(active),
-        "verified": bool(active),
-        "active": active,
-        "max_correction_deg": table.max_correction_deg,
-    }
-
-
-async def _checked(context: StepContext, robot: TableStore, table_id: str) -> TableFile:
-    """The table in the run folder, if it may go to this controller. Raises InputError with every reason against it."""
-    file = context.run_folder / "table.json"
-    table = TableFile.load(file)
-    identity = await robot.connect()
-    problems = table_problems(
-        table,
-        serial=identity.serial,
-        simulated=identity.simulated,
-        robot=RobotFile.load(context.robot_file),
-        correction_deg=table_correction_deg(context.cell),
-    )
-    if table.id != table_id:
-        problems.insert(0, f"it is table {table.id[:12]}…, this run made {table_id[:12]}…")
-    if problems:
-        raise InputError(Problem(str(file), 0, 0, f"is not pushed: {problem}") for problem in problems)
-    return table
+def _of_table(row: TableStateRow, active: bool | None) -> TableStateRow:
+    """A `TableStateRow` with the fields of `row`, which may be that of a push, and another `active`."""
+    return TableStateRow(**{**row.data(), "active": active})

@@ -1,6 +1,5 @@
-"""The controller (KRC) in simulation: one arm in motion, its EKI server and its RSI client, from the wire documents."""
+"""The controller (KRC) in simulation: it moves the scene's arm; EKI server and RSI client, from the wire documents."""
 
-from sims.krc.controller import KrcServers, start
-from sims.krc.ethernet_config import BadConfig
+from sims.krc.description import SIMULATOR
 
-__all__ = ["BadConfig", "KrcServers", "start"]
+__all__ = ["SIMULATOR"]

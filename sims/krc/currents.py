@@ -6,8 +6,8 @@ from math import degrees, tanh
 from typing import final
 
 from sims.kernel import Kernel
-from sims.krc.motions import Joints
-from sims.krc.robot import Robot
+from sims.scene.arm import MovingArm
+from sims.scene.motions import Joints
 from sims.world.statics import GRAVITY_M_S2
 from sims.world.world import World
 
@@ -23,7 +23,7 @@ _STEP_DEG = 0.01
 class MotorCurrents:
     """Amperes of A1…An. The links' own weight is not in it: the robot file has no masses of them."""
 
-    def __init__(self, kernel: Kernel, robot: Robot, world: World, mass_kg: float) -> None:
+    def __init__(self, kernel: Kernel, robot: MovingArm, world: World, mass_kg: float) -> None:
         self._kernel = kernel
         self._robot = robot
         self._world = world

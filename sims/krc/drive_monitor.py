@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
-from sims.krc.motions import FULL_SPEED_AFTER_S, Joints
+from sims.scene.motions import FULL_SPEED_AFTER_S, Joints
 
 VELOCITY_SHARE = 1.1
 """Of an axis' highest speed (machine datum $VEL_ACT_MA, %; 110 is its usual value [unconfirmed])."""

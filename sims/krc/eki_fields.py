@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from typing import final
 
 from sims.krc.decimals import decimal
-from sims.krc.motions import Joints
+from sims.scene.motions import Joints
 
 _LARGEST_ANGLE_DEG = 3600.0
 

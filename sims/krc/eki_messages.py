@@ -10,9 +10,9 @@ from xml.sax.saxutils import quoteattr
 
 from sims.krc import eki_fields as fields
 from sims.krc.eki_fields import Unreadable
-from sims.krc.motions import Joints
 from sims.krc.table_requests import TABLE_OPERATIONS, Request, read_request
 from sims.krc.xml_documents import parse
+from sims.scene.motions import Joints
 
 OPERATIONS = frozenset({"HELLO", "PTP", "PTPT", "RSI", "HALT", "RESET", *TABLE_OPERATIONS})
 

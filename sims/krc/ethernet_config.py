@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
+from sims.simulator import CannotStart
+
 TYPES = frozenset({"BOOL", "LONG", "DOUBLE", "STRING"})
 AXES = tuple(f"A{i}" for i in range(1, 7))
 
@@ -16,7 +18,7 @@ _FREE_TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)?")
 _INDEX = re.compile(r"[0-9]{1,2}")
 
 
-class BadConfig(ValueError):
+class BadConfig(CannotStart):
     """The configuration is not one that RSI_CREATE takes; the text names file and cause."""
 
 

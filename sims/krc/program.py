@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import final
 
+from sims.faults import SEARCH, SEARCH_END
 from sims.kernel import Event
-from sims.krc.contact_log import ContactLog
+from sims.krc.description import MOVE
 from sims.krc.eki_fields import Unreadable
 from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_command
-from sims.krc.motions import Joints
 from sims.krc.rsi_session import MS, RsiContext, RsiSession
 from sims.krc.table_desk import TableDesk
 from sims.memory import Memory
+from sims.scene.contact_log import ContactLog
+from sims.scene.motions import Joints
 
 LEAST_PERCENT = 0.01
 """Slower, a move would take days: to the PC it looks as if it never ended."""
@@ -140,6 +142,7 @@ class Program:
             cycle = self._rsi.settings.cycle_ms * MS
             self._rsi_on = self._kernel.at((self._kernel.now // cycle + 1) * cycle, self._start_rsi)
         elif target is not None:
+            self._faults.announce(MOVE)
             self._robot.move(target, command.percent, self._arrived)
 
     def _refusal(self, command: Command, target: Joints | None) -> tuple[Code, str] | None:
@@ -163,7 +166,7 @@ class Program:
         if not self._rsi.link.has_target:
             self.fail("RSI_CREATE General error: ETHERNET1")
             return
-        self._log.begin(self._faults.search_begins(), self._robot.attempt)
+        self._log.begin(self._faults.announce(SEARCH), self._robot.attempt)
         self._session = RsiSession(self._rsi, self._rsi_ended)
         self._change(Prog.RSI, "")
         self._reply(running.command.id, Code.RSI_ON)
@@ -216,7 +219,7 @@ class Program:
             self._reply(command_id, Code.DONE)
         self._halts.clear()
         if searched:
-            self._faults.search_ends()
+            self._faults.announce(SEARCH_END)
 
     def _change(self, prog: Prog, message: str) -> None:
         if (prog, message) != (self._prog, self._message):

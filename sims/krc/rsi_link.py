@@ -5,12 +5,21 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 from contextlib import suppress
-from typing import final
+from typing import Any, final
 
 from sims.kernel import Hold, Kernel
+from sims.simulator import Refused
 
 PEER = "rsi"
 _RECEIVE = 65535
+
+
+def target_of(message: dict[str, Any]) -> tuple[str, int]:
+    """Host and port of an `rsi_target` message. Raises Refused."""
+    host, port = message.get("host"), message.get("port")
+    if not isinstance(host, str) or not isinstance(port, int) or not 0 < port < 0x10000:
+        raise Refused("host and port are expected, as 127.0.0.1 and 49152")
+    return host, port
 
 
 @final

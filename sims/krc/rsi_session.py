@@ -6,18 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from sims.cell import RsiSettings
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
 from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.ethernet_config import EthernetConfig
-from sims.krc.motions import Cycle, Joints
 from sims.krc.reply import Reply, read_reply
-from sims.krc.robot import Robot
 from sims.krc.rsi_link import RsiLink
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, EthernetOutputs, LateCounter
 from sims.krc.telegram import TelegramFormat
+from sims.scene.arm import MovingArm
+from sims.scene.motions import Cycle, Joints
 
 MS = 1_000_000
 LATE = "KSS29002 Signal flow (running): Object ETHERNET1 returns error RSIBad"
@@ -30,11 +29,26 @@ Ended = Callable[[str], object]
 
 @final
 @dataclass(frozen=True, slots=True)
+class RsiSettings:
+    """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset).
+
+    `mode`: what the controller's program passes to RSI_ON, absolute or relative.
+    """
+
+    cycle_ms: int
+    precision: int
+    timeout_cycles: int
+    counter: str
+    mode: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class RsiContext:
     """What stays the same from one RSI_ON to the next. `limits`: lowest and highest reading of each axis, degrees."""
 
     kernel: Kernel
-    robot: Robot
+    robot: MovingArm
     link: RsiLink
     faults: Faults
     config: EthernetConfig

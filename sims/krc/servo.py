@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import exp
 from typing import final
 
-from sims.krc.motions import FULL_SPEED_AFTER_S, Joints, State
+from sims.scene.motions import FULL_SPEED_AFTER_S, Joints, State
 
 TIME_CONSTANT_S = 0.012
 

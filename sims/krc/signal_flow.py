@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import final
 
 from sims.krc.ethernet_config import Element
-from sims.krc.motions import Joints
+from sims.scene.motions import Joints
 
 
 @final

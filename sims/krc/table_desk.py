@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import final
 
 from sims.krc.eki_messages import Code
-from sims.krc.motions import Joints
 from sims.krc.table_requests import Activate, Request, Rollback, WrongSerial, do
 from sims.krc.tables import BadSize, BadSum, TableRefused, Tables
 from sims.memory import Memory
+from sims.scene.motions import Joints
 
 _CODES = {BadSum: Code.BAD_SUM, BadSize: Code.BAD_SIZE}
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import final
 
-from sims.krc.motions import Joints
+from sims.scene.motions import Joints
 
 MOST_ROWS = 500
 

@@ -1,5 +1,5 @@
 """The contact probe: a microcontroller that watches the loop, on a serial line that is a pseudo-terminal."""
 
-from sims.probe.server import ProbeServer, start
+from sims.probe.description import SIMULATOR
 
-__all__ = ["ProbeServer", "start"]
+__all__ = ["SIMULATOR"]

@@ -6,9 +6,9 @@ import random
 from collections.abc import Callable
 from typing import final
 
-from sims.contact_loop import ContactLoop
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
+from sims.scene.contact_loop import ContactLoop
 
 CLOSED_MV = 40
 OPEN_MV = 1650

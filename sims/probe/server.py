@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
-from sims.cell import SimCell
-from sims.contact_loop import ContactLoop
-from sims.faults import Faults
 from sims.kernel import Event, Hold, Kernel
 from sims.probe.circuit import Circuit
 from sims.probe.crystal import Crystal
-from sims.probe.firmware import Firmware
+from sims.probe.description import ARM, CONTACT, baud_of
+from sims.probe.firmware import Firmware, State
 from sims.probe.lines import HostLine, parse_host_line
 from sims.probe.terminal import Terminal
 from sims.probe.wire import Receiver, Transmitter
-from sims.wires import Wire
+from sims.simulator import Request, Setup, with_path
 
 REBOOT_NS = 300_000_000
 PEER = "probe"
 
 _NAME = "SIM contact probe"
+EVENTS = {State.ARMED: ARM, State.TRIPPED: CONTACT}
+"""What is announced when the probe comes into a state."""
 
 
 @final
@@ -44,6 +44,7 @@ class Probe:
         self._receiver = Receiver(kernel, baud, lambda line: self._update([parse_host_line(line)]))
         self._wake: Event | None = None
         self._firmware: Firmware | None = None
+        self.on_state: Callable[[State], object] = lambda state: None
         circuit.on_change = lambda millivolts: self._update([])
         self._boot("POWER")
 
@@ -66,8 +67,11 @@ class Probe:
     def _update(self, lines: list[HostLine | None]) -> None:
         if self._firmware is None:
             return
+        before = self._firmware.state
         for message in self._firmware.update(self._kernel.now, self._circuit.millivolts, lines):
             self._transmitter.send(message)
+        if self._firmware.state is not before:
+            self.on_state(self._firmware.state)
         self._sleep_until(self._firmware.wake_at, lambda: self._update([]))
 
     def _sleep_until(self, time_ns: int, action: Callable[[], object]) -> None:
@@ -80,18 +84,21 @@ class Probe:
 class ProbeServer:
     """The probe on its pseudo-terminal. In lockstep each line that arrives holds T until the host acknowledges it."""
 
-    def __init__(self, kernel: Kernel, cell: SimCell, faults: Faults, loop: ContactLoop, baud: int, wire: Wire) -> None:
-        simulate = cell.simulate
+    def __init__(self, setup: Setup) -> None:
+        kernel, faults, seed = setup.kernel, setup.faults, setup.cell.simulate.seed
         self._kernel = kernel
         self._faults = faults
         self._held: dict[int, Hold] = {}
         self._heard = False
         self._lines_to_damage = 0
-        self._wire = wire
+        self._wire = setup.wire
         self._terminal = Terminal(kernel, self._host_speaks, self._host_hangs_up)
-        circuit = Circuit(kernel, loop, faults, simulate.seed, simulate.probe.bounce)
-        grid_ns = round(simulate.probe.usb_delay_ms * 1e6)
-        self._probe = Probe(kernel, circuit, simulate.seed, baud, grid_ns, self._deliver)
+        self.address = with_path(setup.address, self._terminal.path)
+        self.requests: dict[str, Request] = {}
+        circuit = Circuit(kernel, setup.scene.contact, faults, seed, setup.settings["bounce"])
+        grid_ns = round(setup.settings["usb_delay_ms"] * 1e6)
+        self._probe = Probe(kernel, circuit, seed, baud_of(setup.address), grid_ns, self._deliver)
+        self._probe.on_state = lambda state: faults.announce(EVENTS[state]) if state in EVENTS else None
         faults.on_start("probe.reset", lambda: self._probe.reset("WATCHDOG"))
 
     @property
@@ -122,7 +129,7 @@ class ProbeServer:
         fault = self._faults.active("probe.corrupt")
         if fault is None:
             return False
-        self._lines_to_damage = (self._lines_to_damage + 1) % fault.every
+        self._lines_to_damage = (self._lines_to_damage + 1) % fault.settings["every"]
         return self._lines_to_damage == 0
 
     def _host_speaks(self, chunk: bytes) -> None:
@@ -158,15 +165,3 @@ def _damaged(line: bytes) -> bytes:
     """The line with one bit of its middle character turned over."""
     middle = len(line) // 2
     return line[:middle] + bytes([line[middle] ^ 1]) + line[middle + 1 :]
-
-
-def start(
-    kernel: Kernel,
-    cell: SimCell,
-    faults: Faults,
-    loop: ContactLoop,
-    baud: int = 250_000,
-    wire: Wire | None = None,
-) -> ProbeServer:
-    """The cell's simulated probe, powered now, on a terminal of its own; `wire` counts its bytes."""
-    return ProbeServer(kernel, cell, faults, loop, baud, wire or Wire())

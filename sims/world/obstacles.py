@@ -16,6 +16,7 @@ WRIST_MM = 60.0
 SHAFT_MM = 5.0
 """Radius of the torch's contact tube; the wire, which touches, stands out of it bare."""
 STICK_OUT_MM = 25.0
+PLATE_EDGE_MM = 100.0
 
 
 @final
@@ -32,12 +33,37 @@ class Obstacles:
 
     def gap(self, elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> float:
         """Least distance of the robot from anything, mm, negative where they overlap; the wire may touch spheres."""
-        mouth = _towards(tip, flange, STICK_OUT_MM)
-        bodies = ((elbow, wrist, WRIST_MM), (wrist, flange, WRIST_MM), (flange, mouth, SHAFT_MM))
+        bodies = _bodies(elbow, wrist, flange, tip)
+        mouth = bodies[-1][1]
         gap = min(self._to_stand(a, b, radius) for a, b, radius in (*bodies, (mouth, tip, 0.0)))
         for centre, size in self._spheres:
             gap = min(gap, *(_apart(a, b, centre, centre) - radius - size for a, b, radius in bodies))
         return gap
+
+    def between(self, start: Vector, end: Vector, elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> bool:
+        """Does the line from `start` to `end` meet a sphere, a stem, the plate, or the robot's bodies?
+
+        The plate reaches `PLATE_EDGE_MM` beyond the outermost stems, as far as beams are concerned.
+        """
+        if any(_apart(start, end, a, b) < radius for a, b, radius in _bodies(elbow, wrist, flange, tip)):
+            return True
+        if any(_apart(start, end, centre, centre) < size for centre, size in self._spheres):
+            return True
+        plate_z = self._plate_z
+        if plate_z is None:
+            return False
+        stems = (((x, y, plate_z), (x, y, z)) for (x, y, z), _ in self._spheres)
+        return self._meets_plate(start, end, plate_z) or any(
+            _apart(start, end, foot, head) < self._stem_radius for foot, head in stems
+        )
+
+    def _meets_plate(self, start: Vector, end: Vector, plate_z: float) -> bool:
+        if (start[2] - plate_z) * (end[2] - plate_z) >= 0.0:
+            return False
+        share = (plate_z - start[2]) / (end[2] - start[2])
+        place = [a + share * (b - a) for a, b in zip(start[:2], end[:2], strict=True)]
+        ways = zip(place, zip(*(centre[:2] for centre, _ in self._spheres), strict=True), strict=True)
+        return all(min(stems) - PLATE_EDGE_MM < at < max(stems) + PLATE_EDGE_MM for at, stems in ways)
 
     def _to_stand(self, a: Vector, b: Vector, radius: float) -> float:
         """From a round body about the line a–b to plate and stems."""
@@ -47,6 +73,12 @@ class Obstacles:
         for (x, y, z), _ in self._spheres:
             gap = min(gap, _apart(a, b, (x, y, self._plate_z), (x, y, z)) - self._stem_radius)
         return gap - radius
+
+
+def _bodies(elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> tuple[tuple[Vector, Vector, float], ...]:
+    """Forearm, wrist and the tool's tube: each round, by its line's ends and its radius."""
+    mouth = _towards(tip, flange, STICK_OUT_MM)
+    return (elbow, wrist, WRIST_MM), (wrist, flange, WRIST_MM), (flange, mouth, SHAFT_MM)
 
 
 def _towards(start: Vector, end: Vector, way: float) -> Vector:

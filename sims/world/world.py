@@ -151,11 +151,19 @@ class World:
 
         The wire's contact with a sphere is `gap`'s; the tool is taken unbent and unworn, without scatter.
         """
+        return self._obstacles.gap(*self._body(readings))
+
+    def blocked(self, readings: Sequence[float], start: Vector, end: Vector) -> bool:
+        """Is anything between two points, mm: a sphere, a stem, the plate, forearm, wrist or the tool's tube?"""
+        return self._obstacles.between(start, end, *self._body(readings))
+
+    def _body(self, readings: Sequence[float]) -> tuple[Vector, Vector, Vector, Vector]:
+        """Elbow, wrist, flange and tip, the tool taken unbent and unworn, without scatter."""
         angles = self._angles(readings)
         chain = self._chain
         flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
         (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
-        return self._obstacles.gap(elbow, _sum(flange, back), flange, _sum(flange, offset))
+        return elbow, _sum(flange, back), flange, _sum(flange, offset)
 
     def scatter(self, target: Sequence[float], attempt: int) -> Vector:
         """Where the tool ends up beside its mean at the `attempt`-th (from 0) move to `target`, mm.

@@ -18,11 +18,11 @@ from cellctl.calibration import (
     identify,
     plane_estimates,
 )
-from cellctl.calibration.mistakes import find_mistakes
 from cellctl.calibration.observability.other_postures import moved
 from cellctl.calibration.rows.planes import planes_of, pole_of
 from cellctl.formats import RobotFile
 from cellctl.planning.like_rows import rows_like
+from cellctl.setup_check import check_setup
 
 SLOPE = np.array([-0.6, 0.0, 0.8])
 PLANES = np.array(
@@ -181,12 +181,12 @@ def test_a_reversed_joint_is_named_from_plane_touches_and_a_sound_set_up_is_not_
     block = campaign.planes(80, PLANES, SIGMA, BALL)
     task, joints = task_of(campaign, [block], ("floor", "wall", "side")), robot.joint_map()
     readings = joints.readings(block.q)
-    sound = find_mistakes(task, joints, readings)
+    sound = check_setup(task, joints, readings)
     assert not sound.implausible
-    assert not sound.mistakes
+    assert not sound.errors
     readings[:, 3] *= -1.0
     task = replace(task, rows=replace(block, at=joints.model(readings)))
-    assert [mistake.words().partition(":")[0] for mistake in find_mistakes(task, joints, readings).mistakes] == [
+    assert [mistake.words().partition(":")[0] for mistake in check_setup(task, joints, readings).errors] == [
         "A4 reversed"
     ]
 

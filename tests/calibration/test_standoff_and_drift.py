@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_postures import KR5
 from scipy.stats import linregress
 
 from cellctl.calibration import RobotModel, linear_drift, locate_sphere
@@ -23,7 +24,7 @@ def touched() -> np.ndarray:
     """Model angles (20, n) of the nominal robot exactly on the sphere."""
     low, high = ROBOT.limits().T.tolist()
     target = SphereTarget("P1", CENTRE, REACH - 10.0)  # a search begins 10 mm off what is said: on the surface
-    touches = plan_touches(ROBOT.chain(), ROBOT.joint_map(), Reach(tuple(low), tuple(high)), [target], [20], 5)
+    touches = plan_touches(ROBOT.chain(), ROBOT.joint_map(), Reach(tuple(low), tuple(high)), KR5, [target], [20], 5)
     return ROBOT.joint_map().model([touch.start for touch in touches])
 
 

@@ -10,11 +10,11 @@ import pytest
 from cell_runs import CELL, cell_with, cellctl, faults, run_here, touches_procedure
 
 from cellctl.cli import ends
-from cellctl.cli.campaign import load_campaign
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.devices import DeviceFault, DeviceLost, NoContact, ProbeNotOpen
 from cellctl.engine import Mailbox, State
 from cellctl.journal import Outcome
+from cellctl.operations.campaign import load_campaign
+from cellctl.operations.simulated import SimulatedCell
 
 pytestmark = pytest.mark.campaign
 

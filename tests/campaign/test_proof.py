@@ -43,7 +43,7 @@ class Run:
     folder: Path
 
     def rows(self, kind: str) -> list[dict[str, Any]]:
-        return [dict(row) for row in self.ended.journal.recorded(kind)]
+        return [dict(row) for row in self.ended.journal.data_of(kind)]
 
 
 @pytest.fixture(scope="module")
@@ -100,8 +100,7 @@ def test_the_proof_sphere_is_in_no_fit(proved: Run) -> None:
 
 @pytest.mark.long
 def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
-    verdict = proved.ended.outcome.verdict
-    assert verdict is not None
+    verdict = proved.rows("verdict")[-1]
     assert verdict["verdict"] == "better"
     assert "P1" in verdict["sentence"]
     assert "eld-out touches" in verdict["sentence"]
@@ -118,7 +117,7 @@ def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(pro
     assert [row["after_touch"] for row in visits] == [19, 40]  # the first visit is touch 0, the second number 20
     assert {row["sphere"] for row in visits} == {proved.rows("touch")[0]["sphere"]}
     assert max(abs(row["shift_mm"]) for row in visits) < 5 * visits[0]["sigma_mm"]
-    assert not proved.ended.outcome.verdict["drift"]["modelled"]
+    assert not proved.rows("verdict")[-1]["drift"]["modelled"]
 
 
 @pytest.mark.long
@@ -134,10 +133,11 @@ def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: P
     true_robot = "  errors: {geometry: 0, joint_zero: 0, tool: 0, deflection: 0}\n"
     ended = run_here(short_campaign(tmp_path), cell_with(tmp_path, true_robot), tmp_path)
     assert ended.outcome.state is State.FINISHED
-    assert ended.outcome.verdict["verdict"] != "better"
-    assert "table" not in ended.outcome.verdict
+    assert ended.outcome.verdict is not None
+    assert not ended.outcome.verdict.better
+    assert ended.outcome.verdict.table is None
     for kind in ("locate", "proof", "table", "standoff"):
-        assert ended.journal.recorded(kind) == [], kind
+        assert ended.journal.data_of(kind) == [], kind
     assert not (tmp_path / "run" / "table.json").exists()
 
 
@@ -149,8 +149,8 @@ def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(
     assert isinstance(ended.outcome.error, InputError)
     assert "row 1" in str(ended.outcome.error)
     assert "0.01" in str(ended.outcome.error)
-    assert ended.journal.recorded("table") == []
-    assert ended.journal.recorded("standoff") == []
+    assert ended.journal.data_of("table") == []
+    assert ended.journal.data_of("standoff") == []
     assert ended.robot_is_held()
 
 
@@ -161,7 +161,7 @@ def test_a_proof_sphere_out_of_reach_is_named(tmp_path: Path) -> None:
     ended = run_here(enough, cell_with(tmp_path, replace=away), tmp_path)
     assert isinstance(ended.outcome.error, InputError)
     assert "P1" in str(ended.outcome.error)
-    assert ended.journal.recorded("table") == []
+    assert ended.journal.data_of("table") == []
 
 
 @pytest.mark.long
@@ -174,7 +174,7 @@ def test_a_tip_that_jumps_stops_the_run_at_the_next_visit_to_the_reference(tmp_p
     assert ended.outcome.state is State.FAILED
     assert ended.robot_is_held()
     assert len(ended.touches) == 24
-    assert ended.journal.recorded("table") == []
+    assert ended.journal.data_of("table") == []
 
 
 @pytest.mark.long
@@ -182,7 +182,7 @@ def test_wear_of_the_tip_is_seen_and_allowed_for(tmp_path: Path) -> None:
     """0.01 mm a touch: 0.6 mm in all, several times what the held-out touches would be off by otherwise."""
     cell = cell_with(tmp_path, "  errors: {wear: 20}\n")
     ended = run_here(short_campaign(tmp_path, touches_fit=50, reference_every=10), cell, tmp_path)
-    first = next(row for row in ended.journal.recorded("verdict"))
+    first = next(row for row in ended.journal.data_of("verdict"))
     assert first["drift"]["significant"]
     assert first["drift"]["modelled"]
     # the wire wears along its own length, which leans on the normal by up to 55°

@@ -9,11 +9,11 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cell_runs import PATIENCE_S, ROOT, cell_with, cellctl, touches_procedure
 
-from cellctl.cli.provenance import code_hash
 from cellctl.files import sha256_of
 from cellctl.journal import (
     Journal,
@@ -26,6 +26,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
+from cellctl.operations.provenance import code_hash, sources
 
 pytestmark = pytest.mark.campaign
 
@@ -130,12 +131,27 @@ def test_a_run_made_by_other_code_is_not_resumed(tmp_path: Path) -> None:
     assert "the code of cellctl" in refused.stderr
 
 
-def _journal_by_hand(folder: Path, code: str, last: StepStarted) -> list[str]:
+def test_a_run_made_by_other_code_names_the_files_that_differ(tmp_path: Path) -> None:
+    before = {**sources(), "drivers/gone.py": "0" * 64, "cellctl/__main__.py": "0" * 64}
+    last = StepStarted("plan", 1, moves=False)
+    refused = cellctl("run", *_journal_by_hand(tmp_path, "0" * 64, last, sources=before))
+    assert refused.returncode == 2
+    assert "has changed since: cellctl/__main__.py, drivers/gone.py\n" in refused.stderr
+
+
+def test_a_run_with_another_robot_file_is_not_resumed(tmp_path: Path) -> None:
+    robot, last = SourceFile("kr5.yaml", "another", sha256_of("another")), StepStarted("plan", 1, moves=False)
+    refused = cellctl("run", *_journal_by_hand(tmp_path, code_hash(), last, robot=robot))
+    assert refused.returncode == 2
+    assert "the robot file kr5.yaml has changed since" in refused.stderr
+
+
+def _journal_by_hand(folder: Path, code: str, last: StepStarted, **more: Any) -> list[str]:
     """Arguments that resume a run whose journal says this."""
     procedure, cell = touches_procedure(folder), cell_with(folder)
     files = [SourceFile(str(path), path.read_text(), sha256_of(path.read_text())) for path in (procedure, cell)]
     with Journal.create(folder / "runs" / "made", lambda: 0) as journal:
-        journal.append(RunStarted(*files, {}, 1, "lockstep", "me", "2026-11-21T00:00:00Z", code, {}))
+        journal.append(RunStarted(*files, {}, 1, "lockstep", "me", "2026-11-21T00:00:00Z", code, {}, **more))
         journal.append(last)
     return [str(procedure), "--cell", str(cell), "--runs", str(folder / "runs"), "--resume", "made"]
 
@@ -156,7 +172,7 @@ def _nothing_lost_or_doubled(journal: Path) -> None:
     entries = list(read_journal(journal))
     state: RunState = fold(entries)
     assert state.state == "finished"
-    assert sorted(row["number"] for row in state.recorded("touch")) == list(range(6))
+    assert sorted(row["number"] for row in state.data_of("touch")) == list(range(6))
     done = Counter(
         entry.event.step
         for entry in entries

@@ -35,7 +35,7 @@ class Whole:
     run: Path
 
     def standoffs(self) -> list[dict[str, Any]]:
-        rows = fold(read_journal(self.run)).recorded("standoff")
+        rows = fold(read_journal(self.run)).data_of("standoff")
         return [dict(row) for row in rows if row["run"] == "after"]
 
 
@@ -144,7 +144,7 @@ def test_ctrl_c_twice_ends_with_130_the_robot_held_and_every_finished_touch_reco
     assert state.state == "aborted"
     assert not state.in_flight
     assert state.steps["cleanup.hold"].outcome == "done"
-    assert len(state.recorded("touch")) >= 1
+    assert len(state.data_of("touch")) >= 1
 
 
 def _until_touches_began(process: subprocess.Popen[str], runs: Path, count: int) -> None:

@@ -14,15 +14,16 @@ from typing import Any
 import pytest
 from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, touches_procedure
 
-from cellctl.cli.campaign import Campaign, load_campaign
-from cellctl.cli.launch import Options, run_on
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import Mailbox, Outcome, State
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
 from cellctl.journal import RunState, StepStarted, fold, read_journal
+from cellctl.operations.campaign import Campaign, load_campaign
+from cellctl.operations.launch import Options, run_on
+from cellctl.operations.simulated import SimulatedCell
+from cellctl.records import TablePushRow, TableStateRow
 
 pytestmark = pytest.mark.campaign
 
@@ -124,8 +125,8 @@ def test_an_abort_after_the_push_takes_the_table_back_and_a_resumed_run_puts_it_
     first, after_first, second, after_second = asyncio.run(go())
     assert (first.state, second.state) == (State.ABORTED, State.FINISHED), (first.error, second.error)
     assert after_first == after_second == (None, table.id)
-    rows = fold(read_journal(run)).all_recorded("push", "table")
-    assert [row["active"] for row in rows] == [None, True, False, None, True, False]
+    rows = fold(read_journal(run)).all_recorded(TablePushRow, TableStateRow)
+    assert [row.active for row in rows] == [None, True, False, None, True, False]
 
 
 def test_kill_minus_nine_of_what_started_the_run_aborts_it_with_its_clean_up(tmp_path: Path) -> None:

@@ -16,12 +16,12 @@ from typing import Any
 import pytest
 from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, controller_states, touches_procedure, unhurried
 
-from cellctl.cli.campaign import load_campaign
-from cellctl.cli.launch import Options, run_on
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.devices import DeviceError, DeviceUnreachable
 from cellctl.engine import Mailbox, NobodyWatching, State
 from cellctl.journal import fold, read_journal
+from cellctl.operations.campaign import load_campaign
+from cellctl.operations.launch import Options, run_on
+from cellctl.operations.simulated import SimulatedCell
 
 pytestmark = pytest.mark.campaign
 
@@ -113,7 +113,7 @@ def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_
     assert "Traceback" not in said
     state = fold(read_journal(next(runs.iterdir())))
     assert state.state == "uncertain"
-    assert len(state.recorded("touch")) >= 2
+    assert len(state.data_of("touch")) >= 2
     assert not state.in_flight
 
 
@@ -121,8 +121,8 @@ def test_simulators_that_never_get_ready_are_unreachable_and_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])
-    monkeypatch.setattr("cellctl.cli.simulated.simulator_command", lambda *_: ["sleep", "600"])
-    monkeypatch.setattr("cellctl.cli.simulated._START_SECONDS", 0.1)
+    monkeypatch.setattr("cellctl.operations.simulated.simulator_command", lambda *_: ["sleep", "600"])
+    monkeypatch.setattr("cellctl.operations.simulated._START_SECONDS", 0.1)
     with pytest.raises(DeviceUnreachable, match=r"simulator: was not ready within 0\.1 s"):
         asyncio.run(SimulatedCell.start(campaign.cell, None, None))
 
@@ -145,7 +145,7 @@ def test_after_the_end_the_controller_can_be_asked_again(tmp_path: Path) -> None
 
 
 def _touches(run: Path) -> list[Any]:
-    return list(fold(read_journal(run)).recorded("touch")) if (run / "journal.sqlite").exists() else []
+    return list(fold(read_journal(run)).data_of("touch")) if (run / "journal.sqlite").exists() else []
 
 
 def _simulator_of(cell: Path) -> int:

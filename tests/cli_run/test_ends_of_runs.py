@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.results import result_of, say_end
-from cellctl.cli.resume import resumed_run
+from cellctl.cli.run_end import say_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Outcome, State
@@ -29,8 +28,17 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.journal import Outcome as StepOutcome
+from cellctl.operations.results import result_of
+from cellctl.operations.resume import resumed_run
 
-TABLE = {"id": "6f86d0" * 10 + "6f86", "rows": 30, "pushed": True, "verified": True, "active": True}
+TABLE = {
+    "id": "6f86d0" * 10 + "6f86",
+    "rows": 30,
+    "pushed": True,
+    "verified": True,
+    "active": True,
+    "max_correction_deg": 0.1,
+}
 SHORT = TABLE["id"][:12]
 TAKE_BACK = "cellctl table rollback --cell cell.yaml"
 PUSH: list[KnownEvent] = [
@@ -152,7 +160,7 @@ def test_json_list_and_show_say_whether_the_table_is_in_force(
 ) -> None:
     run = run_with(tmp_path, *events)
     outcome = Outcome(State.ABORTED, None, (), None, 1.0, True, True)
-    assert result_of(run, outcome, 1.0)["table"] == {**TABLE, "active": active, "state": state}
+    assert result_of(run, outcome, 1.0).to_json()["table"] == {**TABLE, "active": active, "state": state}
     assert state in cellctl_says(["runs", "--runs", str(run.parent)], capsys)
     assert f"  table      table {SHORT} " in cellctl_says(["show", str(run)], capsys)
 
@@ -190,7 +198,7 @@ class SameCampaign:
 
 def of_the_same_files(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A campaign that is what `run_with` began."""
-    monkeypatch.setattr("cellctl.cli.resume._changes", lambda *_: [])
+    monkeypatch.setattr("cellctl.operations.resume._changes", lambda *_: [])
     return SameCampaign()
 
 

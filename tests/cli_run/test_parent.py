@@ -13,7 +13,7 @@ PATIENCE_S = 120.0
 
 WAITING = """
 import threading, os
-from cellctl.cli.parent import aborting_without, parent_of_run
+from cellctl.operations.parent import aborting_without, parent_of_run
 ended = threading.Event()
 def abort(why):
     print(why, flush=True)
@@ -28,7 +28,7 @@ import subprocess, sys
 subprocess.run([sys.executable, "-c", sys.argv[1]])
 """
 
-ASKING = "from cellctl.cli.parent import parent_of_run; print(parent_of_run(detached={detached}))"
+ASKING = "from cellctl.operations.parent import parent_of_run; print(parent_of_run(detached={detached}))"
 
 
 def test_kill_minus_nine_of_the_parent_is_seen_and_named() -> None:

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
-from cellctl.cli import ends, table_cell
-from cellctl.cli.connected import Connected
+from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
+from cellctl.operations import table_cell
+from cellctl.operations.connected import Connected
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 

@@ -10,9 +10,10 @@ import pytest
 from cell_runs import CELL
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
-from cellctl.cli import connected, ends, table_cell
+from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import TableFile
+from cellctl.operations import connected, table_cell
 
 
 def run(*words):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from cellctl.journal import (
     read_journal,
 )
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
+from cellctl.records import Row
 
 CALLS: list[str] = []
 
@@ -40,6 +42,18 @@ class Doubled(StepResult):
     value: int
 
 
+@dataclass(frozen=True)
+class DoubledRow(Row):
+    KIND = "doubled"
+    value: int
+
+
+@dataclass(frozen=True)
+class AttemptRow(Row):
+    KIND = "row"
+    attempt: int
+
+
 @step("test.numbers")
 async def numbers(context: StepContext, inputs: NoInputs) -> Numbers:
     """Give three numbers."""
@@ -50,14 +64,14 @@ async def numbers(context: StepContext, inputs: NoInputs) -> Numbers:
 async def double(context: StepContext, inputs: Value) -> Doubled:
     """Double a number."""
     CALLS.append(f"double {inputs.value}")
-    await context.record("doubled", {"value": 2 * inputs.value})
+    await context.record(DoubledRow(2 * inputs.value))
     return Doubled(value=2 * inputs.value)
 
 
 @step("test.flaky", moves=True)
 async def flaky(context: StepContext, inputs: NoInputs) -> None:
     """Fail at the first attempt, after recording something."""
-    await context.record("row", {"attempt": context.attempt})
+    await context.record(AttemptRow(context.attempt))
     if context.attempt == 1:
         raise NoContact("probe", "nothing there")
 
@@ -84,7 +98,7 @@ async def hold(context: StepContext, inputs: NoInputs) -> None:
 @step("test.look")
 async def look(context: StepContext, inputs: NoInputs) -> None:
     """Note what the step `touch` recorded."""
-    CALLS.append(f"counts {len(context.recorded('row'))}, recorded {len(context.all_recorded('row'))}")
+    CALLS.append(f"counts {len(context.recorded(AttemptRow))}, recorded {len(context.all_recorded(AttemptRow))}")
 
 
 KINDS = [numbers, double, flaky, forever, broken, hold, look]
@@ -174,7 +188,7 @@ def test_every_attempt_is_an_event_and_rows_of_failed_attempts_do_not_count(tmp_
     assert [event.outcome for event in events_of(journal, StepEnded)] == ["failed", "done"]
     assert [event.attempt for event in events_of(journal, StepStarted)] == [1, 2]
     assert len(events_of(journal, Recorded)) == 2
-    assert engine._record.recorded("row") == [{"attempt": 2}]
+    assert engine._record.recorded(AttemptRow) == [AttemptRow(2)]
 
 
 def test_an_error_that_retry_does_not_name_ends_the_run_and_is_cleaned_up(tmp_path: Path) -> None:
@@ -322,7 +336,7 @@ def test_a_resumed_run_does_not_repeat_what_is_done_and_loses_no_row(tmp_path: P
         outcome = asyncio.run(Engine(plan, run, again, Mailbox(), None, record).run())
     assert outcome.state is State.FINISHED
     assert CALLS == ["double 3"]
-    assert fold(read_journal(journal.path)).recorded("doubled") == [{"value": 2}, {"value": 4}, {"value": 6}]
+    assert fold(read_journal(journal.path)).recorded(DoubledRow) == [DoubledRow(2), DoubledRow(4), DoubledRow(6)]
 
 
 def test_an_abort_before_anything_began_is_an_abort_and_connects_nothing(tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from cellctl.cli.campaign import load_campaign
-from cellctl.cli.launch import Options, run_on
-from cellctl.cli.simulated import SimulatedCell
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
 from cellctl.journal import RunState, fold, read_journal
+from cellctl.operations.campaign import load_campaign
+from cellctl.operations.launch import Options, run_on
+from cellctl.operations.simulated import SimulatedCell
 
 ROOT = Path(__file__).parents[2]
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"
@@ -91,7 +91,7 @@ class Ended:
 
     @property
     def touches(self) -> list[dict[str, Any]]:
-        return [dict(row) for row in self.journal.recorded("touch")]
+        return [dict(row) for row in self.journal.data_of("touch")]
 
     def robot_is_held(self) -> bool:
         """The controller is neither moving nor under RSI, and the joints do not change."""
@@ -152,7 +152,7 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     That the robot is held in such silences has tests of its own, in the cell's time.
     """
     for silence in (
-        "drivers.kuka_rsi.guards._OLDEST_ENGINE_BEAT_S",
+        "drivers.kuka_rsi.robot.guards._OLDEST_ENGINE_BEAT_S",
         "drivers.contact_probe.session._SILENCE_S",
         "procedures.steps.contact_search._PROBE_PATIENCE_S",
     ):

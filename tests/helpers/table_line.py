@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from controller_tables import ControllerTables
 
 from cellctl.clock import WallClock
-from drivers.kuka_rsi.eki_channel import EkiChannel
-from drivers.kuka_rsi.table_channel import TableChannel
+from drivers.kuka_rsi.eki.channel import EkiChannel
+from drivers.kuka_rsi.eki.table_channel import TableChannel
 
 COMMAND = re.compile(rb'<Cmd Id="(\d+)" Op="(\w+)">(.*?)</Cmd>', re.DOTALL)
 NEVER = 1 << 30

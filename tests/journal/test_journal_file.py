@@ -338,4 +338,9 @@ def test_the_file_is_plain_sqlite_with_json_that_other_programs_read(journal):
         row = connection.execute("SELECT kind, step, attempt, data FROM events").fetchone()
     connection.close()
     assert row[:3] == ("recorded", "points[3].touch", 2)
-    assert json.loads(row[3]) == {"row_kind": "touch", "data": {"a": "ü", "b": 1.5}}
+    assert json.loads(row[3]) == {
+        "row_kind": "touch",
+        "data": {"a": "ü", "b": 1.5},
+        "version": 1,
+        "measurement": None,
+    }

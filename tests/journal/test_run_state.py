@@ -58,8 +58,9 @@ def test_any_beginning_of_any_journal_folds_to_a_state_that_agrees_with_itself(e
     flying = {step.step for step in state.in_flight}
     assert not flying & state.finished.keys()
     counting = [row for row in state.rows if state.counts(row)]
-    assert all(not row.step or row.step in flying | state.finished.keys() for row in counting)
-    assert state.recorded("touch") == [row.data for row in counting]
+    assert all(not row.event.step or row.event.step in flying | state.finished.keys() for row in counting)
+    assert state.data_of("touch") == [row.event.data for row in counting]
+    assert state.measurements == len(counting)
     whole = deepcopy(state)
     for entry in journal[cut:]:
         whole.apply(entry)
@@ -92,7 +93,7 @@ def test_however_often_a_run_is_cut_off_every_touch_counts_exactly_once(cuts, fa
         journal += itertools.islice(a_life(journal, fails), cut)
     journal += a_life(journal, fails)
     state = fold(entries(journal))
-    assert [row["step"] for row in state.recorded("touch")] == STEPS
+    assert [row["step"] for row in state.data_of("touch")] == STEPS
     assert state.finished == {step: {"of": step} for step in STEPS}
     assert (state.state, state.in_flight, state.uncertain) == ("finished", (), False)
     tried = [(event.step, event.attempt) for event in journal if isinstance(event, StepStarted)]
@@ -122,7 +123,7 @@ def test_rows_of_an_attempt_that_failed_are_kept_and_do_not_count():
         Recorded("temperature", {"c": 21}),
     ]
     state = fold(entries(events))
-    assert state.recorded("touch") == [{"n": 2}], "the attempt in flight sees its own"
-    assert [row.data for row in state.rows] == [{"n": 1}, {"n": 2}, {"c": 21}]
-    assert state.recorded("temperature") == [{"c": 21}]
+    assert state.data_of("touch") == [{"n": 2}], "the attempt in flight sees its own"
+    assert [row.event.data for row in state.rows] == [{"n": 1}, {"n": 2}, {"c": 21}]
+    assert state.data_of("temperature") == [{"c": 21}]
     assert (state.steps["a"].attempt, state.next_attempt("a"), state.next_attempt("b")) == (2, 3, 1)

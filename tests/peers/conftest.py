@@ -26,7 +26,7 @@ from cell_runs import unhurried
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
-from drivers.kuka_rsi import open_robot
+from drivers.kuka_rsi.description import open_robot
 
 ECHO_PORT = 50000
 SENTYPE = "CELLCTL"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_postures import KR5
 
 from cellctl.formats import RobotFile
 from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
@@ -20,13 +21,13 @@ CLEARANCE_MM = TouchOptions().clearance
 
 def tour(counts: list[int], every: int = 0, reference: PlannedTouch | None = None, reach: Reach = LIMITS):
     return plan_touches(
-        ROBOT.chain(), ROBOT.joint_map(), reach, SPHERES, counts, 3, reference_every=every, reference=reference
+        ROBOT.chain(), ROBOT.joint_map(), reach, KR5, SPHERES, counts, 3, reference_every=every, reference=reference
     )
 
 
 def way(touches: list[PlannedTouch]) -> list[tuple[str, tuple[float, ...], tuple[float, ...]]]:
     """Every transfer with the tip clear of the spheres: what is touched next, from, to."""
-    lines, here = [], TouchOptions().home
+    lines, here = [], KR5.home
     for touch in touches:
         for there in touch.approach:
             lines.append((touch.sphere, here, there))
@@ -76,7 +77,7 @@ def test_all_transfers_between_spheres_are_clear_of_both_and_begin_and_end_at_ho
     for _, start, end in way(touches):
         for sphere in SPHERES:
             assert tool_to_sphere_mm(start, end, sphere) > CLEARANCE_MM - 1.0
-    assert touches[-1].retreat[-1] == TouchOptions().home
+    assert touches[-1].retreat[-1] == KR5.home
 
 
 def test_touches_stay_within_the_joint_readings_that_are_asked_for() -> None:

@@ -7,85 +7,71 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sphere_rows import sphere_verdict, standoff
+from step_contexts import Context
 
 from cellctl.devices import TableInfo, TableState
-from procedures.steps.judging import table_taken_back, verdict_of
+from cellctl.records import TableStateRow
+from procedures.steps.sphere.judging import table_taken_back, verdict_of
+from procedures.steps.sphere.rows import SphereVerdict, StandOffRow
 
-HELD_OUT = {
-    "verdict": "better",
-    "sentence": "Better: 0.700 → 0.030 mm mean (2.000 → 0.100 max) on 30 held-out touches.",
-    "before": {"mean": 0.7, "rms": 0.9, "max": 2.0},
-    "after": {"mean": 0.03, "rms": 0.04, "max": 0.1},
-    "model": {"n_fit": 50},
-    "stops": {},
-}
+HELD_OUT = sphere_verdict()
+MINE = TableStateRow("mine", 2, True, True, True, 0.1)
 
 
-class Context:
-    """What judging looks at: the rows so far."""
-
-    def __init__(self, **rows: list[dict[str, Any]]) -> None:
-        self.rows: dict[str, list[Any]] = {"verdict": [HELD_OUT], **rows}
-        self.said: list[str] = []
-
-    def recorded(self, kind: str) -> list[Any]:
-        return self.rows.get(kind, [])
-
-    async def record(self, kind: str, data: Any) -> None:
-        self.rows.setdefault(kind, []).append(data)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-
-def standoffs(before: list[float], after: list[float], sigma: float = 0.03) -> list[dict[str, Any]]:
+def standoffs(before: list[float], after: list[float], sigma: float = 0.03) -> list[StandOffRow]:
     return [
-        {"number": n, "run": run, "sphere": "P1", "error_mm": e, "expected_mm": x, "sigma_mm": sigma}
+        standoff(number=n, run=run, sphere="P1", error_mm=e, expected_mm=x, sigma_mm=sigma)
         for run, errors, x in (("after", after, 0.0), ("before", before, 0.5))
         for n, e in reversed(list(enumerate(errors)))
     ]
 
 
-def judged(before: list[float], after: list[float]) -> dict[str, Any]:
-    context: Any = Context(standoff=standoffs(before, after), table=[{"id": "t", "active": True}])
+def judged(before: list[float], after: list[float]) -> SphereVerdict:
+    context: Any = Context([HELD_OUT, *standoffs(before, after), MINE])
     return verdict_of(context)
 
 
 def test_without_stand_offs_the_verdict_is_that_of_the_held_out_touches() -> None:
-    context: Any = Context()
+    context: Any = Context([HELD_OUT])
     assert verdict_of(context) == HELD_OUT
 
 
 def test_stand_off_figures_are_of_absolute_errors_and_lead_the_verdict() -> None:
     found = judged([1.0, -1.0, 2.0, -2.0], [0.03, -0.03, 0.01, -0.05])
-    assert found["verdict"] == "better"
-    assert found["before"] == {"mean": 1.5, "rms": pytest.approx(np.sqrt(2.5)), "max": 2.0}
-    assert found["after"]["mean"] == pytest.approx(0.03)
-    assert found["after"]["max"] == pytest.approx(0.05)
-    assert found["held_out"]["after"] == HELD_OUT["after"]
-    assert found["model"] == HELD_OUT["model"]
-    assert found["standoff"]["n"] == 4
-    assert found["standoff"]["predicted_sigma"] == pytest.approx(0.03)
-    assert found["standoff"]["found_sigma"] == pytest.approx(np.sqrt((9 + 9 + 1 + 25) / 4) * 0.01)
-    assert found["table"] == {"id": "t", "active": True}
+    assert found.verdict == "better"
+    assert found.before is not None
+    assert found.after is not None
+    assert found.held_out is not None
+    assert found.standoff is not None
+    assert (found.before.mean, found.before.max) == (1.5, 2.0)
+    assert found.before.rms == pytest.approx(np.sqrt(2.5))
+    assert found.after.mean == pytest.approx(0.03)
+    assert found.after.max == pytest.approx(0.05)
+    assert found.held_out.after == HELD_OUT.after
+    assert found.model == HELD_OUT.model
+    assert found.standoff.n == 4
+    assert found.standoff.predicted_sigma == pytest.approx(0.03)
+    assert found.standoff.found_sigma == pytest.approx(np.sqrt((9 + 9 + 1 + 25) / 4) * 0.01)
+    assert found.table == MINE
 
 
 def test_the_sentence_says_stand_off_and_held_out_touches() -> None:
-    sentence = judged([1.0, -1.0, 2.0], [0.03, -0.03, 0.01])["sentence"]
+    sentence = judged([1.0, -1.0, 2.0], [0.03, -0.03, 0.01]).sentence
     for words in ("P1", "1.333 → 0.023 mm", "0.700 → 0.030 mm", "3 targets", "30 held-out touches"):
         assert words in sentence
 
 
 def test_pairs_are_compared_target_by_target() -> None:
     errors = list(np.linspace(0.1, 5.0, 12))
-    assert judged(errors, [error - 0.05 for error in errors])["verdict"] == "better"
-    assert judged(errors, list(reversed(errors)))["verdict"] == "no better"
+    assert judged(errors, [error - 0.05 for error in errors]).verdict == "better"
+    assert judged(errors, list(reversed(errors))).verdict == "no better"
 
 
 def test_stand_offs_that_are_worse_make_the_verdict_worse() -> None:
     found = judged([0.10, 0.11, 0.09, 0.10], [0.50, 0.52, 0.49, 0.51])
-    assert found["verdict"] == "worse"
-    assert "taken back" in found["sentence"]
+    assert found.verdict == "worse"
+    assert "taken back" in found.sentence
 
 
 class Tables:
@@ -105,18 +91,18 @@ class Tables:
 
 @pytest.mark.parametrize("previous", ["old", None])
 def test_a_table_that_did_no_good_is_taken_back_and_said_to_be(previous: str | None) -> None:
-    context: Any = Context(table=[{"id": "mine", "pushed": True, "active": True}])
+    context: Any = Context([MINE])
     robot: Any = Tables("mine", previous)
     row = asyncio.run(table_taken_back(context, robot))
     assert robot.active == previous
-    assert not row["active"]
-    assert row["pushed"]
-    assert context.recorded("table")[-1] == row
+    assert row.active is False
+    assert row.pushed
+    assert context.recorded(TableStateRow)[-1] == row
     assert "no longer in force" in context.said[0]
 
 
 def test_a_table_that_is_not_in_force_any_more_is_not_rolled_back_again() -> None:
-    context: Any = Context(table=[{"id": "mine", "pushed": True, "active": True}])
+    context: Any = Context([MINE])
     robot: Any = Tables("old", "mine")
     asyncio.run(table_taken_back(context, robot))
     assert robot.active == "old"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import pytest
+from sphere_rows import reference
 
-from procedures.steps.reference_touches import jump
+from procedures.steps.sphere.reference_touches import jump
+from procedures.steps.sphere.rows import ReferenceRow
 
 SIGMA = 0.0245
 
 
-def visit(shift_mm: float, sigma_mm: float = SIGMA) -> dict[str, object]:
-    return {"sphere": "S1", "shift_mm": shift_mm, "sigma_mm": sigma_mm}
+def visit(shift_mm: float, sigma_mm: float = SIGMA) -> ReferenceRow:
+    return reference(shift_mm, sigma_mm)
 
 
 def test_scatter_is_no_jump() -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sphere_rows import sphere_verdict
+from step_contexts import Context
 
 from cellctl.devices import (
     ControllerTable,
@@ -15,14 +17,16 @@ from cellctl.devices import (
     DeviceLost,
     DeviceRefused,
     DeviceUncertain,
-    Identity,
     TableInfo,
     TableState,
 )
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
-from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
-from procedures.steps.proof import PushInputs, push
+from cellctl.formats.table import Row as TargetRow
+from cellctl.formats.table import TableRegion, TableRobot, TableSource
+from cellctl.records import Figures, Row, TablePushRow, TableStateRow
+from procedures.steps.sphere.proving import PushInputs, push
+from procedures.steps.sphere.rows import StandOffFigures
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
 
 ROOT = Path(__file__).parents[2]
@@ -42,9 +46,6 @@ class Controller:
         self.previous: ControllerTable | None = None
         self.lost = False
         self.asked: list[str] = []
-
-    async def connect(self) -> Identity:
-        return Identity("robot", self.serial, "KR5", "KSS", self.serial.startswith("SIM-"))
 
     async def push_table(self, table: ControllerTable) -> TableState:
         self._hear("push")
@@ -75,30 +76,12 @@ class Controller:
         return TableState(infos[0], infos[1], None)
 
 
-class Context:
-    """A step's view of a run in which every row counts."""
+CELL = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")
 
-    robot_file = ROBOT_FILE
-    cell = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")
 
-    def __init__(self, folder: Path, robot: Controller | None = None, **rows: list[dict[str, Any]]) -> None:
-        self.run_folder, self.robot = folder, robot
-        self.rows = [(kind, row) for kind, of_kind in rows.items() for row in of_kind]
-        self.said: list[str] = []
-
-    def device(self, name: str) -> Any:
-        return self.robot
-
-    async def record(self, kind: str, data: Any) -> None:
-        self.rows.append((kind, data))
-
-    def recorded(self, *kinds: str) -> list[Any]:
-        return [row for kind, row in self.rows if kind in kinds]
-
-    all_recorded = recorded
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
+def run_of(folder: Path, robot: Controller, *rows: Row) -> Any:
+    """A run in which every row counts, on the cell whose robot is `robot`."""
+    return Context(list(rows), folder, robot, robot.serial, ROBOT_FILE, CELL)
 
 
 def table_in(folder: Path, **changes: Any) -> str:
@@ -113,7 +96,7 @@ def table_in(folder: Path, **changes: Any) -> str:
         **changes,
     }
     rows = [
-        Row(
+        TargetRow(
             target=[900.0, 0.0, 600.0, 0.0, 0.0, 0.0],
             nominal=[angle + step for angle in HOME],
             compensated=[angle + step + 0.1 for angle in HOME],
@@ -128,24 +111,17 @@ def table_in(folder: Path, **changes: Any) -> str:
     return table.id
 
 
-def pushed(folder: Path, table_id: str, controller: Controller | None = None) -> dict[str, Any]:
-    context: Any = Context(folder)
+def pushed(folder: Path, table_id: str, controller: Controller | None = None) -> TableStateRow:
     robot: Any = controller or Controller()
-    return asyncio.run(pushed_row(context, robot, table_id))
+    return asyncio.run(pushed_row(run_of(folder, robot), robot, table_id))
 
 
 def test_a_pushed_table_is_verified_and_active(tmp_path: Path) -> None:
     controller = Controller()
     table_id = table_in(tmp_path)
     row = pushed(tmp_path, table_id, controller)
-    assert row == {
-        "id": table_id,
-        "rows": 2,
-        "pushed": True,
-        "verified": True,
-        "active": True,
-        "max_correction_deg": pytest.approx(0.1),
-    }
+    assert row.max_correction_deg == pytest.approx(0.1)
+    assert row == TableStateRow(table_id, 2, True, True, True, row.max_correction_deg)
     assert controller.table is not None
     assert controller.table.rows[1].compensated == pytest.approx([angle + 1.1 for angle in HOME])
 
@@ -190,15 +166,16 @@ def test_another_runs_table_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_controller_that_holds_something_else_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(DeviceFault, match="not table"):
+    with pytest.raises(DeviceFault, match=r"another table is in force than was pushed: .* 1 rows, the file's has 2"):
         pushed(tmp_path, table_in(tmp_path), Controller(damage=True))
 
 
 OLD = ControllerTable("old" * 8, "SIM-1", ())
-PUSHED = {"id": "mine" * 8, "rows": 2, "pushed": True, "verified": True, "active": True, "max_correction_deg": 0.1}
-BEGUN = {**PUSHED, "pushed": False, "verified": False, "active": None}
-MINE = ControllerTable(PUSHED["id"], "SIM-1", ())
-BETTER = {"verdict": "better", "standoff": {}, "table": PUSHED}
+PUSHED = TableStateRow("mine" * 8, 2, True, True, True, 0.1)
+BEGUN = TablePushRow(PUSHED.id, 2, False, False, None, 0.1)
+MINE = ControllerTable(PUSHED.id, "SIM-1", ())
+STANDOFF = StandOffFigures(Figures(1.0, 1.0, 1.0), Figures(0.1, 0.1, 0.1), 30, "P1", 0.1, 0.1)
+BETTER = sphere_verdict(standoff=STANDOFF, table=PUSHED)
 
 
 def controller_with(active: ControllerTable | None, previous: ControllerTable | None) -> Controller:
@@ -207,16 +184,15 @@ def controller_with(active: ControllerTable | None, previous: ControllerTable | 
     return controller
 
 
-def withdrawn(folder: Path, controller: Controller, **rows: list[dict[str, Any]]) -> Context:
-    context: Any = Context(folder, controller, **rows)
-    robot: Any = controller
-    asyncio.run(take_back_unproved(context, robot))
+def withdrawn(folder: Path, controller: Any, *rows: Row) -> Any:
+    context = run_of(folder, controller, *rows)
+    asyncio.run(take_back_unproved(context, controller))
     return context
 
 
 def test_a_run_that_is_cut_off_in_the_push_has_said_which_table_may_be_in_force(tmp_path: Path) -> None:
     table_id, controller = table_in(tmp_path), Controller()
-    context: Any = Context(tmp_path, controller)
+    context = run_of(tmp_path, controller)
 
     async def cut_off(table: ControllerTable) -> TableState:
         raise DeviceUncertain("robot", "uncertain which table is in force")
@@ -224,75 +200,74 @@ def test_a_run_that_is_cut_off_in_the_push_has_said_which_table_may_be_in_force(
     controller.push_table = cut_off  # type: ignore[method-assign]
     with pytest.raises(DeviceUncertain):
         asyncio.run(push(context, PushInputs(table=table_id)))
-    assert [(row["id"], row["active"]) for row in context.recorded("push")] == [(table_id, None)]
-    assert context.recorded("table") == []
+    assert [(row.id, row.active) for row in context.recorded(TablePushRow)] == [(table_id, None)]
+    assert context.recorded(TableStateRow) == []
 
 
 def test_a_table_in_force_already_is_not_pushed_again_and_a_rollback_leads_to_the_one_before(tmp_path: Path) -> None:
     table_id, controller = table_in(tmp_path), controller_with(OLD, None)
     assert pushed(tmp_path, table_id, controller) == pushed(tmp_path, table_id, controller)
     assert controller.asked.count("push") == 1
-    withdrawn(tmp_path, controller, table=[{**PUSHED, "id": table_id}])
+    withdrawn(tmp_path, controller, replace(PUSHED, id=table_id))
     assert controller.table == OLD
 
 
 def test_a_table_that_was_judged_is_not_pushed_by_a_resumed_run(tmp_path: Path) -> None:
     controller = Controller()
-    context: Any = Context(tmp_path, controller, verdict=[{"verdict": "worse", "standoff": {}}])
+    context = run_of(tmp_path, controller, replace(BETTER, verdict="worse"))
     assert not asyncio.run(push(context, PushInputs(table=table_in(tmp_path)))).active
     assert controller.asked == []
 
 
-@pytest.mark.parametrize("rows", [{"table": [PUSHED]}, {}], ids=["after the push", "in the push"])
+@pytest.mark.parametrize("rows", [[PUSHED], []], ids=["after the push", "in the push"])
 @pytest.mark.parametrize("before", [OLD, None], ids=["a table before", "none before"])
 def test_an_unproved_table_is_taken_back_and_what_was_in_force_before_is_so_again(
-    rows: dict[str, Any], before: ControllerTable | None, tmp_path: Path
+    rows: list[Row], before: ControllerTable | None, tmp_path: Path
 ) -> None:
     controller = controller_with(MINE, before)
-    held_out = {"verdict": "better"}  # of the held-out touches: no proof of the table
-    context = withdrawn(tmp_path, controller, push=[BEGUN], **rows, verdict=[held_out])
+    held_out = sphere_verdict()  # of the held-out touches: no proof of the table
+    context = withdrawn(tmp_path, controller, BEGUN, *rows, held_out)
     assert controller.table == before
-    assert context.recorded("table")[-1]["active"] is False
+    assert context.recorded(TableStateRow)[-1].active is False
     assert "not proved and no longer in force" in context.said[0]
 
 
 def test_a_push_that_never_came_to_its_end_and_left_the_old_table_in_force_is_not_rolled_back(tmp_path: Path) -> None:
     controller = controller_with(OLD, None)
-    context = withdrawn(tmp_path, controller, push=[BEGUN])
+    context = withdrawn(tmp_path, controller, BEGUN)
     assert controller.table == OLD
-    assert context.recorded("table")[-1]["active"] is False
+    assert context.recorded(TableStateRow)[-1].active is False
 
 
 @pytest.mark.parametrize(
     "rows",
-    [{}, {"table": [PUSHED], "verdict": [BETTER]}, {"table": [PUSHED, {**PUSHED, "active": False}]}],
+    [[], [PUSHED, BETTER], [PUSHED, replace(PUSHED, active=False)]],
     ids=["nothing pushed", "proved", "taken back already"],
 )
 def test_a_controller_is_not_asked_where_no_unproved_table_can_be_in_force(rows: Any, tmp_path: Path) -> None:
     controller = controller_with(MINE, OLD)
-    withdrawn(tmp_path, controller, **rows)
+    withdrawn(tmp_path, controller, *rows)
     assert controller.asked == []
 
 
 def test_a_table_that_cannot_be_taken_back_is_named_as_uncertain(tmp_path: Path) -> None:
     controller = controller_with(MINE, OLD)
     controller.lost = True
-    context: Any = Context(tmp_path, controller, table=[PUSHED])
+    context = run_of(tmp_path, controller, PUSHED)
     robot: Any = controller
     with pytest.raises(DeviceUncertain, match=r"table mineminemine was pushed.*may still be in force.*nothing heard"):
         asyncio.run(take_back_unproved(context, robot))
-    assert context.recorded("table")[-1]["active"] is None
+    assert context.recorded(TableStateRow)[-1].active is None
 
 
 def test_a_table_in_both_places_of_the_controller_is_not_said_to_be_out_of_force(tmp_path: Path) -> None:
     with pytest.raises(DeviceUncertain, match="still in force after one rollback"):
-        withdrawn(tmp_path, controller_with(MINE, MINE), table=[PUSHED])
+        withdrawn(tmp_path, controller_with(MINE, MINE), PUSHED)
 
 
-def test_the_rows_of_another_table_are_not_driven_to(tmp_path: Path) -> None:
-    context: Any = Context(tmp_path, proof=[{"table": MINE.id}])
+def test_the_rows_of_another_table_are_not_driven_to() -> None:
     robot: Any = controller_with(MINE, OLD)
-    asyncio.run(require_in_force(context, robot))
+    asyncio.run(require_in_force(robot, MINE.id))
     robot.table = OLD
     with pytest.raises(DeviceRefused, match="not in force; nothing was moved"):
-        asyncio.run(require_in_force(context, robot))
+        asyncio.run(require_in_force(robot, MINE.id))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli.campaign import load_campaign
 from cellctl.files import InputError
+from cellctl.operations.campaign import load_campaign
 
 SELFCAL = Path(__file__).parents[2] / "procedures" / "sphere_selfcal.yaml"
 

@@ -12,6 +12,7 @@ from html_pages import Page
 from cellctl.files import write_atomically
 from cellctl.formats.model import REGION_MARGIN_DEG, JointRegion
 from cellctl.journal import Journal, JournalError, fold, read_journal
+from cellctl.records import TableStateRow
 from cellctl.report import report_text, write_report
 
 
@@ -163,7 +164,7 @@ def test_reference_touches_drift_and_table_are_shown_where_they_are_recorded(ful
 
 
 def test_a_table_file_that_is_not_the_table_that_was_pushed_is_named(make_run, campaign):
-    rows = [("table", {"id": "ab" * 32, "rows": 1, "pushed": True})]
+    rows = [("table", TableStateRow("ab" * 32, 1, True, True, True, 0.1).data())]
     run = make_run(campaign, rows=rows, table={"id": "cd" * 32, "rows": []})
     assert "another id than the table that was pushed" in report_text(run)
 
@@ -206,7 +207,7 @@ def test_a_run_that_did_not_finish_says_so_first_and_shows_what_there_is(make_ru
     cut_off = replace(campaign, model=None, verdict=None)
     text = Page(report_text(make_run(cut_off, ended=ended, reason="the probe is gone", failed="no line for 2 s"))).text
     assert words in text
-    assert "64 touches are recorded" in text
+    assert "64 measurements are recorded" in text
     assert "points[3].touch: no line for 2 s" in text
     assert "telegrams late 0, lost 1, skipped 0" in text
     assert "Identified parameters" not in text

@@ -16,11 +16,11 @@ from collections import Counter
 from pathlib import Path
 
 from cellctl.clock import WallClock
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.process import CyclicProcess
-from drivers.kuka_rsi.search_cycle import SearchOrder
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.shared_block import Slot
+from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.shared_block import Slot
 
 HOME = (0.0,) * 6
 GOOD = b'<Rob><AIPos A1="%s" A2="0.0" A3="0.0" A4="0.0" A5="0.0" A6="0.0"/><Delay D="%s"/><IPOC>%s</IPOC></Rob>'
@@ -63,7 +63,7 @@ class Line:
         deadline = time.monotonic() + 5.0
         while words[Slot.TELEGRAMS] + words[Slot.MALFORMED] < self.sent:
             if time.monotonic() > deadline or not self.process.alive():
-                raise RuntimeError(f"after {self.sent} telegrams: {self.process.last_words()}")
+                raise RuntimeError(f"after {self.sent} telegrams: {self.process.last_error_line()}")
 
     def garbled(self, chance: random.Random) -> bytes:
         kind = chance.random()

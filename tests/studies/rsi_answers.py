@@ -152,13 +152,13 @@ def serve(name: str, ethernet: Path) -> None:
 
 async def _serve_ours(ethernet: Path) -> None:
     from cellctl.devices import Address
+    from drivers.kuka_rsi.cyclic.limits import SearchLimits
+    from drivers.kuka_rsi.cyclic.shared_block import GUARDS
+    from drivers.kuka_rsi.cyclic.task import SearchOrder
+    from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
     from drivers.kuka_rsi.ethernet_config import read_ethernet_config
-    from drivers.kuka_rsi.limits import SearchLimits
-    from drivers.kuka_rsi.process import CyclicProcess
-    from drivers.kuka_rsi.search_cycle import SearchOrder
+    from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
     from drivers.kuka_rsi.settings import RsiSettings
-    from drivers.kuka_rsi.shared_block import GUARDS
-    from drivers.kuka_rsi.telegram import ReplyFormat
 
     port = re.search(r"<PORT>(\d+)</PORT>", ethernet.read_text())
     assert port is not None

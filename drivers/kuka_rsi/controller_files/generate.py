@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import re
 from importlib.resources import files
-from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
-from cellctl.devices import Address
+from cellctl.devices import Address, Surroundings
+from drivers.kuka_rsi.axes import AXIS_NAMES
 from drivers.kuka_rsi.controller_files.instructions import instructions
 from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, Context, rsi_xml, rsix
-from drivers.kuka_rsi.eki_channel import SILENCE_S
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.eki.channel import SILENCE_S
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
-from drivers.kuka_rsi.limits import SearchLimits
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.telegram import AXIS_NAMES
 
 KRL_FILES = (
     "cellctl.src",
@@ -33,16 +32,13 @@ _INTERRUPT = 21
 _WILDCARDS = ("0.0.0.0", "::")
 
 
-def controller_files(
-    cell: str, address: Address, folder: Path, limits: dict[str, float], reach_mm: float | None
-) -> dict[str, str]:
+def controller_files(cell: str, address: Address, surroundings: Surroundings) -> dict[str, str]:
     """File name → text of all that the controller of the cell named `cell` needs.
 
-    `folder`: against which the Ethernet configuration in `address` is read; `limits`: the cell file's, for this robot;
-    `reach_mm`: its reach. Raises ValueError with what is wrong with the address, the configuration or the limits.
+    Raises ValueError with what is wrong with the address, the Ethernet configuration that it names, or the limits.
     """
-    search = SearchLimits.from_settings(limits, reach_mm)
-    settings = RsiSettings.of(address, folder)
+    search = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
+    settings = RsiSettings.of(address, surroundings.folder)
     if mistakes := read_ethernet_config(settings).mistakes:
         raise ValueError("; ".join(mistakes))
     places = {

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, MONITOR_ABOVE_DEG, PRECISION, Context
-from drivers.kuka_rsi.eki_channel import ANSWER_S, SILENCE_S
-from drivers.kuka_rsi.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.eki.channel import ANSWER_S, SILENCE_S
+from drivers.kuka_rsi.eki.table_rows import BLOCK_ROWS
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.table_rows import BLOCK_ROWS
 
 _PLACES = """\
 WHERE EACH FILE GOES (KSS, on the controller, user group Expert)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import final
 from xml.sax.saxutils import quoteattr
 
-from drivers.kuka_rsi.limits import AXES
+from drivers.kuka_rsi.axes import AXES
 
 CONTEXT_NAME = "cellctl"
 """Name of the context: `cellctl.rsix`, or `cellctl.rsi.xml` for RSI 3."""

@@ -23,8 +23,8 @@ import pytest
 
 from cellctl.clock import Clock
 from cellctl.devices import Address, Surroundings
-from drivers.contact_probe import open_probe
-from drivers.contact_probe.port import SerialPort
+from drivers.contact_probe.description import open_probe
+from drivers.serial_port import SerialPort
 
 MS = 1_000_000
 TICK_HZ = 2_000_000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import fcntl
 import os
 import pty
@@ -14,7 +13,7 @@ import pytest
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, ContactProbe, DeviceLost, DeviceUnreachable, Surroundings
-from drivers.contact_probe import open_probe, port
+from drivers.contact_probe.description import open_probe
 
 MS = 1_000_000
 
@@ -58,53 +57,6 @@ def test_a_port_in_use_is_unreachable_and_says_so():
     finally:
         os.close(master)
         os.close(slave)
-
-
-def test_a_port_without_permission_names_the_group(monkeypatch):
-    def refuse(*_args, **_kwargs):
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    master, slave = pty.openpty()
-    path, real_open = os.ttyname(slave), os.open
-    monkeypatch.setattr(os, "open", lambda p, *rest: refuse() if p == path else real_open(p, *rest))
-    try:
-        with pytest.raises(DeviceUnreachable) as caught:
-            port.open_port("probe", path, 250_000)
-        assert "dialout" in caught.value.cure
-    finally:
-        os.close(master)
-        os.close(slave)
-
-
-def test_a_file_that_is_no_terminal_is_unreachable(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(DeviceUnreachable) as caught:
-        port.open_port("probe", str(tmp_path / "file"), 250_000)
-    assert "serial port" in caught.value.cure
-
-
-@pytest.fixture
-def line():
-    """An open port, and the other end of its line."""
-    master, slave = pty.openpty()
-    opened = port.open_port("probe", os.ttyname(slave), 250_000)
-    yield opened, master
-    opened.close()
-    os.close(master)
-    os.close(slave)
-
-
-def test_a_line_that_the_port_took_is_sent_however_long_its_thread_was_kept_waiting(line, monkeypatch):
-    monkeypatch.setattr("serial.serialutil.Timeout.expired", lambda _: True)  # as on a machine that is busy just then
-    opened, other_end = line
-    opened.write(b"ACK,1\n")
-    assert os.read(other_end, 100) == b"ACK,1\n"
-
-
-def test_a_port_whose_line_nobody_takes_says_so(line):
-    opened, _ = line
-    with pytest.raises(TimeoutError):
-        opened.write(b"x" * 1_000_000)
 
 
 def test_connecting_says_who_is_there(bench):

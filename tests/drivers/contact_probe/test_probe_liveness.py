@@ -13,7 +13,7 @@ from cellctl.devices import DeviceLost, DeviceUnreachable
 from drivers.contact_probe.lines import Line
 from drivers.contact_probe.liveness import Liveness
 from drivers.contact_probe.messages import Boot, Heartbeat, Introduction, Opened
-from drivers.contact_probe.port import SerialPort
+from drivers.serial_port import SerialPort
 
 MS = 1_000_000
 TICK_HZ = 2_000_000

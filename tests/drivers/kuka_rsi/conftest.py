@@ -20,7 +20,7 @@ import pytest
 
 from cellctl.clock import LockstepClock
 from cellctl.devices import Address, Surroundings
-from drivers.kuka_rsi import open_robot
+from drivers.kuka_rsi.description import open_robot
 
 CYCLE_NS = 4_000_000
 PATIENCE_S = 120.0

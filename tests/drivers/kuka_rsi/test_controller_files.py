@@ -19,21 +19,25 @@ from hypothesis import strategies as st
 from krl_programs import Krl, Place, Text
 
 from cellctl.clock import WallClock
-from cellctl.devices import Address, ControllerTable, TableInfo, TableRow, TableState
-from drivers.kuka_rsi import generate_controller_files
-from drivers.kuka_rsi.eki_channel import ANSWER_S, SILENCE_S, EkiChannel
-from drivers.kuka_rsi.eki_documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
-from drivers.kuka_rsi.table_channel import TableChannel
-from drivers.kuka_rsi.table_rows import BLOCK_ROWS
+from cellctl.devices import Address, ControllerTable, Surroundings, TableInfo, TableRow, TableState
+from drivers.kuka_rsi.controller_files.generate import controller_files
+from drivers.kuka_rsi.eki.channel import ANSWER_S, SILENCE_S, EkiChannel
+from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
+from drivers.kuka_rsi.eki.table_channel import TableChannel
+from drivers.kuka_rsi.eki.table_rows import BLOCK_ROWS
 
 ADDRESS = Address.parse("kuka+rsi://192.168.10.2:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54601")
 REFERENCE = (ROOT / "docs" / "reference" / "eki-channel.md").read_text()
 SERIAL = 925185
 
 
+def files_for(address: Address, folder: Path, limits: dict[str, float], cell: str = "sphere cell") -> dict[str, str]:
+    return controller_files(cell, address, Surroundings(WallClock(), folder, limits))
+
+
 @pytest.fixture(scope="module")
 def made() -> dict[str, str]:
-    return generate_controller_files("sphere cell", ADDRESS, CELL.parent, {"correction_deg": 3})
+    return files_for(ADDRESS, CELL.parent, {"correction_deg": 3})
 
 
 class Controller:
@@ -222,7 +226,7 @@ def test_the_ethernet_configuration_is_the_persons_own_with_the_address_filled_i
     own = (CELL.parent / "rsi_ethernet.xml").read_text()
     assert made["rsi_ethernet.xml"] == own
     other = Address.parse("kuka+rsi://10.1.2.3:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54600")
-    files = generate_controller_files("c", other, CELL.parent, {})
+    files = files_for(other, CELL.parent, {})
     assert files["rsi_ethernet.xml"] == own.replace("192.168.10.2", "10.1.2.3")
 
 
@@ -272,7 +276,7 @@ def test_the_context_wires_the_channels_of_the_persons_own_ethernet_file(tmp_pat
             f'TAG="AK.A{axis}" TYPE="DOUBLE" INDX="{axis}"', f'TAG="AK.A{axis}" TYPE="DOUBLE" INDX="{axis + 1}"'
         )
     (tmp_path / "rsi_ethernet.xml").write_text(xml.replace('TYPE="BOOL" INDX="7"', 'TYPE="BOOL" INDX="1"'))
-    root = ElementTree.fromstring(generate_controller_files("c", ADDRESS, tmp_path, {})[name])
+    root = ElementTree.fromstring(files_for(ADDRESS, tmp_path, {})[name])
     spelling = ("InIdx", "OutIdx")
     assert links(root, "AXISCORR", *spelling) == {first + n: first + n + 1 for n in range(6)}
     assert links(root, "STOP", *spelling) == {first: first}
@@ -281,7 +285,7 @@ def test_the_context_wires_the_channels_of_the_persons_own_ethernet_file(tmp_pat
 @pytest.mark.parametrize("name", ["cellctl.rsix", "cellctl.rsi.xml"])
 def test_the_context_has_the_limits_of_the_cell_file_and_the_tolerance_of_the_address(name: str) -> None:
     address = Address.parse(f"{ADDRESS}&tolerance=20")
-    root = ElementTree.fromstring(generate_controller_files("c", address, CELL.parent, {"correction_deg": 3})[name])
+    root = ElementTree.fromstring(files_for(address, CELL.parent, {"correction_deg": 3})[name])
     axes = range(1, 7)
     assert parameters(root, "AXISCORR") == {f"LowerLimA{n}": "-3" for n in axes} | {f"UpperLimA{n}": "3" for n in axes}
     assert parameters(root, "AXISCORRMON").items() >= {f"MaxA{n}": "4" for n in axes}.items()
@@ -338,7 +342,7 @@ def test_relative_corrections_are_switched_on_as_the_address_says(tmp_path: Path
     xml = (CELL.parent / "rsi_ethernet.xml").read_text().replace('HOLDON="1"', 'HOLDON="0"')
     (tmp_path / "rsi.xml").write_text(xml)
     address = Address.parse("kuka+rsi://10.1.2.3:49152?ethernet=rsi.xml&eki=172.31.1.147:54600&mode=relative")
-    made = generate_controller_files("c", address, tmp_path, {})
+    made = files_for(address, tmp_path, {})
     assert "RSI_ON(#RELATIVE,#IPO_FAST)" in made["cellctl.src"]
 
 
@@ -365,7 +369,7 @@ def test_the_files_are_ascii_with_the_line_ends_of_windows(tmp_path: Path) -> No
 
 @cache
 def sums() -> Krl:
-    made = generate_controller_files("c", ADDRESS, CELL.parent, {})
+    made = files_for(ADDRESS, CELL.parent, {})
     krl = Krl([made["cellctl_sum.src"], made["cellctl_sub.dat"]], {"STRLEN": lambda place: len(place.get())})
     krl.call("CC_MAKE_TABLE")
     return krl

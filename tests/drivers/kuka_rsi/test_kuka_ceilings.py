@@ -22,8 +22,8 @@ from cellctl.files import InputError
 from cellctl.formats import RobotFile
 from cellctl.journal import JournalError
 from cellctl.planning import TouchOptions
-from drivers.kuka_rsi.limits import SEARCH_NEEDS, SearchLimits, ceilings
-from drivers.kuka_rsi.robot import KukaRobot
+from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, SearchLimits, ceilings
+from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from drivers.kuka_rsi.settings import RsiSettings
 
 LIMITS = "{correction_deg: 5, speed_deg_s: 2.5, acceleration_deg_s2: 20, jerk_deg_s3: 400, travel_deg: 5}"

@@ -9,7 +9,7 @@ import pytest
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, DeviceRefused, Surroundings
-from drivers.kuka_rsi import check_address, open_robot
+from drivers.kuka_rsi.description import check_address, open_robot
 
 GOOD = "kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:54600"
 

@@ -28,7 +28,8 @@ from cellctl.devices import (
     SearchingRobot,
     Surroundings,
 )
-from drivers.kuka_rsi import open_robot, process
+from drivers.kuka_rsi.description import open_robot
+from drivers.kuka_rsi.robot import rsi_process
 
 TARGET = (10.0, -80.0, 90.0, 0.0, 45.0, 0.0)
 
@@ -100,7 +101,7 @@ def test_an_rsi_process_that_says_nothing_is_unreachable_and_ended(robot_at, run
     silent.write_text("#!/bin/sh\nexec sleep 600\n")
     silent.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(silent))
-    monkeypatch.setattr(process, "_START_S", 0.1)
+    monkeypatch.setattr(rsi_process, "_START_S", 0.1)
     before = children()
     with pytest.raises(DeviceUnreachable, match=r"RSI process did not start within 0\.1 s"):
         run(robot_at(1).connect())
@@ -134,7 +135,7 @@ def test_connect_and_close_twice_and_stop_any_time_do_no_harm(controller, connec
         async with connected() as robot:
             first = await robot.connect()
             assert await robot.connect() == first
-            pid = robot._process.pid
+            pid = robot._lines.process.pid
             await robot.stop()
             await robot.close()
             await robot.close()
@@ -287,7 +288,7 @@ def test_health_is_well_and_says_how_rsi_runs(connected, run):
 def test_a_killed_rsi_process_is_noticed_and_the_robot_halted(controller, connected, run):
     async def search():
         async with connected() as robot:
-            pid = robot._process.pid
+            pid = robot._lines.process.pid
             controller.on_cycle = lambda cycle: kill(pid) if cycle == 40 else None
             with pytest.raises(DeviceLost, match="RSI process ended"):
                 await robot.search((0.0, -88.0, 90.0, 0.0, 45.0, 0.0), 2.0)
@@ -309,8 +310,8 @@ PARENT = """
 import asyncio, sys
 from pathlib import Path
 from cellctl.clock import WallClock
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.process import CyclicProcess
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
 
 async def main():
@@ -359,7 +360,7 @@ def mapped() -> str:
 def test_ctrl_c_in_the_terminal_leaves_the_rsi_process_to_its_parent(connected, run):
     async def interrupt():
         async with connected() as robot:
-            os.kill(robot._process.pid, signal.SIGINT)
+            os.kill(robot._lines.process.pid, signal.SIGINT)
             await robot.search(TARGET_NEAR, 2.0)
             return await robot.health()
 

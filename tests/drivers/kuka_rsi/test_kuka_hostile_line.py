@@ -10,11 +10,11 @@ from pathlib import Path
 from statistics import median
 
 from cellctl.clock import WallClock
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.process import CyclicProcess
-from drivers.kuka_rsi.search_cycle import SearchOrder
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.shared_block import Slot
+from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
-from drivers.kuka_rsi.shared_block import Slot
 
 HOME = (0.0,) * 6
 TEMPLATE = '<Sen><AK A1="{0:.6f}"/><Stop>{6:d}</Stop><IPOC>{7}</IPOC></Sen>'

@@ -18,13 +18,14 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
-from drivers.kuka_rsi.controller_line import ControllerLine
-from drivers.kuka_rsi.correction_mode import CorrectionMode
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.search_cycle import SearchOrder
-from drivers.kuka_rsi.shared_block import SharedBlock, Slot
-from drivers.kuka_rsi.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "100"))
 
@@ -163,8 +164,12 @@ class Line(RuleBasedStateMachine):
         os.close(fd)
         mode = CorrectionMode.RELATIVE if relative else CorrectionMode.ABSOLUTE
         line = ControllerLine(self.wire, CONTROLLER)
+
+        def task_of(order: SearchOrder) -> SearchCycle:
+            return SearchCycle(order, LIMITS, mode, TIMEOUT)
+
         self.now_ns = 0
-        self.responder = Responder(line, self.block, ReplyFormat(TEMPLATE), LIMITS, lambda: self.now_ns, mode, TIMEOUT)
+        self.responder = Responder(line, self.block, ReplyFormat(TEMPLATE), lambda: self.now_ns, task_of)
         self.number = 0
         self.under_way: list[tuple[int, bytes, tuple[str, int]]] = []
         self.answers_under_way: list[tuple[int, bytes]] = []

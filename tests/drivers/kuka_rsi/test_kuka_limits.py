@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.kuka_rsi.cycle_timing import AnswerDelay, CycleTiming
-from drivers.kuka_rsi.limits import CycleWatch, Limit, SearchLimits
-from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchCycle, SearchOrder
-from drivers.kuka_rsi.session import Admission
-from drivers.kuka_rsi.set_point import SetPoint
-from drivers.kuka_rsi.telegram import Telegram
+from drivers.kuka_rsi.cyclic.cycle_timing import AnswerDelay, CycleTiming
+from drivers.kuka_rsi.cyclic.limits import CycleWatch, Limit, SearchLimits
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.set_point import SetPoint
+from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 CYCLE_S = 0.004
 LOW = SearchLimits()

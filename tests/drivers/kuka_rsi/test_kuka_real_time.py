@@ -8,7 +8,7 @@ import os
 
 import pytest
 
-from drivers.kuka_rsi import real_time
+from drivers.kuka_rsi.cyclic import real_time
 
 
 @pytest.fixture

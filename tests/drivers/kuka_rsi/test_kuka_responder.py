@@ -5,17 +5,22 @@ from __future__ import annotations
 import os
 import re
 import socket
+from collections.abc import Callable, Sequence
+from typing import final
 
 import pytest
 
 from cellctl.devices import SearchEnd
-from drivers.kuka_rsi.controller_line import ControllerLine
-from drivers.kuka_rsi.limits import SearchLimits
-from drivers.kuka_rsi.responder import Responder
-from drivers.kuka_rsi.search_cycle import Cause, Phase, SearchOrder
-from drivers.kuka_rsi.search_record import SearchRecord
-from drivers.kuka_rsi.shared_block import ROWS, Sample, SharedBlock, Slot
-from drivers.kuka_rsi.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
+from drivers.kuka_rsi.cyclic.limits import Correction, SearchLimits
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.shared_block import ROWS, Sample, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, Telegram
+from drivers.kuka_rsi.robot.search_record import SearchRecord
 
 HOME = (0.0,) * 6
 TEMPLATE = (
@@ -27,7 +32,7 @@ TEMPLATE = (
 class Bench:
     """A responder on a loopback socket, a controller's socket beside it, and a clock set by hand."""
 
-    def __init__(self) -> None:
+    def __init__(self, task_of: Callable[[SearchOrder], CyclicTask]) -> None:
         self.line = ControllerLine.bind("127.0.0.1", 0, "127.0.0.1")
         self.controller = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.controller.settimeout(60)
@@ -37,7 +42,7 @@ class Bench:
         self.reading_takes_ns = 0
         self.ipoc = 1000
         self.offset = 0.0
-        self.responder = Responder(self.line, self.block, ReplyFormat(TEMPLATE), SearchLimits(), self.clock)
+        self.responder = Responder(self.line, self.block, ReplyFormat(TEMPLATE), self.clock, task_of)
 
     def clock(self) -> int:
         self.now_ns += self.reading_takes_ns
@@ -86,9 +91,36 @@ class Bench:
         return self.receive()
 
 
+@final
+class Nod:
+    """A task that is no search: it swings axis 1 to and fro, and leaves when it is stopped."""
+
+    def __init__(self, order: SearchOrder) -> None:
+        self.number, self.swing_deg = order.number, order.correction[0]
+        self.phase, self.cause = Phase.MOVING, Cause.NONE
+        self.detail = self.age_ns = self.stop_cycles = self.missed = 0
+        self.timing = CycleTiming()
+
+    def admit(self, telegram: Telegram) -> Admission:
+        return Admission.ANSWERABLE
+
+    def answer(
+        self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
+    ) -> tuple[Correction, bool]:
+        if stopped:
+            self.cause, self.phase = Cause.STOPPED, Phase.LEAVING
+        self.swing_deg = -self.swing_deg
+        return (self.swing_deg, *HOME[1:]), self.phase is Phase.LEAVING
+
+
 @pytest.fixture
-def bench():
-    bench = Bench()
+def task_of() -> Callable[[SearchOrder], CyclicTask]:
+    return lambda order: SearchCycle(order, SearchLimits())
+
+
+@pytest.fixture
+def bench(task_of):
+    bench = Bench(task_of)
     yield bench
     bench.line.close()
     bench.controller.close()
@@ -292,3 +324,15 @@ def test_a_search_longer_than_the_ring_loses_nothing_while_it_is_collected(bench
             record.collect()
     record.collect()
     assert [sample.ipoc for sample in record.samples] == list(range(2 * ROWS))
+
+
+@pytest.mark.parametrize("task_of", [Nod])
+def test_another_task_than_a_search_answers_by_its_own_rule_with_no_line_changed_around_it(bench):
+    bench.order(number=5)
+    assert [bench.cycle()[1:] for _ in range(3)] == [(-1.0, False), (1.0, False), (-1.0, False)]
+    assert bench.block.status().phase is Phase.MOVING
+    bench.block.words[Slot.STOP] = 5
+    assert bench.cycle()[2]
+    assert (bench.block.status().number, bench.block.status().cause) == (5, Cause.STOPPED)
+    bench.block.release()
+    assert bench.unanswered()

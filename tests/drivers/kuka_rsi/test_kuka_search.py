@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd
-from drivers.kuka_rsi.shared_block import Slot
+from drivers.kuka_rsi.cyclic.shared_block import Slot
 
 TWO_DEG = (0.0, -88.0, 90.0, 0.0, 45.0, 0.0)
 
@@ -149,7 +149,7 @@ def test_a_stop_that_falls_between_two_searches_is_not_lost(controller, connecte
             robot.clear_stop()
             moved = len(controller.answers)
             threading.Thread(target=robot.stop_now).start()
-            while not robot._process.block.words[Slot.STOP]:
+            while not robot._lines.process.block.words[Slot.STOP]:
                 await asyncio.sleep(0)
             return await robot.search((0.0, -90.0, 90.0, 0.0, 45.0, 0.0), 2.0), moved
 
@@ -416,7 +416,7 @@ def test_the_robot_holds_when_the_engine_s_heartbeat_stops(controller, connected
 
             def kill_heartbeat(cycle):
                 if cycle == 60:
-                    loop.call_soon_threadsafe(robot._beating.cancel)
+                    loop.call_soon_threadsafe(robot._lines._beating.cancel)
 
             loop = asyncio.get_running_loop()
             controller.on_cycle = kill_heartbeat

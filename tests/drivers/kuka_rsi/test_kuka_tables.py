@@ -17,7 +17,6 @@ from cellctl.devices import (
     TableInfo,
     TableRow,
 )
-from cellctl.devices.registry import DriverRegistry
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 AWAY = (1.25, -90.0, 90.0, 0.0, 45.0, 0.0)
@@ -74,10 +73,6 @@ def with_robot(connected, run):
         return run(on_the_line())
 
     return do
-
-
-def test_the_registry_knows_that_the_driver_keeps_tables_and_searches():
-    assert DriverRegistry().kind("kuka+rsi") is CompensatedRobot
 
 
 def test_a_pushed_table_is_in_force_verified_and_can_be_read_again(tables, with_robot):

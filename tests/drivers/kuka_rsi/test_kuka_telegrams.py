@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.kuka_rsi.telegram import ReplyFormat, ReplyTag, read_telegram
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, ReplyTag, read_telegram
 
 CAPTURED = (
     b'<Rob Type="KUKA"><RIst X="1143.9012" Y="0.0000" Z="1268.4000" A="0.0000" B="89.9900" C="0.0000"/>'

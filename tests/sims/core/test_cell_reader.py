@@ -6,7 +6,8 @@ import pytest
 import yaml
 
 from sims.cell import ERRORS, CellError, read_cell
-from sims.faults import SETTINGS
+from sims.schema import schema_of
+from sims.simulators import installed
 
 
 @pytest.fixture
@@ -47,8 +48,8 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     unasked = {"wear", "warm_up", "compliance", "gear", "backlash", "expansion"}
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == unasked
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - unasked
-    assert (cell.simulate.rsi.cycle_ms, cell.simulate.rsi.precision, cell.simulate.rsi.counter) == (4, 4, "total")
-    assert (cell.simulate.probe.usb_delay_ms, cell.simulate.probe.bounce) == (1.0, 2)
+    rsi = {"cycle_ms": 4, "precision": 4, "timeout_cycles": 100, "counter": "total", "mode": None}
+    assert cell.simulate.settings == {"rsi": rsi, "probe": {"usb_delay_ms": 1.0, "bounce": 2}}
 
 
 def test_errors_are_switched_off_or_scaled(edited):
@@ -101,18 +102,28 @@ def test_files_that_cannot_be_read_are_named(tmp_path, edited):
     )
 
 
-def test_the_published_schema_names_what_the_reader_knows(request, edited):
-    schema = json.loads((request.config.rootpath / "sims/simulate.schema.json").read_text())
-    sections = {key: value.get("properties", {}) for key, value in schema["properties"].items()}
-    fault = schema["$defs"]["fault"]["properties"]
-    assert set(sections["errors"]) == set(ERRORS)
-    assert set(fault["fault"]["enum"]) == set(SETTINGS)
-    assert set(fault) - {"fault", "search", "before_search", "at_ms", "after_ms"} == set().union(*SETTINGS.values())
+def test_the_published_schema_is_that_of_the_shipped_simulators(request):
+    published = json.loads((request.config.rootpath / "sims/simulate.schema.json").read_text())
+    assert published == schema_of(installed()), "python -m sims schema > sims/simulate.schema.json"
 
-    def defaults(cell, _):
-        simulate = {key: value["default"] for key, value in schema["properties"].items() if "default" in value}
-        for section in ("rsi", "probe"):
-            simulate[section] = {key: value["default"] for key, value in sections[section].items()}
-        cell["simulate"] = simulate
 
-    assert edited(defaults).simulate == edited(lambda cell, _: cell.update(simulate={})).simulate
+def test_the_defaults_of_the_schema_are_the_readers(edited):
+    def with_defaults(cell, _):
+        cell["simulate"] = defaults_of(schema_of(installed()))
+
+    assert edited(with_defaults).simulate == edited(lambda cell, _: cell.update(simulate={})).simulate
+
+
+def defaults_of(schema):
+    found = {}
+    for key, value in schema["properties"].items():
+        if "default" in value:
+            found[key] = value["default"]
+        elif "properties" in value:
+            found[key] = defaults_of(value)
+    return found
+
+
+def test_an_address_at_top_level_is_told_where_it_belongs(edited):
+    found = problems(edited, lambda cell, _: cell.update(cell.pop("devices")))
+    assert found == [f"{name}: is an address at top level; write it under `devices:`" for name in ("probe", "robot")]

@@ -6,10 +6,12 @@ import threading
 from itertools import pairwise
 
 import pytest
+from simulated_devices import catalogue
 
 from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
+from sims.krc.rsi_link import target_of
 from sims.wires import Wire
 
 MS = 1_000_000
@@ -54,9 +56,9 @@ class Cell:
 
     def __init__(self, mode="lockstep", *, wait_for_host=False):
         self.kernel, self.targets = Kernel(mode), []
-        self.faults, self.wire = Faults(self.kernel), Wire()
-        targets = {"robot": lambda *target: self.targets.append(target)}
-        self.port = ControlPort(self.kernel, self.faults, targets, {"probe": self.wire})
+        self.faults, self.wire = Faults(self.kernel, catalogue()), Wire()
+        requests = {"robot": {"rsi_target": lambda message: self.targets.append(target_of(message))}}
+        self.port = ControlPort(self.kernel, self.faults, requests, {"probe": self.wire})
         self.kernel.after(7 * MS, self._beat)
         if wait_for_host:
             self.port.wait_for_host()
@@ -237,9 +239,12 @@ def test_a_fault_is_scheduled_as_in_the_cell_file(cell, host):
     assert "no setting 'every'" in host.ask(op="fault", fault="rsi.stall", every=3)["error"]
 
 
-def test_the_status_counts_the_searches(cell, host):
-    cell.faults.search_begins()
-    assert host.ask(op="status")["searches"] == 1
+def test_the_status_counts_searches_and_all_other_events(cell, host):
+    cell.faults.announce("robot.search")
+    cell.faults.announce("probe.arm")
+    status = host.ask(op="status")
+    assert status["searches"] == 1
+    assert status["events"] == {"robot.search": 1, "probe.arm": 1}
 
 
 def test_shutdown_is_answered_and_ends_the_cell(cell, host):

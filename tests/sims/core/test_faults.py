@@ -3,8 +3,9 @@
 import re
 
 import pytest
+from simulated_devices import catalogue, read_fault
 
-from sims.faults import SETTINGS, FaultError, Faults, read_fault
+from sims.faults import FaultError, Faults
 from sims.kernel import Kernel
 
 MS = 1_000_000
@@ -19,7 +20,7 @@ def kernel():
 
 @pytest.fixture
 def faults(kernel):
-    return Faults(kernel)
+    return Faults(kernel, catalogue())
 
 
 def run(kernel, ms):
@@ -36,8 +37,8 @@ def log(kernel, faults, name):
 
 
 def search(kernel, faults, begin_ms, end_ms):
-    kernel.at(begin_ms * MS, faults.search_begins)
-    kernel.at(end_ms * MS, faults.search_ends)
+    kernel.at(begin_ms * MS, lambda: faults.announce("robot.search"))
+    kernel.at(end_ms * MS, lambda: faults.announce("robot.search_end"))
 
 
 def test_a_fault_of_a_search_comes_so_long_after_its_start(kernel, faults):
@@ -97,13 +98,40 @@ def test_of_two_faults_of_a_name_the_longer_one_decides_the_end(kernel, faults):
 
 
 def test_a_fault_of_a_search_that_has_begun_is_refused(kernel, faults):
-    faults.search_begins()
-    with pytest.raises(FaultError, match="search 1 has begun already"):
+    faults.announce("robot.search")
+    with pytest.raises(FaultError, match=r"robot\.search 1 has begun already"):
         faults.schedule(read_fault({"fault": "rsi.drop", "search": 1}))
 
 
-def test_searches_are_counted_from_one(faults):
-    assert [faults.search_begins(), faults.search_begins()] == [1, 2]
+def test_events_are_counted_from_one(faults):
+    assert [faults.announce("robot.search"), faults.announce("probe.arm"), faults.announce("robot.search")] == [1, 1, 2]
+
+
+def test_an_event_that_no_description_has_is_the_simulators_mistake(faults):
+    with pytest.raises(KeyError, match=r"probe\.sulks"):
+        faults.announce("probe.sulks")
+
+
+def test_a_fault_of_any_event_comes_at_its_count(kernel, faults):
+    seen = log(kernel, faults, "probe.wire_break")
+    faults.schedule(read_fault({"fault": "probe.wire_break", "event": "probe.arm", "count": 2, "after_ms": 5}))
+    for at in (10, 20, 30):
+        kernel.at(at * MS, lambda: faults.announce("probe.arm"))
+    run(kernel, 40)
+    assert seen == [(25, True)]
+
+
+def test_a_fault_of_an_event_without_count_comes_at_the_first(kernel, faults):
+    seen = log(kernel, faults, "rsi.drop")
+    faults.schedule(read_fault({"fault": "rsi.drop", "event": "probe.contact"}))
+    kernel.at(10 * MS, lambda: faults.announce("probe.contact"))
+    run(kernel, 40)
+    assert seen == [(10, True)]
+
+
+def test_a_search_is_the_event_of_that_name():
+    by_search = read_fault({"fault": "rsi.drop", "search": 3, "after_ms": 4})
+    assert by_search == read_fault({"fault": "rsi.drop", "event": "robot.search", "count": 3, "after_ms": 4})
 
 
 @pytest.mark.parametrize(
@@ -114,7 +142,12 @@ def test_searches_are_counted_from_one(faults):
         ({"fault": "rsi.stall", "every": 2}, "rsi.stall has no setting 'every'; it has .*for_ms"),
         ({"fault": "probe.reset", "for_ms": 2}, "probe.reset has no setting 'for_ms'"),
         ({"fault": "rsi.drop", "search": 1, "at_ms": 2}, "only one of"),
-        ({"fault": "rsi.drop", "after_ms": 2}, "after_ms counts from the start of a search"),
+        ({"fault": "rsi.drop", "after_ms": 2}, "after_ms counts from an event; say which"),
+        ({"fault": "rsi.drop", "count": 2}, "count is of events; say which"),
+        ({"fault": "rsi.drop", "event": "tracker.measure"}, "no device .* the event 'tracker.measure'; .* probe.arm"),
+        ({"fault": "rsi.drop", "event": ["x"]}, "no device .* has the event"),
+        ({"fault": "rsi.drop", "event": "probe.arm", "search": 1}, "only one of"),
+        ({"fault": "rsi.drop", "event": "probe.arm", "count": 0}, "count counts from 1"),
         ({"fault": "rsi.drop", "search": 0}, "search counts from 1"),
         ({"fault": "rsi.drop", "search": 1.5}, "search is a whole number"),
         ({"fault": "rsi.drop", "for_ms": "long"}, "for_ms is a number, not 'long'"),
@@ -130,9 +163,17 @@ def test_what_is_no_fault_is_refused_with_what_there_is(entry, complaint):
 
 def test_each_fault_of_the_documents_table_exists_with_its_settings(request):
     text = (request.config.rootpath / "docs/reference/simulated-cell.md").read_text()
-    rows = [line.split("|") for line in text.splitlines() if re.match(r"\| `[a-z]+\.[a-z_]+` \|", line)]
+    faults = text.partition("| fault |")[2].partition("\n\n")[0]
+    rows = [line.split("|") for line in faults.splitlines() if line.startswith("| `")]
     table = {
         cells[1].strip(" `"): set(cells[3].replace("`", "").replace("–", "").replace(",", " ").split())
         for cells in rows
     }
-    assert table == {name: set(settings) for name, settings in SETTINGS.items()}
+    kinds = catalogue().kinds.items()
+    assert table == {name: {setting.name for setting in kind.settings} for name, kind in kinds}
+
+
+def test_each_event_of_the_documents_table_exists(request):
+    text = (request.config.rootpath / "docs/reference/simulated-cell.md").read_text()
+    events = text.partition("| event |")[2].partition("\n\n")[0]
+    assert re.findall(r"^\| `([a-z_.]+)` \|", events, re.MULTILINE) == sorted(catalogue().events)

@@ -25,7 +25,7 @@ def probe_cell(request, tmp_path):
 
     def write(**simulate):
         cell = yaml.safe_load(source.read_text())
-        del cell["robot"]
+        del cell["devices"]["robot"]
         cell["model"] = str(source.parent / cell["model"])
         cell["simulate"] = simulate
         path = tmp_path / "cell.yaml"
@@ -105,11 +105,11 @@ def test_the_shipped_cell_gets_places_where_its_simulators_listen(start, request
     written = yaml.safe_load(cell.read_text())
     robot, probe = urlsplit(ready["robot"]), urlsplit(ready["probe"])
     assert (robot.scheme, robot.netloc) == ("kuka+rsi", "127.0.0.1:0")
-    query, expected = dict(parse_qsl(robot.query)), dict(parse_qsl(urlsplit(written["robot"]).query))
+    query, expected = dict(parse_qsl(robot.query)), dict(parse_qsl(urlsplit(written["devices"]["robot"]).query))
     host, port = query["eki"].split(":")
     assert query | {"eki": ""} == expected | {"eki": "", "controller": "127.0.0.1"}
     socket.create_connection((host, int(port)), timeout=PATIENCE_S).close()
-    assert probe.query == urlsplit(written["probe"]).query
+    assert probe.query == urlsplit(written["devices"]["probe"]).query
     assert Path(probe.path).is_char_device()
 
 
@@ -178,7 +178,7 @@ def test_all_mistakes_of_a_cell_file_are_one_block_and_exit_code_2(request, prob
 
 def test_a_device_without_simulator_is_named(request, probe_cell):
     path = probe_cell()
-    path.write_text(path.read_text() + "tracker: geocom+serial:///dev/ttyUSB0\n")
+    path.write_text(path.read_text().replace("devices:\n", "devices:\n  tracker: geocom+serial:///dev/ttyUSB0\n"))
     done = run(request, "run", path)
     assert done.returncode == 2
     assert "tracker: there is no simulator for 'geocom+serial'" in done.stderr

@@ -13,12 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from simulated_devices import catalogue, read_fault, setup_of
 
 from sims.cell import ERRORS, read_cell
-from sims.contact_loop import ContactLoop
-from sims.faults import Faults, read_fault
+from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.krc import start
+from sims.krc.controller import start
 from sims.world import World
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
@@ -34,12 +34,13 @@ class Bench:
     def __init__(self, cell, correction, mode, memory):
         self.cell = cell
         self.kernel = Kernel(mode)
-        self.faults = Faults(self.kernel)
-        self.loop = ContactLoop()
+        self.faults = Faults(self.kernel, catalogue())
         self.truth = io.StringIO()
         self.changes = []
+        setup = setup_of(cell, "robot", self.kernel, self.faults, truth_log=self.truth, memory=memory)
+        self.scene, self.loop = setup.scene, setup.scene.contact
         self.loop.subscribe(lambda closed: self.changes.append((self.kernel.now, closed)))
-        self.krc = start(self.kernel, cell, self.faults, self.loop, self.truth, correction, memory)
+        self.krc = start(setup, correction)
         for fault in cell.simulate.faults:
             self.faults.schedule(fault)
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -224,7 +225,7 @@ def bench():
         simulate = replace(
             cell.simulate,
             errors={**PERFECT, **(errors or {})},
-            rsi=replace(cell.simulate.rsi, **(rsi or {})),
+            settings={**cell.simulate.settings, "rsi": {**cell.simulate.settings["rsi"], **(rsi or {})}},
             faults=tuple(read_fault(fault) for fault in faults),
         )
         if ethernet is not None:

@@ -7,6 +7,7 @@ import re
 import pytest
 
 from sims.cell import read_cell
+from sims.krc.controller import rsi_settings
 from sims.krc.signal_flow import AxisCorrection
 
 SHIPPED_CELL = "procedures/cells/sphere_cell.yaml"
@@ -91,4 +92,5 @@ def test_the_mode_is_as_the_address_says_unless_the_simulate_section_says_anothe
     shipped = request.config.rootpath / SHIPPED_CELL
     text = shipped.read_text().replace("../robots", str(shipped.parents[1] / "robots"))
     (tmp_path / "cell.yaml").write_text(text.replace("eki=172.31.1.147:54600", f"eki=h:1{address}") + section + "\n")
-    assert read_cell(tmp_path / "cell.yaml").simulate.rsi.mode == mode
+    cell = read_cell(tmp_path / "cell.yaml")
+    assert rsi_settings(cell.simulate.settings["rsi"], cell.addresses["robot"]).mode == mode

@@ -61,8 +61,7 @@ def test_a_robot_that_stood_in_contact_is_still_in_contact(bench, again):
     assert back.loop.closed
     assert back.command("HELLO")[2] == stood
     back.ptp(HOME)
-    assert [closed for _, closed in back.changes] == [True, False]
-    assert back.changes[0][0] == 0  # as it was found
+    assert [closed for _, closed in back.changes] == [False]  # it was closed before anybody could watch
 
 
 def test_the_count_of_a_poses_attempts_goes_on(bench, again):

@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from sims.krc.motions import State
 from sims.krc.servo import Servo
+from sims.scene.motions import State
 
 H = 0.004
 OMEGA = 1 / 0.012

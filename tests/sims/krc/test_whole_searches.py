@@ -13,7 +13,7 @@ import pytest
 
 from cellctl.clock import LockstepClock
 from cellctl.devices import Address, DeviceFault, SearchEnd, Surroundings
-from drivers.kuka_rsi import open_robot
+from drivers.kuka_rsi.description import open_robot
 from sims.cell import read_cell
 from sims.running import RunningCell
 

@@ -1,12 +1,13 @@
 """The loop's voltage: bounces, and the faults that change it."""
 
 import pytest
+from simulated_devices import catalogue, read_fault
 
-from sims.contact_loop import ContactLoop
-from sims.faults import Faults, read_fault
+from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.probe.circuit import Circuit
 from sims.probe.firmware import Level, level_of
+from sims.scene.contact_loop import ContactLoop
 
 MS = 1_000_000
 
@@ -16,7 +17,7 @@ class Cell:
 
     def __init__(self, bounce=0, seed=1):
         self.kernel, self.loop = Kernel("lockstep"), ContactLoop()
-        self.faults = Faults(self.kernel)
+        self.faults = Faults(self.kernel, catalogue())
         self.circuit = Circuit(self.kernel, self.loop, self.faults, seed, bounce)
         self.seen = []
         self.circuit.on_change = lambda millivolts: self.seen.append((self.kernel.now, level_of(millivolts)))

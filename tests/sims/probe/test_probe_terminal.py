@@ -6,12 +6,12 @@ import select
 import threading
 
 import pytest
+from simulated_devices import catalogue, read_fault, setup_of
 
-from sims import probe
 from sims.cell import read_cell
-from sims.contact_loop import ContactLoop
-from sims.faults import Faults, read_fault
+from sims.faults import Faults
 from sims.kernel import Kernel
+from sims.probe.server import ProbeServer
 
 MS = 1_000_000
 PATIENCE_S = 90
@@ -75,9 +75,10 @@ class Running:
     """A probe on a kernel in a thread of its own."""
 
     def __init__(self, cell, mode="lockstep"):
-        self.kernel, self.loop = Kernel(mode), ContactLoop()
-        self.faults = Faults(self.kernel)
-        self.probe = probe.start(self.kernel, cell, self.faults, self.loop)
+        self.kernel = Kernel(mode)
+        self.faults = Faults(self.kernel, catalogue())
+        setup = setup_of(cell, "probe", self.kernel, self.faults)
+        self.loop, self.probe = setup.scene.contact, ProbeServer(setup)
         self._asked = os.pipe()
         self._todo = []
         self.kernel.watch(self._asked[0], self._do)

@@ -1,0 +1,75 @@
+"""How a run ended: the last words on the terminal, its JSON and report, the exit code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from cellctl.cli.ends import Exit
+from cellctl.cli.outputs import write_json
+from cellctl.engine import Outcome, State
+from cellctl.files import InputError
+from cellctl.journal import JournalError, RunResult, fold, read_journal
+from cellctl.operations.results import table_line
+
+_BY_STATE = {
+    State.ABORTED: Exit.ABORTED,
+    State.FAILED: Exit.DEVICE_FAILED,
+    State.UNCERTAIN: Exit.UNCERTAIN,
+}
+
+
+def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
+    """`write_json` of a run's result. One that fails spoils no run: it is said on stderr, and can be had again."""
+    try:
+        write_json(result.to_json(), target)
+    except OSError as error:
+        again = f"have it again with: cellctl show {folder} --json FILE"
+        print(f"cellctl: no JSON: {target}: {error.strerror or error}\n    {again}", file=sys.stderr)
+
+
+def report_of(folder: Path) -> None:
+    """Write the run's report. A report that fails spoils no run: it is said on stderr, and can be rebuilt."""
+    from cellctl.report import write_report
+
+    try:
+        write_report(folder)
+    except (OSError, ValueError, LookupError, InputError, JournalError) as error:
+        print(f"cellctl: no report: {error}\n    rebuild it with: cellctl report {folder}", file=sys.stderr)
+
+
+def exit_of(outcome: Outcome) -> Exit:
+    """The exit code of a run's end."""
+    if outcome.state is not State.FINISHED:
+        return Exit.BAD_INPUT if isinstance(outcome.error, InputError) else _BY_STATE[outcome.state]
+    better = outcome.verdict is None or outcome.verdict.better
+    return Exit.GOOD if better else Exit.NOT_BETTER
+
+
+def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
+    """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
+    state = fold(read_journal(folder))
+    if outcome.state is State.FINISHED:
+        if not quiet:
+            print("\n".join([result.sentence or "Finished.", *result.lines]))
+            print(f"Run folder: {folder}")
+        if said := table_line(state, folder, only_unproved=True):
+            print(f"cellctl: {said}", file=sys.stderr)
+        return
+    lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]
+    lines += [f"    {trouble}" for trouble in outcome.troubles]
+    lines.append(f"    {_where_the_robot_is(outcome)}")
+    if said := table_line(state, folder):
+        lines.append(f"    {said}")
+    lines.append(f"    {result.points} measurements are recorded in {folder}")
+    print("\n".join(lines), file=sys.stderr)
+
+
+def _where_the_robot_is(outcome: Outcome) -> str:
+    """What is known of the robot at the end of a run; that it is held only where this run had that confirmed."""
+    if outcome.held:
+        held = "the robot is held: its controller confirmed that it stands still"
+        return held if outcome.moved else f"nothing was moved, and {held}"
+    if not outcome.moved:
+        return "nothing was moved"
+    return "nobody confirmed that the robot stands still: look at it before anything else moves"

@@ -1,0 +1,34 @@
+"""Tables in words: a table file, and what tables a controller has."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cellctl.formats import TableFile
+from cellctl.formats.table_making import foreseen
+
+
+def state_words(state: dict[str, Any]) -> str:
+    """What tables controller `serial` has, a line each."""
+    lines = [f"Controller {state['serial']}:"]
+    for name, words in (("active", "in force"), ("previous", "before it"), ("staged", "staged")):
+        info = state[name]
+        lines.append(f"  {words:9}  " + (f"{info['id'][:12]}, {info['rows']} rows" if info else "none"))
+    return "\n".join(lines)
+
+
+def table_words(table: TableFile) -> str:
+    """A table file in a few lines."""
+    said = foreseen(table)
+    before, after, sigma = (said[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    kind = "a simulated" if table.simulated else "a real"
+    return "\n".join(
+        [
+            f"Table {table.id}",
+            f"  for        {table.robot.name}, {kind} controller, serial {table.robot.serial}",
+            f"  made       {table.created}, {table.source.method}, run {table.source.run or '-'}",
+            f"  rows       {said['rows']}, joints corrected by up to {said['max_correction_deg']:.3f}°",
+            f"  foreseen   {before['mean']:.3f} mm off with nominal joints, {after['mean']:.4f} mm with these (means)",
+            f"  σ          {sigma['rms']:.3f} mm (RMS), {sigma['max']:.3f} mm (max)",
+        ]
+    )

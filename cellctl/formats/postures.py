@@ -1,0 +1,48 @@
+"""A cell file's `postures:`: joint readings of its robot that a campaign sets out from."""
+
+from __future__ import annotations
+
+from typing import Annotated, final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellctl.files import Document, InputError, Problem
+from cellctl.files.validated import validated
+from cellctl.formats.robot import RobotFile
+
+Reading = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@final
+class Postures(BaseModel):
+    """Joint readings A1…An, degrees.
+
+    `home`: where campaigns begin and end; `touch`: from which the inverse kinematics of touches sets out.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    home: list[Reading]
+    touch: Annotated[list[list[Reading]], Field(min_length=1)]
+
+
+def postures_of(document: Document, robot: RobotFile) -> Postures:
+    """The postures of a loaded cell file, each one that `robot` can take. Raises InputError with every mistake."""
+    postures = validated(document, Postures, ("postures",))
+    mistakes = _mistakes(document, ("home",), postures.home, robot)
+    for index, posture in enumerate(postures.touch):
+        mistakes += _mistakes(document, ("touch", index), posture, robot)
+    if mistakes:
+        raise InputError(mistakes)
+    return postures
+
+
+def _mistakes(document: Document, at: tuple[str | int, ...], readings: list[float], robot: RobotFile) -> list[Problem]:
+    place = ("postures", *at)
+    if len(readings) != len(robot.joints):
+        what = f"{len(readings)} joint readings for a robot with {len(robot.joints)} joints"
+        return [document.problem(place, what, "write A1 to the last joint, degrees")]
+    return [
+        document.problem(place, f"A{number} {reading:g} is outside {joint.min:g}…{joint.max:g}°")
+        for number, (reading, joint) in enumerate(zip(readings, robot.joints, strict=True), 1)
+        if not joint.min <= reading <= joint.max
+    ]

@@ -1,0 +1,64 @@
+"""What a run came to, from its journal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self, final
+
+from cellctl.journal.pushed_table import PushedTable
+from cellctl.journal.state import RunState
+from cellctl.records import Figures, Json, VerdictRow
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """The result of a run: what every kind of campaign has in common, and the section of this kind.
+
+    verdict, sentence, before, after, model: of the last verdict, None where there is none (see `VerdictRow`). points:
+    measurements that count. table: the one that the run pushed. section: the fields of the campaign's own kind, each
+    None where the run did not come that far. lines: for the operator, below the sentence. simulated_s: of the cell's
+    time; wall_s: 0 where nobody took it.
+    """
+
+    run: str
+    state: str
+    verdict: str | None = None
+    sentence: str | None = None
+    points: int
+    before: Figures | None = None
+    after: Figures | None = None
+    model: Mapping[str, Json] | None = None
+    table: PushedTable | None
+    section: Mapping[str, Json]
+    error: str | None = None
+    simulated_s: float
+    wall_s: float = 0.0
+    lines: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, run: str, journal: RunState, **known: Any) -> Self:
+        """The result of `run` (its name) by its `journal`; `known`: fields that the caller knows better."""
+        verdict = journal.last(VerdictRow)
+        content: Mapping[str, Json] = next(reversed(journal.data_of(VerdictRow.KIND)), {})
+        common = ("verdict", "sentence", "before", "after", "model", "lines")
+        found: dict[str, Any] = {
+            "run": run,
+            "state": journal.state,
+            "points": journal.measurements,
+            "table": PushedTable.of(journal),
+            "section": {name: content.get(name) for name in journal.section},
+            "simulated_s": (journal.last_ns - journal.first_ns) * 1e-9,
+            **({name: getattr(verdict, name) for name in common} if verdict else {}),
+        }
+        return cls(**(found | known))
+
+    def to_json(self) -> dict[str, Json]:
+        """As `cellctl run --json` gives it: the fields of the section stand behind the table."""
+        content: dict[str, Json] = asdict(self)
+        section, _ = content.pop("section"), content.pop("lines")
+        content["table"] = self.table and {**self.table.row.data(), "state": self.table.state}
+        times = {name: round(content.pop(name), 3) for name in ("simulated_s", "wall_s")}
+        error = content.pop("error")
+        return {**content, **section, "error": error, **times}

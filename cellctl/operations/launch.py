@@ -1,0 +1,131 @@
+"""A campaign's run: its folder and journal, the simulators where the cell is simulated, the devices, the engine."""
+
+from __future__ import annotations
+
+import asyncio
+import getpass
+import signal
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from cellctl.clock import Clock, WallClock, calendar_time
+from cellctl.devices.cell import ClockMode
+from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
+from cellctl.files import Document, sha256_of
+from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
+from cellctl.operations.campaign import Campaign
+from cellctl.operations.connected import open_devices, tell_targets
+from cellctl.operations.parent import aborting_without, under_nohup
+from cellctl.operations.provenance import code_hash, sources, versions
+from cellctl.operations.results import SIMULATOR_MEMORY
+from cellctl.operations.simulated import SimulatedCell
+from cellctl.procedure import section_of
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
+
+    `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
+    `parent`: the process without which the run does not go on; None: there is none.
+    """
+
+    seed: int | None
+    clock: ClockMode | None
+    simulator_extra: tuple[str, ...] = ()
+    resumed: RunState | None = None
+    acknowledged: bool = False
+    parent: int | None = None
+
+
+async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
+    """Run a campaign into `folder`, with simulators where the cell is simulated.
+
+    SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
+    Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
+    """
+    mailbox = Mailbox()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
+        loop.add_signal_handler(number, mailbox.abort)
+    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why)):
+        return await _with_simulators(campaign, options, folder, mailbox, watcher)
+
+
+async def _with_simulators(
+    campaign: Campaign, options: Options, folder: Path, mailbox: Mailbox, watcher: Watcher
+) -> Outcome:
+    if not campaign.cell.simulated:
+        return await run_on(None, campaign, options, folder, mailbox, watcher)
+    memory = ("--state", str(folder / SIMULATOR_MEMORY))
+    extra = (*memory, *options.simulator_extra)
+    simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, extra)
+    try:
+        return await run_on(simulated, campaign, options, folder, mailbox, watcher)
+    finally:
+        simulated.stop()
+
+
+async def run_on(
+    simulated: SimulatedCell | None,
+    campaign: Campaign,
+    options: Options,
+    folder: Path,
+    mailbox: Mailbox,
+    watcher: Watcher,
+) -> Outcome:
+    """Run a campaign into `folder` on a running simulated cell, or on the real one (None)."""
+    clock = await simulated.clock() if simulated else WallClock()
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(clock.aclose)
+        seed = options.seed if options.seed is not None else campaign.cell.seed
+        record = options.resumed or RunState()
+        journal = stack.enter_context(_journal(campaign, options, folder, clock, seed, record))
+        devices = open_devices(campaign.cell, campaign.drivers, clock, simulated)
+        run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
+        plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
+        engine = Engine(plan, run, journal, mailbox, watcher, record)
+        return await engine.run(lambda: tell_targets(simulated, devices, clock))
+
+
+def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int, record: RunState) -> Journal:
+    """The run's journal, begun or gone on with; its first event is written and in `record`. Raises JournalError."""
+    event: RunStarted | RunResumed
+    if options.resumed is None:
+        journal, event = Journal.create(folder, clock.now_ns), _started(campaign, options, folder.name, seed)
+    else:
+        journal = Journal.reopen(folder, clock.now_ns)
+        event = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
+    record.apply(journal.append(event))
+    return journal
+
+
+def _started(campaign: Campaign, options: Options, name: str, seed: int) -> RunStarted:
+    procedure, cell, files = campaign.procedure, campaign.cell, sources()
+    return RunStarted(
+        procedure=_source(procedure.document),
+        cell=_source(cell.document),
+        parameters=campaign.parameters,
+        seed=seed,
+        clock=(options.clock or cell.clock) if cell.simulated else "realtime",
+        operator=getpass.getuser(),
+        calendar=calendar_time(),
+        code_sha256=sha256_of(files),
+        versions=versions(),
+        robot=_robot(cell.robot_file),
+        sources=files,
+        name=name,
+        section=section_of(campaign.procedure, campaign.registry),
+    )
+
+
+def _robot(file: Path) -> SourceFile:
+    text = file.read_text(encoding="utf-8")
+    return SourceFile(str(file), text, sha256_of(text))
+
+
+def _source(document: Document) -> SourceFile:
+    return SourceFile(document.file, document.text, sha256_of(document.text))

@@ -1,0 +1,49 @@
+"""What a run was made with: versions of the main libraries, and hashes of the code."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, entry_points, version
+from importlib.util import find_spec
+from pathlib import Path
+
+from cellctl import __version__
+from cellctl.files import sha256_of
+
+_GROUPS = ("cellctl.devices", "cellctl.steps")
+_LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
+
+
+def versions() -> dict[str, str]:
+    """Name → version: cellctl, Python and the libraries that a result depends on."""
+    found = {"cellctl": __version__, "python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+def sources() -> dict[str, str]:
+    """Every Python file of cellctl and of the packages with drivers and steps: name → SHA-256 of its content."""
+    points = (point for group in _GROUPS for point in entry_points(group=group))
+    packages = {"cellctl", *(point.module.partition(".")[0] for point in points)}
+    files = sorted((name, file) for package in packages for name, file in _files(package))
+    return {name: sha256_of(file.read_bytes()) for name, file in files}
+
+
+def code_hash() -> str:
+    """SHA-256 over `sources`: the same code, the same hash."""
+    return sha256_of(sources())
+
+
+def _files(package: str) -> Iterator[tuple[str, Path]]:
+    spec = find_spec(package)
+    folders = spec.submodule_search_locations if spec else None
+    if spec and spec.origin and not folders:
+        yield f"{package}.py", Path(spec.origin)
+    for root in map(Path, folders or ()):
+        for file in root.rglob("*.py"):
+            yield f"{package}/{file.relative_to(root).as_posix()}", file

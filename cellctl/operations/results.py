@@ -1,0 +1,55 @@
+"""What a run came to: its folder, its result, what became of its table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cellctl.clock import calendar_time
+from cellctl.engine import Outcome
+from cellctl.files import InputError, Problem
+from cellctl.journal import PushedTable, RunResult, RunState, fold, read_journal
+
+SIMULATOR_MEMORY = "simulated_cell.json"
+"""Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
+
+
+def new_run_folder(runs: Path, procedure: str) -> Path:
+    """Make a folder for a new run, `sphere_selfcal-20261121T192433Z`, numbered where that is taken.
+
+    Raises InputError where it cannot be made.
+    """
+    stem = f"{procedure}-{calendar_time().replace('-', '').replace(':', '')}"
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        for number in range(1, 1000):
+            folder = runs / (stem if number == 1 else f"{stem}-{number}")
+            try:
+                folder.mkdir()
+            except FileExistsError:
+                continue
+            return folder
+    except OSError as error:
+        cure = "give another folder with --runs"
+        raise InputError(Problem(str(runs), 0, 0, f"cannot hold a run: {error.strerror}", cure)) from error
+    raise InputError(Problem(str(runs), 0, 0, f"holds 999 runs '{stem}' already", "give another folder with --runs"))
+
+
+def result_of(folder: Path, outcome: Outcome, wall_s: float) -> RunResult:
+    """The result of a run that this process ran."""
+    error = str(outcome.error) if outcome.error else None
+    known = {"state": outcome.state.value, "error": error, "simulated_s": outcome.seconds, "wall_s": wall_s}
+    return RunResult.of(folder.name, fold(read_journal(folder)), **known)
+
+
+def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) -> str:
+    """What became of the table that the run pushed, and what to do where it may be in force unproved; may be empty."""
+    table = PushedTable.of(state)
+    if table is None or (only_unproved and not table.unproved_in_force):
+        return ""
+    if not table.unproved_in_force:
+        return table.words()
+    memory = folder / SIMULATOR_MEMORY
+    cell = f"--cell {state.started.cell.path if state.started else 'CELL'}"
+    cell += f" --state {memory}" if memory.exists() else ""
+    look = f"look with `cellctl table show {cell}`; take it back with `cellctl table rollback {cell}`"
+    return f"{table.words()}: {look}"

@@ -1,0 +1,101 @@
+"""Going on with a run: only what it was, on what it was; where its state is uncertain, only with a person's word."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast, final
+
+from cellctl.devices import DeviceUncertain
+from cellctl.devices.cell import ClockMode
+from cellctl.files import InputError, Problem, sha256_of
+from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
+from cellctl.operations.campaign import Campaign
+from cellctl.operations.provenance import code_hash, sources
+from cellctl.operations.results import table_line
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ResumedRun:
+    """A run to go on with: its folder, the campaign with the parameters that it had, and what it has come to."""
+
+    folder: Path
+    campaign: Campaign
+    state: RunState
+    seed: int
+    clock: ClockMode
+
+
+def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], *, acknowledged: bool) -> ResumedRun:
+    """The run in folder `run` (or `runs`/`run`), if it may be gone on with.
+
+    Raises InputError where there is nothing to go on with, or procedure, cell, code or settings have changed;
+    DeviceUncertain where a step that moves or writes was cut off and nobody has `acknowledged` it; JournalError, also
+    where a process still runs it.
+    """
+    folder = run if run.is_dir() else runs / run
+    if writer := writer_of(folder):
+        raise writer.error(folder)
+    state = fold(read_journal(folder))
+    started = state.started
+    if started is None:
+        raise InputError(_problem(folder, "was cut off before it began", "run the procedure anew"))
+    if state.state == "finished":
+        raise InputError(_problem(folder, "is finished: there is nothing to go on with", "run the procedure anew"))
+    said = table_line(state, folder)
+    changed = _changes(campaign, started, settings)
+    if changed:
+        cure = "run the procedure anew, or put back what it was"
+        cure += f"\n    {said}" if said else ""
+        raise InputError([_problem(folder, text, cure) for text in changed])
+    if (state.uncertain or state.state == "uncertain") and not acknowledged:
+        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {said}" if said else ""))
+    same = replace(campaign, parameters=dict(started.parameters))
+    return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
+
+
+_NAMED = 5
+"""So many changed files are named."""
+
+_LOOK = (
+    "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
+    "moved by hand off its planned way, the next step refuses to move it."
+)
+
+
+def _changes(campaign: Campaign, started: RunStarted, settings: list[str]) -> list[str]:
+    changed = []
+    if sha256_of(campaign.procedure.text) != started.procedure.sha256:
+        changed.append(f"the procedure {started.procedure.path} has changed since")
+    if sha256_of(campaign.cell.document.text) != started.cell.sha256:
+        changed.append(f"the cell file {started.cell.path} has changed since")
+    if started.robot and sha256_of(campaign.cell.robot_file.read_text(encoding="utf-8")) != started.robot.sha256:
+        changed.append(f"the robot file {started.robot.path} has changed since")
+    if code_hash() != started.code_sha256:
+        changed.append(f"the code of cellctl, its drivers or steps has changed since{_which(started.sources)}")
+    for setting in settings:
+        name = setting.partition("=")[0]
+        if campaign.parameters.get(name) != started.parameters.get(name):
+            changed.append(f"parameter {name} was {started.parameters.get(name)!r} in this run")
+    return changed
+
+
+def _which(before: Mapping[str, str]) -> str:
+    """The source files that differ from those `before`, a few of them by name; nothing where the run did not say."""
+    now = sources() if before else {}
+    names = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f": {', '.join(names[:_NAMED])}{more}" if names else ""
+
+
+def _what_is_uncertain(state: RunState) -> str:
+    moving = [step.step for step in state.steps.values() if step.moves and step.outcome in (None, "interrupted")]
+    if moving:
+        return f"the run was cut off in {', '.join(moving)}, which moves or writes: what it did last is not known"
+    return "the run ended in an uncertain state: its clean-up did not succeed"
+
+
+def _problem(folder: Path, what: str, cure: str) -> Problem:
+    return Problem(str(folder), 0, 0, f"this run {what}" if not what.startswith(("the ", "parameter")) else what, cure)

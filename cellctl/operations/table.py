@@ -1,0 +1,92 @@
+"""A compensation table into a controller's force: what refuses it, the push, and the comparison of what is in force.
+
+Commands and the steps of procedures push tables through this module alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from cellctl.devices import ControllerTable, DeviceFault, DeviceLost, Identity, TableRow, TableState, TableStore
+from cellctl.files import InputError, Problem
+from cellctl.formats import RobotFile, TableFile, table_problems
+from cellctl.formats.table import JOINT_DECIMALS
+
+_SHOWN = 5
+
+
+async def _nothing() -> None:
+    """Nothing is to be done before the push."""
+
+
+def controller_table(table: TableFile) -> ControllerTable:
+    """`table` as a controller takes it."""
+    return ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
+
+
+def refuse_table(
+    table: TableFile, file: Path, who: Identity, robot: RobotFile, correction_deg: float, *, made: str | None = None
+) -> None:
+    """Raise InputError with every reason why `table`, of `file`, must not go to the controller `who` of `robot`.
+
+    correction_deg: the most that it may correct a joint by; made: the id that it must have, None: any.
+    """
+    serial, simulated = who.serial, who.simulated
+    found = table_problems(table, serial=serial, simulated=simulated, robot=robot, correction_deg=correction_deg)
+    if made is not None and made != table.id:
+        found.insert(0, f"it is table {table.id[:12]}…, this run made {made[:12]}…")
+    if found:
+        raise InputError(Problem(str(file), 0, 0, f"is not pushed: {what}") for what in found)
+
+
+async def push_verified(
+    store: TableStore, serial: str, wanted: ControllerTable, before: Callable[[], Awaitable[None]] = _nothing
+) -> None:
+    """Put `wanted` into force on the controller `serial`, read the table in force and compare it, digit by digit.
+
+    A table that is in force already is not pushed again, as a rollback would then lead from the table to itself.
+    `before` is awaited before a push. Raises DeviceFault where another table is in force afterwards, DeviceLost where
+    the connection ends after the push, and what the store raises.
+    """
+    state = await store.table_state()
+    if state.staged or not in_force(state, wanted.id):
+        await before()
+        await store.push_table(wanted)
+    try:
+        found = await store.read_table()
+    except DeviceLost as error:
+        what = f"table {wanted.id[:12]} is in force, but the connection was lost as it was read once more: {error.what}"
+        raise DeviceLost(store.name, what, "look with `cellctl table verify`") from error
+    if wrong := differences(wanted, serial, found):
+        what = f"after the push another table is in force than was pushed: {'; '.join(wrong)}"
+        raise DeviceFault(store.name, what, "look with `cellctl table show`; `cellctl table rollback` undoes it")
+
+
+def in_force(state: TableState, table_id: str) -> bool:
+    """Whether the controller's active table is the one with this id."""
+    return state.active is not None and state.active.id == table_id
+
+
+def differences(wanted: ControllerTable, serial: str, found: ControllerTable | None) -> list[str]:
+    """How the table in force on controller `serial` differs from `wanted`, in words; empty: all digits are the same."""
+    if found is None:
+        return ["no table is in force"]
+    listed = []
+    if wanted.serial != serial:
+        listed.append(f"the file is for controller '{wanted.serial}', this one is '{serial}'")
+    if wanted.id != found.id:
+        listed.append(f"the one in force is {found.id[:12]}, the file's is {wanted.id[:12]}")
+    if len(wanted.rows) != len(found.rows):
+        listed.append(f"the one in force has {len(found.rows)} rows, the file's has {len(wanted.rows)}")
+    pairs = enumerate(zip(wanted.rows, found.rows, strict=False), 1)
+    rows = [number for number, (ours, theirs) in pairs if _digits(ours) != _digits(theirs)]
+    if rows:
+        more = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+        listed.append(f"other joints in row {', '.join(map(str, rows[:_SHOWN]))}{more}")
+    return listed
+
+
+def _digits(row: TableRow) -> tuple[str, ...]:
+    """A row as the wire writes it."""
+    return tuple(f"{value + 0.0:.{JOINT_DECIMALS}f}" for value in (*row.nominal, *row.compensated))

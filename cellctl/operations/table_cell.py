@@ -1,0 +1,85 @@
+"""The controller that keeps a cell's tables: which device it is, and what it holds."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, final
+
+from cellctl.devices import Identity, TableInfo, TableState, TableStore
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.files import InputError, Problem
+from cellctl.formats import RobotFile, TableFile
+from cellctl.operations.connected import connected
+from cellctl.operations.table import controller_table, push_verified, refuse_table
+from cellctl.procedure.abilities import missing_abilities
+
+
+@final
+@dataclass(frozen=True)
+class TableCell:
+    """A cell with one device that keeps tables; seed and memory are for its simulators."""
+
+    cell: Cell
+    robot: RobotFile
+    drivers: DriverRegistry
+    device: str
+    seed: int | None
+    state: Path | None
+
+    @classmethod
+    def load(cls, path: Path, seed: int | None, state: Path | None) -> Self:
+        """Read and check the cell file; opens nothing. Raises InputError."""
+        drivers = DriverRegistry()
+        cell = Cell.load(path, drivers)
+        if state is not None and not cell.simulated:
+            raise InputError(
+                Problem("--state", 0, 0, "is a simulated cell's memory; this cell is real", "leave it out")
+            )
+        return cls(cell, RobotFile.load(cell.robot_file), drivers, _table_keeper(cell, drivers), seed, state)
+
+    @asynccontextmanager
+    async def connected(self) -> AsyncIterator[tuple[TableStore, Identity]]:
+        """The device, connected alone, and who it says it is."""
+        extra = ("--state", str(self.state)) if self.state else ()
+        async with connected(self.cell, self.drivers, [self.device], seed=self.seed, extra=extra) as devices:
+            found = devices[self.device]
+            yield found.device, found.identity
+
+
+async def push_checked(
+    store: TableStore, who: Identity, table: TableFile, file: Path, place: TableCell
+) -> dict[str, Any]:
+    """Push `table`, of `file`, to the connected controller `who`, and read it once more after it came into force.
+
+    Raises InputError with every reason why it is not for this controller (nothing is written then), DeviceError.
+    """
+    refuse_table(table, file, who, place.robot, place.cell.table_correction_deg)
+    await push_verified(store, who.serial, controller_table(table))
+    done = {"pushed": True, "verified": True, "active": True}
+    return {"id": table.id, "serial": who.serial, "rows": len(table.rows), **done}
+
+
+def state_of(state: TableState) -> dict[str, Any]:
+    """What tables a controller has, as JSON."""
+    named = {"active": state.active, "previous": state.previous, "staged": state.staged}
+    return {name: _info(info) for name, info in named.items()}
+
+
+def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
+    """The one device of the cell that keeps tables. Raises InputError."""
+    kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()}
+    names = [name for name, kind in kinds.items() if not missing_abilities(kind, TableStore)]
+    if len(names) == 1:
+        return names[0]
+    what = (
+        "has no device that keeps tables" if not names else f"has more than one that keeps tables: {', '.join(names)}"
+    )
+    raise InputError(cell.document.problem((), what, "one robot whose driver can push tables"))
+
+
+def _info(info: TableInfo | None) -> dict[str, Any] | None:
+    return None if info is None else {"id": info.id, "rows": info.rows, "checksum": info.checksum}

@@ -1,0 +1,106 @@
+"""A table of positions as a person typed it: X, Y, Z in mm, orientation only where it is certain what it means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from cellctl.files import InputError, Problem
+from cellctl.pendant_import.cells import cells_of
+from cellctl.pendant_import.choices import Choices
+from cellctl.pendant_import.points import Point, PointList, RawList
+from cellctl.pendant_import.typed_table import headed, lacking, raw_points, unheaded
+from cellctl.pendant_import.values import in_mm, read_values
+
+XYZ = ("X", "Y", "Z")
+_ORIENTATIONS = {"abc": ("A", "B", "C"), "quaternion": ("QW", "QX", "QY", "QZ")}
+_SURELY_MM = 500.0
+"""A spread beyond it is millimetres: in centimetres it would be 5 m, in inches 12.7 m."""
+_UNIT_CURE = "--unit mm, m, cm, um or inch"
+_FEWEST_FOR_SPREAD = 4
+
+
+def measured_columns(choices: Choices) -> tuple[str, ...]:
+    """The columns that a measurement has."""
+    return (*XYZ, *(_ORIENTATIONS[choices.orientation] if choices.orientation else ()))
+
+
+def position_texts(text: str, file: str, choices: Choices) -> RawList:
+    """The rows of a table of positions, as text. Raises InputError where its columns are not certain."""
+    table = cells_of(text, file)
+    head = headed(table, choices.columns, XYZ)
+    wanted = measured_columns(choices)
+    if head is None:
+        head = unheaded(table, [wanted], "give headings: name;X;Y;Z, or name the columns: --columns X=…,Y=…,Z=…")
+    missing = [name for name in wanted if name not in head.places]
+    if missing:
+        raise InputError(lacking(file, head, missing, choices.columns))
+    turned = [name for names in _ORIENTATIONS.values() for name in names if name in head.places and name not in wanted]
+    decided = (f"{', '.join(turned)} not taken (--orientation says what they mean)",) if turned else ()
+    extra = [name for name in choices.columns if name in head.places and name != "name"]
+    raw = raw_points(table, head, list(dict.fromkeys([*wanted, *extra])))
+    return replace(raw, decided=(*raw.decided, *decided))
+
+
+def position_points(raw: RawList, choices: Choices) -> PointList:
+    """Points with X, Y, Z in mm. Raises InputError where the decimal sign or the unit is not certain."""
+    return measured(raw, read_values(raw, measured_columns(choices), choices.decimal), choices)
+
+
+def measured(raw: RawList, read: PointList, choices: Choices) -> PointList:
+    """The list with its X, Y, Z in mm, and with faults where an orientation cannot be one."""
+    units, how = _units(raw, read, choices)
+    points = tuple(_turned(_scaled(point, units), choices) for point in read.points)
+    return replace(read, points=points, decided=(*read.decided, how))
+
+
+def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str, str], str]:
+    stated = {axis: raw.units[axis] for axis in XYZ if raw.units.get(axis)}
+    line = raw.heading_line
+    if choices.unit:
+        other = sorted(set(stated.values()) - {choices.unit})
+        if other:
+            what = f"its headings say {', '.join(other)}, --unit says {choices.unit}"
+            raise InputError(Problem(raw.file, line, 0, what, "correct one of them"))
+        return dict.fromkeys(XYZ, choices.unit), f"positions in {choices.unit}, as --unit says"
+    if len(stated) == len(XYZ):
+        return stated, f"positions in {', '.join(dict.fromkeys(stated.values()))}, as the headings say"
+    if stated:
+        without = ", ".join(axis for axis in XYZ if axis not in stated)
+        raise InputError(
+            Problem(raw.file, line, 0, f"the headings say no unit for {without}", f"add it, or {_UNIT_CURE}")
+        )
+    spread = _spread([point for point in read.points if not point.fault])
+    if spread is None:
+        what = f"mm, metres or inches? No unit is named, and fewer than {_FEWEST_FOR_SPREAD} positions do not tell"
+        raise InputError(Problem(raw.file, line, 0, what, _UNIT_CURE))
+    if spread > _SURELY_MM:
+        return dict.fromkeys(XYZ, "mm"), f"positions in mm: no unit is named, and they spread over {spread:.4g}"
+    what = f"mm, metres or inches? No unit is named, and the positions spread over {spread:.4g} only"
+    raise InputError(Problem(raw.file, line, 0, what, _UNIT_CURE))
+
+
+def _spread(points: Sequence[Point]) -> float | None:
+    """The largest extent along an axis, a tenth of the points (at least one) left out at each end (slips).
+
+    None where there are too few of them.
+    """
+    if len(points) < _FEWEST_FOR_SPREAD:
+        return None
+    cut = max(1, len(points) // 10)
+    axes = [sorted(float(point.values[axis]) for point in points) for axis in XYZ]
+    return max(values[-1 - cut] - values[cut] for values in axes)
+
+
+def _scaled(point: Point, units: Mapping[str, str]) -> Point:
+    if point.fault:
+        return point
+    return replace(point, values={name: in_mm(value, units.get(name, "mm")) for name, value in point.values.items()})
+
+
+def _turned(point: Point, choices: Choices) -> Point:
+    if point.fault or choices.orientation != "quaternion":
+        return point
+    length = math.sqrt(sum(float(point.values[name]) ** 2 for name in _ORIENTATIONS["quaternion"]))
+    return replace(point, fault="QW, QX, QY, QZ is no unit quaternion") if abs(length - 1.0) > 0.01 else point

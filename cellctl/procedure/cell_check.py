@@ -1,0 +1,74 @@
+"""What a step refuses of the cell, found before the run: with the inputs that follow from the parameters alone."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, final
+
+from cellctl.files import Document, InputError, Problem
+from cellctl.procedure.model import Procedure, Step
+from cellctl.procedure.references import UNKNOWN, Reference, known_part
+
+if TYPE_CHECKING:
+    from cellctl.procedure.registry import StepRegistry
+    from cellctl.procedure.steps import AnyStepKind
+
+
+class CellContext(Protocol):
+    """What is known of the cell before a run, and in a step: its file, its robot file, the run's seed."""
+
+    @property
+    def cell(self) -> Document:
+        """The cell file, with the places of its values."""
+
+    @property
+    def robot_file(self) -> pathlib.Path:
+        """The robot file that the cell names."""
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class CellFiles:
+    """A cell as its files tell it, no device opened."""
+
+    cell: Document
+    robot_file: pathlib.Path
+    seed: int
+
+
+CheckCell = Callable[[CellContext, Mapping[str, Any]], None]
+"""`check(context, known)`: raises InputError for what the step would refuse in the run. `known`: inputs by name, as far
+as they follow from the parameters and defaults; each is of its type only where the step's model is satisfied."""
+
+
+def check_cell(
+    procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, context: CellContext
+) -> list[Problem]:
+    """What the steps of `procedure`, which has no other mistake, refuse of the cell. Opens nothing."""
+    found: dict[Problem, None] = {}
+    for action in procedure.actions():
+        kind = registry.find(action.do) if isinstance(action, Step) else None
+        if isinstance(action, Step) and kind and kind.check:
+            try:
+                kind.check(context, _known(action, kind, parameters))
+            except InputError as error:
+                found |= dict.fromkeys(error.problems)  # several steps find the same mistake
+    return list(found)
+
+
+def _known(step: Step, kind: AnyStepKind, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def value_of(reference: Reference) -> Any:
+        return UNKNOWN if reference.way else parameters.get(reference.name, UNKNOWN)
+
+    fields = kind.inputs.model_fields.items()
+    defaults = {name: field.get_default() for name, field in fields if not field.is_required()}
+    known, unknown = known_part(step.inputs, value_of)
+    for path in unknown:
+        defaults.pop(str(path[0]), None)
+    return {**defaults, **known}

@@ -1,0 +1,19 @@
+"""Rows of the journal as classes: what steps record, and what every reader reads."""
+
+from cellctl.records.artefact import ArtefactRow
+from cellctl.records.row import AnyRow, BadRow, Json, Row, Rows
+from cellctl.records.table import TablePushRow, TableStateRow
+from cellctl.records.verdict import Figures, VerdictRow
+
+__all__ = [
+    "AnyRow",
+    "ArtefactRow",
+    "BadRow",
+    "Figures",
+    "Json",
+    "Row",
+    "Rows",
+    "TablePushRow",
+    "TableStateRow",
+    "VerdictRow",
+]

@@ -1,0 +1,45 @@
+"""The row of a verdict: what every kind of campaign has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+from cellctl.records.row import Json, Row
+from cellctl.records.table import TableStateRow
+
+
+@final
+@dataclass(frozen=True)
+class Figures:
+    """Mean, root mean square and greatest of a set of errors, mm; None where there are none."""
+
+    mean: float | None
+    rms: float | None
+    max: float | None
+
+
+@dataclass(frozen=True)
+class VerdictRow(Row):
+    """What a campaign came to. A kind of campaign derives its own row and adds the fields of its section of the result.
+
+    SECTION: the names of these fields, in the order in which the result shows them. verdict: `better`, `no better` or
+    `worse`. sentence: for the operator; lines: shown below it. before, after: measured errors.
+    model: the report of the fit, as `cellctl fit --json` gives it.
+    """
+
+    KIND: ClassVar[str] = "verdict"
+    SECTION: ClassVar[tuple[str, ...]] = ()
+    verdict: str
+    sentence: str
+    before: Figures | None = None
+    after: Figures | None = None
+    model: Mapping[str, Json] | None = None
+    table: TableStateRow | None = None
+    lines: tuple[str, ...] = ()
+
+    @property
+    def better(self) -> bool:
+        """Whether the verdict is `better`."""
+        return self.verdict == "better"

@@ -1,0 +1,18 @@
+"""Set-up errors: found, named with evidence and cure, never repaired."""
+
+from cellctl.setup_check.check import SetupCheck, SetupError, check_setup
+from cellctl.setup_check.hypothesis import Change, Source
+from cellctl.setup_check.spacing_errors import ScaleError, SpacingError, find_spacing_errors
+from cellctl.setup_check.wide_fit import WideFit
+
+__all__ = [
+    "Change",
+    "ScaleError",
+    "SetupCheck",
+    "SetupError",
+    "Source",
+    "SpacingError",
+    "WideFit",
+    "check_setup",
+    "find_spacing_errors",
+]

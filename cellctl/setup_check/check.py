@@ -1,0 +1,217 @@
+"""The set-up check: is nominal too far from the rows for any robot, and which hypothesis explains it?
+
+Nothing is repaired. A healthy set costs one registration. Hypotheses are tried only where nominal, registered, is
+further from the nearest 60 % of its rows than three times what tolerances predict; those with an angle to fit only from
+six times on. A hypothesis counts if it leaves at most three times what is predicted, and at most a quarter of what
+there was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.rows import PoseRows, PositionRows, TouchRows
+from cellctl.kinematics import Floats, JointMap
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+from cellctl.setup_check.misfit import (
+    CORE,
+    EXPLAINED,
+    IMPLAUSIBLE,
+    LEAST_MM,
+    SAMPLE,
+    SUSPICIOUS,
+    Misfit,
+    distances,
+    misfit,
+    rms,
+)
+from cellctl.setup_check.mixed_units import mixed_units
+from cellctl.setup_check.orientations import other_orientations
+from cellctl.setup_check.ranking import BETTER, explanations
+from cellctl.setup_check.row_order import count_outliers, out_of_step, put_in_step
+from cellctl.setup_check.signs_and_zeros import offset_joint, plain_joints, reversed_joint, three_joints, two_joints
+from cellctl.setup_check.units_and_conventions import (
+    metres,
+    other_convention,
+    other_hand,
+    other_length,
+    other_spheres,
+    other_unit,
+    swapped_columns,
+)
+from cellctl.setup_check.wide_fit import WideFit
+
+Stage: TypeAlias = Callable[[Setup], Iterator[Hypothesis]]
+"""Proposes hypotheses about a set-up."""
+
+ROWS_AT_LEAST = 8
+OUTLIERS_AT_LEAST = 2
+
+MISPLACED_MM = 100.0
+"""If spheres are found further than this from their rough places, the unit of the readings is checked."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SetupError:
+    """Changes that, made together, bring nominal to the rows; RMS over the nearest rows before and after.
+
+    unit: `mm`, or `°` where orientations are what was wrong.
+    """
+
+    changes: tuple[Change, ...]
+    before: float
+    after: float
+    unit: str
+
+    @property
+    def evidence(self) -> str:
+        """`RMS 214 → 0.9 mm`."""
+        return f"RMS {_figure(self.before)} → {_figure(self.after)} {self.unit}".replace(" °", "°")
+
+    def words(self, name: Callable[[int], str] = "row {}".format) -> str:
+        """`A3 reversed: RMS 214 → 0.9 mm`; rows are called by `name`."""
+        return f"{', '.join(change.words(name) for change in self.changes)}: {self.evidence}"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SetupCheck:
+    """What was found. errors: explanations, the best first; each of them alone explains everything.
+
+    implausible: whether nominal is too far from the rows for any robot of its kind. wide_fit: where no set-up error
+    explains that, what a fit within wide tolerances leaves.
+    """
+
+    implausible: bool = False
+    errors: tuple[SetupError, ...] = ()
+    wide_fit: WideFit | None = None
+
+
+def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetupCheck:
+    """Set-up errors in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
+
+    Where several explanations leave as little, all are named: the rows do not show which it is. Nothing is found where
+    there are too few rows, or where nominal cannot be registered numerically.
+    """
+    if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:
+        return SetupCheck()
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _checked(Setup(task, joints, np.asarray(readings, float)), progress)
+    except np.linalg.LinAlgError:
+        return SetupCheck()
+
+
+def _checked(setup: Setup, progress: Progress) -> SetupCheck:
+    sample = setup.thinned(SAMPLE)
+    nominal = misfit(sample).with_prediction(sample)
+    outliers = count_outliers(setup, nominal) >= OUTLIERS_AT_LEAST
+    stages = _stages(setup, nominal)
+    found = _of_some_rows(setup, mixed_units(setup)) if nominal.suspicious or outliers else []
+    if not found and stages:
+        found = _of_all_rows(setup, nominal, stages, progress)
+    elif not found and outliers:
+        found = _of_some_rows(setup, put_in_step(setup, nominal))
+    found = found or list(_misplaced(sample, nominal))
+    wide_fit = None
+    if not found and nominal.far_mm(IMPLAUSIBLE):
+        progress("whether robot file and data belong together", 0.9)
+        wide_fit = WideFit.of(sample)
+    return SetupCheck(nominal.implausible, tuple(found), wide_fit)
+
+
+def _stages(setup: Setup, nominal: Misfit) -> tuple[Stage, ...]:
+    """The hypotheses worth trying, simple ones first; none for a healthy set."""
+    if nominal.implausible and nominal.far_mm(SUSPICIOUS):
+        return _simple, out_of_step, offset_joint, _two_kinds, two_joints, three_joints
+    if nominal.far_mm(SUSPICIOUS):
+        return _simple, out_of_step
+    if nominal.suspicious:
+        return (_of_orientations,)
+    # touched from one side, a sphere of another size is much the same as a sphere at another place
+    return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in setup.task.rows.kinds else ()
+
+
+def _of_orientations(sample: Setup) -> Iterator[Hypothesis]:
+    """Hypotheses that do not change positions."""
+    yield from other_orientations(sample)
+    yield from other_hand(sample)
+
+
+def _of_one_kind(setup: Setup) -> Iterator[Hypothesis]:
+    for propose in (other_unit, other_length, other_hand, other_spheres, other_convention, metres):
+        yield from propose(setup)
+
+
+def _simple(sample: Setup) -> Iterator[Hypothesis]:
+    yield from _of_one_kind(sample)
+    yield from swapped_columns(sample)
+    yield from plain_joints(sample)
+
+
+def _two_kinds(sample: Setup) -> Iterator[Hypothesis]:
+    """Two errors of different kinds: a unit, a hand, a convention, and another of these, or a joint."""
+    for first in _of_one_kind(sample):
+        for second in (*_of_one_kind(first.setup), *reversed_joint(first.setup)):
+            if second.changes[0].key != first.changes[0].key:
+                changes = (*first.changes, *second.changes)
+                yield Hypothesis(changes, second.setup, 20 + first.complexity + second.complexity)
+
+
+def _of_all_rows(setup: Setup, nominal: Misfit, stages: tuple[Stage, ...], progress: Progress) -> list[SetupError]:
+    """What explains all rows at once; two or three joints only where nothing simpler does. Nothing where small offsets
+    of joint zeros explain it as well: the identification finds them.
+    """
+    sample = setup.thinned(SAMPLE)
+    for number, stage in enumerate(stages):
+        progress("set-up errors", 0.9 * number / len(stages))
+        found = explanations(stage(setup if stage is out_of_step else sample), nominal)
+        if found:
+            mastering = any(hypothesis.mastering for hypothesis, _ in found)
+            return [] if mastering else [_error(hypothesis, nominal, after) for hypothesis, after in found]
+    return []
+
+
+def _error(hypothesis: Hypothesis, before: Misfit, after: Misfit) -> SetupError:
+    if before.mm < BETTER * after.mm:
+        return SetupError(hypothesis.changes, before.deg, after.deg, "°")
+    return SetupError(hypothesis.changes, before.mm, after.mm, "mm")
+
+
+def _of_some_rows(setup: Setup, proposed: Iterable[Hypothesis]) -> list[SetupError]:
+    """Errors of some rows alone, with RMS over these rows where nominal is registered on all rows together."""
+    found = []
+    for hypothesis in proposed:
+        state = misfit(hypothesis.setup.thinned(SAMPLE)).state
+        plain, changed = (distances(each, state) for each in (setup, hypothesis.setup))
+        before, after = (mm[plain != changed] for mm in (plain, changed))
+        nearest = np.sort(after)[: max(int(CORE * len(after)), 1)]
+        found.append(SetupError(hypothesis.changes, rms(before), rms(nearest), "mm"))
+    return found
+
+
+def _misplaced(sample: Setup, nominal: Misfit) -> Iterator[SetupError]:
+    """Readings in another unit where only points are measured: a TCP that hardly moves lies on a sphere of any size,
+    but not where the sphere roughly is. RMS of how far the points are from there.
+    """
+    rough = sample.task.rough
+    if rough is None or not np.all(np.isfinite(rough)) or sample.task.rows.kinds & {PositionRows, PoseRows}:
+        return
+    before = rms(np.linalg.norm(nominal.state.points - rough, axis=1))
+    for hypothesis in other_unit(sample) if before > MISPLACED_MM else ():
+        after = misfit(hypothesis.setup).with_prediction(hypothesis.setup)
+        nearer = rms(np.linalg.norm(after.state.points - rough, axis=1))
+        if after.ratio <= EXPLAINED and before >= BETTER * nearer:
+            yield SetupError(hypothesis.changes, before, nearer, "mm")
+
+
+def _figure(value: float) -> str:
+    """Two significant figures at least, three for large ones, no exponent."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}" if value >= 1.0 else f"{value:.2g}"

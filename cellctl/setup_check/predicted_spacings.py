@@ -1,0 +1,115 @@
+"""Certified distances as the rows predict them, and which of them contradict the rows or each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self, final
+
+import numpy as np
+
+from cellctl.calibration.estimation.estimate import Estimate
+from cellctl.calibration.rows import SpacingRows
+from cellctl.kinematics import Bools, Floats
+
+FAR = 6.0
+"""Standard deviations, of certificate and prediction together, from which on a distance is contradicted."""
+
+LEAST_MM = 0.3
+"""A smaller difference is no contradiction: the robot may bend as much, and the model is geometry alone."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PredictedSpacings:
+    """K distances, mm, as given and as estimated from rows alone; the covariance (K, K) of the estimates, mm², and the
+    σ (K,) of the given distances.
+    """
+
+    given: Floats
+    estimate: Floats
+    covariance: Floats
+    sigma: Floats
+
+    @classmethod
+    def of(cls, spacings: SpacingRows, found: Estimate) -> Self:
+        """From a robot and points that were `found` without `spacings`."""
+        state = found.state
+        lines = spacings.jacobian(state)[:, 0]
+        estimate = spacings.mm + spacings.residual(state)[:, 0]
+        return cls(spacings.mm, estimate, lines @ found.covariance @ lines.T, spacings.sigma[:, 0])
+
+    @property
+    def away(self) -> Floats:
+        """By how much each given distance is larger than its estimate (K,), mm."""
+        return self.given - self.estimate
+
+    @property
+    def spread(self) -> Floats:
+        """The covariance (K, K) of `away`."""
+        return np.asarray(self.covariance + np.diag(self.sigma**2))
+
+    def scaled(self, factor: float) -> Self:
+        """The same, all that is given times `factor`."""
+        return replace(self, given=self.given * factor, sigma=self.sigma * factor)
+
+    def contradicted(self) -> Bools:
+        """Which distances (K,) the rows alone contradict."""
+        return np.asarray(_ratio(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
+
+    def given_others(self, kept: Bools, one: int) -> tuple[float, float]:
+        """How far distance `one` is off, mm, given rows and the other `kept` ones (K,), and the 1 σ of that."""
+        chosen = np.append(np.flatnonzero(kept & (np.arange(len(kept)) != one)), one)
+        off, sigma = _off(np.linalg.inv(self.spread[np.ix_(chosen, chosen)]), self.away[chosen])
+        return float(off[-1]), float(sigma[-1])
+
+
+def wrong(predicted: PredictedSpacings) -> tuple[Bools, Bools]:
+    """Which distances (K,) are wrong, and for which (K,) of these that is certain.
+
+    Distances that are wrong by one factor agree with each other, so the rows alone decide first.
+    """
+    contradicted = predicted.contradicted()
+    certain = contradicted.copy()
+    kept = np.flatnonzero(~contradicted)
+    if kept.size:
+        contradicted[kept], sure = _contradicting(predicted.away[kept], predicted.spread[np.ix_(kept, kept)])
+        certain[kept] = contradicted[kept] & sure
+    return contradicted, certain
+
+
+def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
+    """Which distances (K,) the others and the rows contradict, and whether it is certain that it is these."""
+    weight: Floats = np.asarray(np.linalg.inv(spread), float)
+    kept = np.ones(len(away), bool)
+    if not (_ratio(*_off(weight, away)) > 1.0).any():
+        return ~kept, True
+    cures = np.array([not (_ratio(*_off(_without(weight, one), away)) > 1.0).any() for one in range(len(away))])
+    if cures.any():
+        return cures, int(np.count_nonzero(cures)) == 1
+    while (ratio := _ratio(*_off(weight, away))).max() > 1.0:
+        one = int(np.argmax(ratio))
+        weight, kept[one] = _without(weight, one), False
+    return ~kept, True
+
+
+def _ratio(off: Floats, sigma: Floats) -> Floats:
+    """By how many times what is let pass each is off."""
+    return np.asarray(np.abs(off) / np.maximum(FAR * sigma, LEAST_MM))
+
+
+def _off(weight: Floats, away: Floats) -> tuple[Floats, Floats]:
+    """How far each (K,) is off, given all others, and the 1 σ of that; `weight` (K, K): inverse covariance of `away`.
+
+    Of one that was taken out: 0 ± ∞.
+    """
+    own = np.diag(weight)
+    there = own > 0.0
+    variance = np.where(there, 1.0 / np.where(there, own, 1.0), np.inf)
+    return np.where(there, weight @ away, 0.0) * np.where(there, variance, 0.0), np.sqrt(variance)
+
+
+def _without(weight: Floats, one: int) -> Floats:
+    """The inverse covariance without distance `one`, whose row and column are 0 from then on."""
+    result = weight - np.outer(weight[one], weight[one]) / weight[one, one]
+    result[one], result[:, one] = 0.0, 0.0
+    return np.asarray(result)

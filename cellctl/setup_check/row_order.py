@@ -1,0 +1,118 @@
+"""Rows out of step: measurements that belong to the joints of a row before or after; two exchanged rows.
+
+A robot that is registered on rows that are in step shows to which joints the measurement of every other row belongs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+from cellctl.setup_check.misfit import EXPLAINED, Misfit, distances, misfit
+from cellctl.setup_check.row_matches import MOST, RUN, SHIFTS, RowMatches, Stretch
+
+
+def out_of_step(setup: Setup) -> Iterator[Hypothesis]:
+    """Rows put back in step, with nominal registered on a part of them that is in step with itself; of several sessions
+    each by itself, then all of them as one hypothesis.
+    """
+    sessions = sorted({block.session for block in setup.task.rows.blocks if len(block)})
+    if len(sessions) == 1:
+        yield from _in_one_session(setup)
+        return
+    changes: list[Change] = []
+    readings, complexity = setup.readings.copy(), 0
+    for number in sessions:
+        rows, alone = setup.session(number)
+        judged = [(misfit(each.setup).with_prediction(each.setup).ratio, each) for each in _in_one_session(alone)]
+        ratio, best = min(judged, key=lambda pair: (pair[0], pair[1].complexity), default=(np.inf, None))
+        if best is not None and ratio <= EXPLAINED:
+            changes += [_in_session(change, rows, setup.task.sessions[number].name) for change in best.changes]
+            readings[rows], complexity = best.setup.readings, complexity + best.complexity
+    if changes:
+        yield Hypothesis(tuple(changes), setup.with_readings(readings), complexity)
+
+
+def _in_session(change: Change, rows: Any, name: str) -> Change:
+    """A change to the rows of a session, as one to the rows of all; `rows` (N,): where those of the session are."""
+    what = change.what.replace("in all rows", f"in all rows of session {name}")
+    return replace(change, what=what, rows=tuple(int(rows[row]) for row in change.rows))
+
+
+def _in_one_session(setup: Setup) -> Iterator[Hypothesis]:
+    for block, window in _windows(setup):
+        for by in (0, *SHIFTS):
+            trial = setup.pick(window)
+            trial = trial if not by else _shifted_whole(trial, by)
+            if len(trial.readings) < 2 * RUN:
+                continue
+            found = misfit(trial).with_prediction(trial)
+            if found.ratio < 1.5:  # a part in step with itself
+                yield from put_in_step(setup, found, only=block)
+
+
+def put_in_step(setup: Setup, nominal: Misfit, only: int | None = None) -> Iterator[Hypothesis]:
+    """Rows that are out of step or exchanged if `nominal`, registered on rows that are in step, is right."""
+    changes: list[Change] = []
+    order, start = np.arange(len(setup.readings)), 0
+    blocks = setup.task.rows.blocks
+    for number, block in enumerate(blocks):
+        if len(block) >= 2 * RUN and only in (None, number):
+            matches = RowMatches(block, nominal)
+            stretches = matches.stretches()
+            for stretch in stretches:
+                rows = np.arange(stretch.first, stretch.last + 1)
+                order[start + rows] = start + np.clip(rows - stretch.by, 0, len(block) - 1)
+                changes.append(_step(stretch, start, len(block)))
+            for first, second in matches.exchanged(stretches):
+                order[start + first], order[start + second] = start + second, start + first
+                changes.append(_exchange(start + first, start + second))
+        start += len(block)
+    if changes:
+        inside = sum("to {1}" in change.what for change in changes)
+        yield Hypothesis(tuple(changes), setup.with_readings(setup.readings[order]), 5 * len(changes) + inside)
+
+
+def _windows(setup: Setup) -> Iterator[tuple[int, Any]]:
+    """Each block whole, its first half and its last, as indices of the task's rows; 150 of each are enough."""
+    start = 0
+    for number, block in enumerate(setup.task.rows.blocks):
+        count, half = len(block), len(block) // 2
+        for first, end in ((0, count), (0, half), (half, count)):
+            yield number, start + np.arange(first, min(end, first + 150))
+        start += count
+
+
+def _shifted_whole(setup: Setup, by: int) -> Setup:
+    """All measurements at the joints of `by` rows before; rows without such are left out."""
+    rows = np.arange(len(setup.readings))
+    inside = (rows - by >= 0) & (rows - by < len(rows))
+    return setup.pick(inside).with_readings(setup.readings[rows[inside] - by])
+
+
+def _step(stretch: Stretch, start: int, size: int) -> Change:
+    """In words; `size` rows in the block, which begins at row `start` of the task."""
+    rows, at_end = (start + stretch.first, start + stretch.last), stretch.last >= size - 1 + min(stretch.by, 0)
+    many = "the row" if abs(stretch.by) == 1 else f"{abs(stretch.by)} rows"
+    belong = f"the measurements belong to the joints of {many} {'before' if stretch.by > 0 else 'after'}"
+    if at_end and stretch.first <= max(stretch.by, 0):
+        what = f"in all rows {belong}"
+    else:
+        what = f"from {{0}} on {belong}" if at_end else f"from {{0}} to {{1}} {belong}"
+    cure = "a joint reading or a measurement is missing there, or was taken twice: put the two in step again"
+    return Change(what, "data", cure, rows=rows)
+
+
+def _exchange(first: int, second: int) -> Change:
+    what = "the measurements of {0} and {1} are exchanged"
+    return Change(what, "data", "exchange them", rows=(first, second))
+
+
+def count_outliers(setup: Setup, nominal: Misfit) -> int:
+    """How many rows are outliers to `nominal`."""
+    first = setup.pick(np.arange(min(len(setup.readings), MOST)))
+    return int(np.count_nonzero(distances(first, nominal.state) >= nominal.limit_mm))

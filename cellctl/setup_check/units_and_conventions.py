@@ -1,0 +1,140 @@
+"""Numbers of robot file, data set or artefact in another unit, order or convention than they are read in."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from cellctl.calibration.rows import Measured, PoseRows, PositionRows, TouchRows
+from cellctl.kinematics import Floats, SerialChain, TableConvention
+from cellctl.kinematics.link_table import LinkTable
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+
+UNITS = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}
+"""Units of length and their size, mm."""
+
+XYZ = ("X", "Y", "Z")
+
+RADIANS_UP_TO = 2.1 * np.pi
+"""If no angle is larger, they may be radians."""
+
+DEGREES_FROM = 720.0
+"""Readings beyond this are no joint's degrees, but may be degrees that were read as radians."""
+
+CONVENTIONS: dict[TableConvention, str] = {"mdh-hayati": "standard DH", "dh-craig": "Craig's modified DH"}
+
+SMALL_MM = 50.0
+"""A robot that reaches no further was written in metres, or in inches at most ten times as long."""
+
+
+def other_unit(setup: Setup) -> Iterator[Hypothesis]:
+    """All readings are radians that were read as degrees, or the other way round."""
+    largest = float(np.abs(setup.readings).max())
+    degrees, radians = ([f"{letter}{joint + 1}" for joint in range(setup.n)] for letter in "Aq")
+    if largest < RADIANS_UP_TO:
+        cure = f"name the columns q1…q{setup.n}, which are in radians, or write degrees"
+        change = Change("joint readings are radians in columns of degrees", "data", cure, tuple(degrees))
+        yield Hypothesis((change,), setup.with_readings(np.rad2deg(setup.readings)))
+    if largest > DEGREES_FROM:
+        cure = f"name the columns A1…A{setup.n}, which are in degrees, or write radians"
+        change = Change("joint readings are degrees in columns of radians", "data", cure, tuple(radians))
+        yield Hypothesis((change,), setup.with_readings(np.deg2rad(setup.readings)))
+
+
+def swapped_columns(setup: Setup) -> Iterator[Hypothesis]:
+    """The columns of two joints are swapped."""
+    for first, second in itertools.combinations(range(setup.n), 2):
+        change = _swapped((f"A{first + 1}", f"A{second + 1}"), "columns {} and {} are swapped")
+        readings = setup.readings.copy()
+        readings[:, [first, second]] = readings[:, [second, first]]
+        yield Hypothesis((change,), setup.with_readings(readings), 11)
+
+
+def _swapped(names: tuple[str, str], what: str) -> Change:
+    cure = f"exchange the names of columns {names[0]} and {names[1]}"
+    return Change(what.format(*names), "data", cure, names)
+
+
+def other_convention(setup: Setup) -> Iterator[Hypothesis]:
+    """The link table is in the other DH convention."""
+    table = setup.task.model.chain.table
+    if not isinstance(table, LinkTable):
+        return
+    other: TableConvention = "dh-craig" if table.convention == "mdh-hayati" else "mdh-hayati"
+    what = f"the link table is in {CONVENTIONS[other]} and read as {CONVENTIONS[table.convention]}"
+    change = Change(what, "robot", f"convention: {other}", ("convention",))
+    yield Hypothesis((change,), _with_table(setup, LinkTable(other, table.links)))
+
+
+def metres(setup: Setup) -> Iterator[Hypothesis]:
+    """The link lengths are metres; the tool is registered or known anyway."""
+    table = setup.task.model.chain.table
+    if isinstance(table, LinkTable) and sum(abs(link.d) + abs(link.a) for link in table.links) < SMALL_MM:
+        change = Change("link lengths are metres", "robot", "write d and a in mm", ("links",))
+        links = tuple(replace(link, d=1000.0 * link.d, a=1000.0 * link.a) for link in table.links)
+        yield Hypothesis((change,), _with_table(setup, LinkTable(table.convention, links)))
+
+
+def _with_table(setup: Setup, table: LinkTable) -> Setup:
+    chain = setup.task.model.chain
+    return setup.with_chain(SerialChain.from_links(table.convention, table.links, chain.base_now, chain.tool_now))
+
+
+def other_length(setup: Setup) -> Iterator[Hypothesis]:
+    """X, Y, Z are in another unit."""
+    if setup.task.rows.kinds & {PositionRows, PoseRows}:
+        for unit, factor in UNITS.items():
+            change = Change(f"X, Y, Z are {unit}", "data", "write X, Y, Z in mm", XYZ)
+            yield Hypothesis((change,), setup.with_positions(factor * setup.positions))
+
+
+def other_spheres(setup: Setup) -> Iterator[Hypothesis]:
+    """The radii of the spheres are in another unit, or are diameters, or half the radius."""
+    if TouchRows not in setup.task.rows.kinds:
+        return
+    factors = {f"radii are {unit}": factor for unit, factor in UNITS.items()}
+    factors |= {"diameters are given as radii": 0.5, "radii are given as diameters": 2.0}
+    for what, factor in factors.items():
+
+        def scaled(block: Measured, factor: float = factor) -> Measured:
+            return replace(block, reach=factor * block.reach) if isinstance(block, TouchRows) else block
+
+        change = Change(f"spheres: {what}", "artefact", "write radii, or diameters, as asked, in mm", ("radius",))
+        yield Hypothesis((change,), setup.with_blocks(scaled), 1)
+
+
+def other_hand(setup: Setup) -> Iterator[Hypothesis]:
+    """The measuring frame is left-handed. Orientations tell which axis; positions fit any mirror, by the base."""
+    left_handed = "the measuring frame is left-handed"
+    if PoseRows in setup.task.rows.kinds:
+        for axis, name in enumerate(XYZ):
+            mirror = np.diag([-1.0 if other == axis else 1.0 for other in range(3)])
+            change = Change(f"{left_handed}: {name} is reversed", "data", f"reverse the sign of {name}", (name,))
+            yield Hypothesis((change,), setup.with_positions(setup.positions @ mirror))
+            change = Change(f"{left_handed}, orientations too", "data", "export a right-handed frame")
+            yield Hypothesis((change,), _mirrored_poses(setup, mirror), 1 + axis)
+        for first, second in itertools.combinations(range(3), 2):
+            order = [second if axis == first else first if axis == second else axis for axis in range(3)]
+            change = _swapped((XYZ[first], XYZ[second]), f"{left_handed}: {{}} and {{}} are swapped")
+            yield Hypothesis((change,), setup.with_positions(setup.positions[:, order]))
+    elif PositionRows in setup.task.rows.kinds:
+        cure = "reverse one of X, Y, Z, or exchange two of them: the instrument's export says which"
+        change = Change(left_handed, "data", cure, XYZ)
+        yield Hypothesis((change,), setup.with_positions(setup.positions * [1.0, -1.0, 1.0]))
+
+
+def _mirrored_poses(setup: Setup, mirror: Floats) -> Setup:
+    """Positions mirrored; of poses the orientations too."""
+
+    def mirrored(block: Measured) -> Measured:
+        if not isinstance(block, PoseRows):
+            return block
+        poses = block.poses.copy()
+        poses[:, :3, 3] = block.xyz @ mirror
+        poses[:, :3, :3] = mirror @ poses[:, :3, :3] @ mirror
+        return replace(block, poses=poses)
+
+    return setup.with_blocks(mirrored)

@@ -1,0 +1,71 @@
+"""Do the reported joints follow what was sent? It bounds what piles up where no Delay says that answers are ignored."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import Enum, auto
+from typing import final
+
+from drivers.kuka_rsi.cyclic.limits import Correction
+from drivers.kuka_rsi.cyclic.telegram import Telegram
+
+LONGEST_LAG_S = 0.15
+"""Joints that follow show a set-point after this at the latest.
+
+24 ms of servo, 100 ms by which a source of AIPos may be shifted, and two cycles of 12 ms.
+"""
+
+NOISE_DEG = 0.02
+"""Beside the telegram's last decimal: encoder noise and friction."""
+
+_FARTHEST_ASTRAY_DEG = 0.25
+"""Ahead of the set-point, or beside the line. No servo leads, and a telegram may show steps of 0.1 deg."""
+
+
+class Follows(Enum):
+    """What the reported joints say."""
+
+    YES = auto()
+    BEHIND = auto()
+    AHEAD = auto()
+
+
+@final
+class Following:
+    """Compares the joints of each telegram with the set-points sent, along the line and axis by axis.
+
+    A robot that follows is between the set-point of `LONGEST_LAG_S` ago and the last one. So where a controller ignores
+    every answer and then takes one, an axis leaps by at most its speed × (`LONGEST_LAG_S` + four cycles) +
+    `NOISE_DEG` + twice the telegram's resolution (2 deg/s, 4 ms, four decimals: 0.36 deg).
+    `start`: reported joints at the start; `line`: offset at the line's end; degrees.
+    """
+
+    def __init__(self, start: tuple[float, ...], line: Correction, step_deg: float, lag_count: int) -> None:
+        length = math.hypot(*line) or 1.0
+        self._start = start
+        self._along = tuple(axis / length for axis in line)
+        self._step = step_deg
+        self._lag = lag_count
+        self._sent: deque[tuple[int, float]] = deque()
+
+    def sent(self, ipoc: int, place_deg: float) -> None:
+        """The telegram `ipoc` was answered with the set-point at `place_deg` of the line."""
+        self._sent.append((ipoc, place_deg))
+
+    def look(self, telegram: Telegram, short_deg: float) -> Follows:
+        """Where the joints are; `short_deg` of the path may be lost in increments that the controller did not take."""
+        if not self._sent:
+            return Follows.YES
+        while len(self._sent) > 1 and self._sent[1][0] <= telegram.ipoc - self._lag:
+            self._sent.popleft()
+        low, high = max(0.0, self._sent[0][1] - short_deg), self._sent[-1][1]
+        away = tuple(joint - start for joint, start in zip(telegram.joints, self._start, strict=True))
+        if sum(a * b for a, b in zip(away, self._along, strict=True)) - high > _FARTHEST_ASTRAY_DEG:
+            return Follows.AHEAD
+        behind = NOISE_DEG + telegram.resolution_deg + self._step
+        for off, share in zip(away, self._along, strict=True):
+            gone, due, most = math.copysign(1, share) * off, low * abs(share), high * abs(share)
+            if due - gone > (behind if share else _FARTHEST_ASTRAY_DEG) or gone - most > _FARTHEST_ASTRAY_DEG:
+                return Follows.BEHIND
+        return Follows.YES

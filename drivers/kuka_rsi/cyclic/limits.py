@@ -1,0 +1,204 @@
+"""Limits of a search: refused before it starts, and watched in every cycle by the process that sends corrections."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Self, final
+
+from drivers.kuka_rsi.axes import AXES
+
+Correction = tuple[float, ...]
+"""Offset of A1…A6 from the pose at RSI_ON, degrees."""
+
+_SLACK = 1e-6
+"""Relative slack for rounding in differences of nearly equal numbers."""
+
+
+class Limit(IntEnum):
+    """Which limit was passed."""
+
+    NONE = 0
+    CORRECTION = 1
+    TRAVEL = 2
+    SPEED = 3
+    ACCELERATION = 4
+    JERK = 5
+
+
+TCP_SPEED_MM_S = 250.0
+"""ISO 10218-1: at reduced speed, which a person beside the robot can avoid, the TCP moves at most this fast, mm/s."""
+
+_MAIN_AXES = 3
+"""Axes that move the TCP at full reach. A joint vector of norm w then moves it at w × reach × sqrt(3) at most."""
+
+UNKNOWN_REACH_MM = 3900.0
+"""Taken where the reach is not known: the longest of KUKA's six-axis arms. A longer arm has lower ceilings."""
+
+SHORTEST_REACH_MM = 500.0
+"""A shorter reach counts as this one: the ceilings do not grow without end for a robot file with a missing link."""
+
+_SPEED_RAMP_S = 0.1
+"""From a stand to 250 mm/s in no less than this: 2.5 m/s² at the TCP, a quarter of g, which no tool or grip minds."""
+
+_ACCELERATION_RAMP_S = 0.04
+"""To the full acceleration in no fewer than ten telegrams of 4 ms. A shorter ramp is a step to the drives, and excites
+an arm's lowest resonance (10 to 25 Hz)."""
+
+_AXISCORR_DEG = 5.0
+"""What AXISCORR allows an axis unless somebody raises it (RSI stops by itself at 6). No touch is planned longer than
+4.5 deg, so that no search needs more; a longer one has a mistake in it."""
+
+SEARCH_NEEDS = {"speed_deg_s": 2.5, "acceleration_deg_s2": 20.0, "jerk_deg_s3": 400.0}
+"""What the shipped searches need. Speed: 10 mm/s at the TCP, the most that the procedures offer, on a line of 18 mm and
+at most 4.5 deg. With this acceleration and jerk, that speed is reached within 1 mm of the 10 mm before the surface."""
+
+
+def ceilings(reach_mm: float | None) -> dict[str, float]:
+    """The most that each limit of a search may be set to, by its name; hundredths, rounded down.
+
+    `reach_mm`: the TCP's greatest distance from the first axis, None where it is not known.
+    """
+    reach = max(reach_mm or UNKNOWN_REACH_MM, SHORTEST_REACH_MM)
+    speed = math.degrees(TCP_SPEED_MM_S / (reach * math.sqrt(_MAIN_AXES)))
+    acceleration = speed / _SPEED_RAMP_S
+    highest = {
+        "correction_deg": _AXISCORR_DEG,
+        "speed_deg_s": speed,
+        "acceleration_deg_s2": acceleration,
+        "jerk_deg_s3": acceleration / _ACCELERATION_RAMP_S,
+        "travel_deg": _AXISCORR_DEG,
+    }
+    return {name: math.floor(value * 100) / 100 for name, value in highest.items()}
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SearchLimits:
+    """What a search may ask of the robot. Raises ValueError for a limit that is not positive or above its ceiling.
+
+    `correction_deg`: of each axis, from the pose at RSI_ON; `travel_deg`: of the Euclidean norm of the joint vector;
+    `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3`: derivatives of that path length. The stop on contact has a
+    deceleration of its own, see `CycleWatch`. `reach_mm`: of the arm, which the ceilings follow from.
+    """
+
+    correction_deg: float = 5.0
+    speed_deg_s: float = 2.0
+    acceleration_deg_s2: float = 20.0
+    jerk_deg_s3: float = 400.0
+    travel_deg: float = 5.0
+    reach_mm: float = UNKNOWN_REACH_MM
+
+    def __post_init__(self) -> None:
+        settings = {name: getattr(self, name) for name in LIMIT_NAMES}
+        if found := limit_mistakes(settings, self.reach_mm):
+            raise ValueError("; ".join(found.values()))
+
+    @classmethod
+    def from_settings(cls, settings: dict[str, float], reach_mm: float | None = None) -> Self:
+        """Limits as the cell file sets them; the others take low defaults, at most their ceilings.
+
+        `reach_mm`: of the arm, None where it is not known. Raises ValueError with every mistake.
+        """
+        if found := limit_mistakes(settings, reach_mm):
+            raise ValueError("; ".join(found.values()))
+        low, highest = cls(), ceilings(reach_mm)
+        values = {name: settings.get(name, min(getattr(low, name), highest[name])) for name in LIMIT_NAMES}
+        return cls(**values, reach_mm=reach_mm or UNKNOWN_REACH_MM)
+
+    def passed_by(self, correction: Correction, speed_deg_s: float) -> list[str]:
+        """What a search to `correction` at `speed_deg_s` would pass, in words; empty where it may go."""
+        largest, travel = max(map(abs, correction)), math.hypot(*correction)
+        asked = {"correction_deg": largest, "travel_deg": travel, "speed_deg_s": speed_deg_s}
+        return [
+            f"{name} {value:.4g} (at most {getattr(self, name):g})"
+            for name, value in asked.items()
+            if not value <= getattr(self, name) * (1 + _SLACK)
+        ]
+
+
+LIMIT_NAMES = tuple(ceilings(None))
+"""The limits that a cell file may set."""
+
+
+def limit_mistakes(settings: dict[str, float], reach_mm: float | None) -> dict[str, str]:
+    """What is wrong with each of these limits, by its name; empty where nothing is. `reach_mm` as in `ceilings`."""
+    checked = {name: _mistake(name, value, ceilings(reach_mm), reach_mm) for name, value in settings.items()}
+    return {name: what for name, what in checked.items() if what}
+
+
+def _mistake(name: str, value: float, highest: dict[str, float], reach_mm: float | None) -> str:
+    if name not in highest:
+        return f"unknown robot limit {name} (known: {', '.join(highest)})"
+    if not (math.isfinite(value) and value > 0):
+        return f"a robot limit must be a positive number ({name}: {value})"
+    if value <= highest[name]:
+        return ""
+    return f"robot limit {name}: {value:g} is above the ceiling of {highest[name]:g} ({_reason(name, reach_mm)})"
+
+
+def _reason(name: str, reach_mm: float | None) -> str:
+    if name in ("correction_deg", "travel_deg"):
+        return "what AXISCORR allows; no search needs more"
+    reach = f"a reach of {reach_mm:.0f} mm" if reach_mm else f"an unknown reach, taken as {UNKNOWN_REACH_MM:.0f} mm"
+    reasons = {
+        "speed_deg_s": f"{TCP_SPEED_MM_S:g} mm/s at the TCP",
+        "acceleration_deg_s2": f"{TCP_SPEED_MM_S:g} mm/s at the TCP after {_SPEED_RAMP_S:g} s",
+        "jerk_deg_s3": f"full acceleration after {_ACCELERATION_RAMP_S:g} s",
+    }
+    return f"{reasons[name]}, with {reach}"
+
+
+@final
+class CycleWatch:
+    """Looks at each correction about to be sent, against the three sent before it.
+
+    Differences of a set-point sampled every cycle are means of its derivatives, so a path within the limits passes and
+    one outside does not. Braking is allowed `speed_deg_s` / (2 × cycle) and any jerk: that is what standing still in
+    the second telegram takes (2 deg/s at 4 ms: 250 deg/s²; 5 deg/s: 625 deg/s²).
+    """
+
+    def __init__(self, limits: SearchLimits, cycle_s: float) -> None:
+        self._limits = limits
+        self._cycle_s = cycle_s
+        self._sent: deque[Correction] = deque([(0.0,) * AXES] * 3, maxlen=3)
+
+    def look(self, correction: Correction, *, braking: bool = False) -> Limit:
+        """The first limit that sending `correction` now would pass; it counts as sent only where that is none."""
+        passed = self._place(correction) or self._motion(correction, braking)
+        if passed is Limit.NONE:
+            self._sent.append(correction)
+        return passed
+
+    def stood(self) -> None:
+        """The controller held the last correction for a while: whatever moved before, it stands now."""
+        self._sent.extend([self._sent[-1]] * 3)
+
+    def _place(self, correction: Correction) -> Limit:
+        if not max(map(abs, correction)) <= self._limits.correction_deg * (1 + _SLACK):
+            return Limit.CORRECTION
+        return Limit.NONE if math.hypot(*correction) <= self._limits.travel_deg * (1 + _SLACK) else Limit.TRAVEL
+
+    def _motion(self, correction: Correction, braking: bool) -> Limit:
+        limits, dt = self._limits, self._cycle_s
+        a, b, c = self._sent
+        steps = [_minus(correction, c), _minus(c, b), _minus(b, a)]
+        bends = [_minus(steps[0], steps[1]), _minus(steps[1], steps[2])]
+        acceleration = limits.speed_deg_s / (2 * dt) if braking else limits.acceleration_deg_s2
+        if not _size(steps[0]) <= limits.speed_deg_s * dt:
+            return Limit.SPEED
+        if not _size(bends[0]) <= acceleration * dt**2:
+            return Limit.ACCELERATION
+        if not braking and not _size(_minus(*bends)) <= limits.jerk_deg_s3 * dt**3:
+            return Limit.JERK
+        return Limit.NONE
+
+
+def _minus(a: Correction, b: Correction) -> Correction:
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def _size(vector: Correction) -> float:
+    return math.hypot(*vector) * (1 - _SLACK) - 1e-12

@@ -1,0 +1,131 @@
+"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
+
+It imports nothing of the engine, has its garbage collector off, and is in real time as far as permitted. It holds the
+robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout reports where it
+listens, or why it cannot.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import select
+import signal
+import sys
+import time
+from dataclasses import asdict, dataclass
+from typing import Self, final
+
+from cellctl.clock.reading import reader_of
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.real_time import become_real_time
+from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
+from drivers.kuka_rsi.cyclic.task import CyclicTask, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
+
+_LOOK_S = 0.05
+"""Longest wait for a telegram before orders and the parent are looked at."""
+
+_SOON_S = 0.001
+"""The same while a telegram of this cycle waits for the word that its session has begun."""
+
+_LEAVE_S = 3.0
+"""Longest a search that is being held may keep the process."""
+
+_PR_SET_PDEATHSIG = 1
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class CyclicOrders:
+    """What the process is given on its command line.
+
+    `host`, `port`: to bind; `controller`: the host that is heard; `tolerance`: cycles without an answer after which a
+    session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
+    template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `parent`: whose death ends it.
+    """
+
+    host: str
+    port: int
+    controller: str
+    tolerance: int
+    memory: int
+    clock: str
+    reply: str
+    mode: CorrectionMode
+    limits: dict[str, float]
+    parent: int
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read what `to_json` wrote."""
+        values = json.loads(text)
+        return cls(**values | {"mode": CorrectionMode(values["mode"])})
+
+    def to_json(self) -> str:
+        """One line of JSON."""
+        return json.dumps(asdict(self))
+
+
+class _Leaving:
+    """Whether to go: asked to, or orphaned."""
+
+    def __init__(self, parent: int) -> None:
+        self._parent = parent
+        self._asked = False
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the engine's to handle: it holds the robot first
+        signal.signal(signal.SIGTERM, self._ask)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+
+    def __bool__(self) -> bool:
+        return self._asked or os.getppid() != self._parent
+
+    def _ask(self, *_: object) -> None:
+        self._asked = True
+
+
+def run(orders: CyclicOrders) -> int:
+    """Bind, report where, and answer until asked to leave; the exit code."""
+    leaving = _Leaving(orders.parent)
+    try:
+        line = ControllerLine.bind(orders.host, orders.port, orders.controller)
+    except OSError as error:
+        _report({"errno": error.errno, "error": error.strerror})
+        return 1
+    block = SharedBlock(orders.memory)
+    os.close(orders.memory)
+    reply, limits, clock = ReplyFormat(orders.reply), SearchLimits(**orders.limits), reader_of(orders.clock)
+
+    def task_of(order: SearchOrder) -> CyclicTask:
+        return SearchCycle(order, limits, orders.mode, orders.tolerance)
+
+    responder = Responder(line, block, reply, clock, task_of)
+    _report({"listening": line.place, **become_real_time()})
+    _serve(line, responder, leaving)
+    return 0
+
+
+def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> None:
+    give_up: float | None = None
+    while True:
+        look_s = _SOON_S if responder.waits_for_announcement else _LOOK_S
+        ready, _, _ = select.select([line], [], [], look_s)
+        go = bool(leaving)
+        responder.answer(leave=go)
+        if go:
+            give_up = give_up or time.monotonic() + _LEAVE_S
+            if not ready or not responder.busy or time.monotonic() > give_up:
+                return
+
+
+def _report(what: dict[str, object]) -> None:
+    print(json.dumps(what), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(run(CyclicOrders.from_json(sys.argv[1])))

@@ -1,0 +1,183 @@
+"""Answers the controller: receive, read stop and guards, plan, reply; in this order, once for the newest telegram.
+
+Nothing is answered before a task is ordered and its session announced, nor after the release. Not answering is safe: a
+session's output begins at zero, and later it is held. Zero is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+from cellctl.clock.reading import TimeReader
+from drivers.kuka_rsi.cyclic.controller_line import ControllerLine, Place
+from drivers.kuka_rsi.cyclic.cycle_timing import AnswerDelay
+from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.shared_block import Sample, SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.task import CyclicTask, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, Telegram, read_telegram
+
+_SHORTEST_CYCLE_NS = 4_000_000
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A telegram that is not answered yet."""
+
+    telegram: Telegram
+    sender: Place
+    arrival_ns: int
+
+
+@final
+class Responder:
+    """The cyclic process's work on the controller's line; `task_of` makes the task of an order."""
+
+    def __init__(
+        self,
+        line: ControllerLine,
+        block: SharedBlock,
+        reply: ReplyFormat,
+        clock: TimeReader,
+        task_of: Callable[[SearchOrder], CyclicTask],
+    ) -> None:
+        self._line = line
+        self._block = block
+        self._reply = reply
+        self._clock = clock
+        self._task_of = task_of
+        self._beats = block.beats()
+        self._foreign = 0
+        self._expect(None)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a task has been ordered and not been released."""
+        return self._task is not None
+
+    @property
+    def waits_for_announcement(self) -> bool:
+        """Whether a telegram of this cycle waits for the word that its session has begun."""
+        return bool(self._early)
+
+    def answer(self, *, leave: bool = False) -> None:
+        """Look at orders and line once, and answer the newest telegram that may be answered.
+
+        The older ones are kept as samples and counted as skipped.
+        """
+        received = self._line.receive()
+        now_ns = self._clock()
+        self.take_order()
+        admitted = self._admitted(self._current(received, now_ns))
+        self._show_foreign()
+        if self._task and admitted:
+            self._answer_newest(self._task, admitted, now_ns, leave)
+
+    def take_order(self) -> None:
+        """Look whether a task was ordered or released since."""
+        number = self._block.words[Slot.ORDER]
+        if number == (self._task.number if self._task else 0):
+            return
+        self._expect(self._task_of(self._block.order()) if number else None)
+        if self._task:
+            self._block.publish(self._task, 0)
+
+    def _expect(self, task: CyclicTask | None) -> None:
+        """From now on only telegrams of the session of `task` are answered; without one, none."""
+        self._task = task
+        self._sender: Place | None = None
+        self._early: list[_Waiting] = []
+        self._telegrams = 0
+        self._delay = AnswerDelay()
+        self._reported: int | None = None
+
+    def _current(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
+        """The telegrams that wait; before the session is announced none, and the newest is kept for its cycle."""
+        waiting = self._early + self._read(received, now_ns)
+        self._early = []
+        if self._sender is None:  # none was answered yet: whatever is older may be another session's
+            waiting = [one for one in waiting[-1:] if now_ns - one.arrival_ns < _SHORTEST_CYCLE_NS]
+        if self._task and self._block.words[Slot.SESSION] != self._task.number:
+            self._early, waiting = waiting, []
+        return waiting
+
+    def _read(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
+        """What can be read of the controller's; the session's first telegram says from which of its ports."""
+        waiting = []
+        for datagram, sender in received:
+            if self._sender not in (None, sender):
+                self._line.count_foreign(sender)
+                continue
+            try:
+                waiting.append(_Waiting(read_telegram(datagram), sender, now_ns))
+            except ValueError:
+                self._count(Slot.MALFORMED)
+        self._count(Slot.TELEGRAMS, len(waiting))
+        return waiting
+
+    def _admitted(self, waiting: list[_Waiting]) -> list[_Waiting]:
+        task = self._task
+        return [one for one in waiting if self._admit(task, one)] if task else []
+
+    def _admit(self, task: CyclicTask, one: _Waiting) -> bool:
+        self._sender = one.sender
+        admission = task.admit(one.telegram)
+        if admission is Admission.STALE:
+            self._count(Slot.STALE)
+        elif admission is Admission.BEYOND:
+            self._count(Slot.BEYOND)
+            self._block.publish(task, self._telegrams)
+        return admission is Admission.ANSWERABLE
+
+    def _answer_newest(self, task: CyclicTask, admitted: list[_Waiting], now_ns: int, leave: bool) -> None:
+        """Nothing that others read changes after the reply has left: in lockstep the cell's time goes on with it."""
+        if task.phase is Phase.OVER:  # by a later telegram among these
+            return
+        for one in admitted:
+            self._take_in(task, one.telegram, now_ns)
+        newest = admitted[-1]
+        self._count(Slot.SKIPPED, len(admitted) - 1)
+        reply = self._plan(task, newest.telegram, now_ns, leave, skipped=len(admitted) - 1)
+        self._count_late(task, newest.telegram, now_ns)
+        try:
+            self._line.send(reply, newest.sender)
+        except OSError:  # the sender's socket is gone; it counts the answer as late
+            self._count(Slot.LATE)
+
+    def _take_in(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
+        self._telegrams += 1
+        self._count_reported(telegram)
+        self._block.add_sample(Sample(task.number, telegram.ipoc, now_ns, telegram.joints))
+
+    def _plan(self, task: CyclicTask, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
+        stopped = self._block.words[Slot.STOP] == task.number
+        missed_before = task.missed
+        correction, stop = task.answer(telegram, now_ns, stopped, self._beats, leave=leave)
+        self._count(Slot.LOST, max(0, task.missed - missed_before - skipped))
+        self._block.publish(task, self._telegrams)
+        return self._reply.write(correction, stop, telegram.ipoc_text)
+
+    def _count_late(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
+        timing = task.timing
+        if not timing.learnt:
+            return
+        sent_ns = telegram.ipoc * timing.cycle_ns // timing.ipoc_step
+        self._delay.arrived(sent_ns, now_ns)
+        if self._delay.of(sent_ns, self._clock()) > timing.cycle_ns:
+            self._count(Slot.LATE)
+
+    def _count_reported(self, telegram: Telegram) -> None:
+        """Controllers differ in whether a good answer sets their count back: only its rises are summed."""
+        before, self._reported = self._reported, telegram.delay
+        if before is not None and telegram.delay is not None:
+            self._count(Slot.LATE_REPORTED, max(0, telegram.delay - before))
+
+    def _show_foreign(self) -> None:
+        if (count := self._line.foreign) != self._foreign:
+            self._foreign = count
+            self._block.put_foreign(count, self._line.last_foreign)
+
+    def _count(self, slot: Slot, number: int = 1) -> None:
+        self._block.words[slot] += number

@@ -1,0 +1,219 @@
+"""One search, cycle by cycle: what to answer to each telegram. Pure: telegrams, time and slots in, corrections out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import final
+
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
+from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
+from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
+from drivers.kuka_rsi.cyclic.limits import Correction, CycleWatch, Limit, SearchLimits
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
+from drivers.kuka_rsi.cyclic.set_point import SetPoint
+from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import Telegram
+
+_STANDING_DEG = 0.001
+"""Joints that stay within this span over `_STANDING_CYCLES` stand still (twice a common encoder's step)."""
+
+_STANDING_CYCLES = 10
+
+_SHORTEST_HOLD_S = 0.06
+_LONGEST_HOLD_S = 1.0
+
+_START_TOLERANCE_DEG = 0.1
+"""The pose at RSI_ON may differ by this from the one that the search was planned from."""
+
+
+@final
+class SearchCycle:
+    """One search, in one RSI session: a CyclicTask.
+
+    No answer differs from anything that the controller may still hold by more than the limits allow. It holds either
+    the last set-point known to be taken or the last one sent, and the next one is not sent before the last is known to
+    be taken. Until then the last one is repeated, and the path is planned again from standstill. Two allowances: the
+    repeated set-point, where it is taken at last, is one step (speed × cycle) from standstill, as a lost answer is one
+    to a stand; and braking on a stop, see `CycleWatch`. Without Delay, see `Following` for what may pile up.
+
+    `detail` is the guard slot, which limit, or the rise of the count, by `cause`; `age_ns` is the guard's.
+    """
+
+    def __init__(
+        self,
+        order: SearchOrder,
+        limits: SearchLimits,
+        mode: CorrectionMode = CorrectionMode.ABSOLUTE,
+        tolerance_cycles: int = DEFAULT_TOLERANCE,
+    ) -> None:
+        self.number = order.number
+        self.order = order
+        self.phase = Phase.LEARNING
+        self.cause = Cause.NONE
+        self.detail = 0
+        self.age_ns = 0
+        self.stop_cycles = 0
+        self.missed = 0
+        self._limits = limits
+        self._session = Session(tolerance_cycles)
+        self._began_ns: int | None = None
+        self._start = order.start
+        self._sent: Correction = (0.0,) * AXES
+        self._mode = mode
+        self._written = WrittenCorrections(mode)
+        self._held_cycles = 0
+        self._stood_by_stop = False
+        self._recent: deque[tuple[float, ...]] = deque(maxlen=_STANDING_CYCLES)
+
+    @property
+    def timing(self) -> CycleTiming:
+        """The cycle of the session."""
+        return self._session.timing
+
+    def admit(self, telegram: Telegram) -> Admission:
+        """Whether `telegram` may be answered. One that may not is to be counted, and nothing else."""
+        admission = self._session.admit(telegram)
+        if self._session.over and self.phase is not Phase.OVER:
+            self.cause, self.detail, self.phase = Cause.LOST, self._session.over_by, Phase.OVER
+        return admission
+
+    def answer(
+        self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
+    ) -> tuple[Correction, bool]:
+        """The corrections and the stop to answer an admitted `telegram` with; see CyclicTask."""
+        taken = self._take_in(telegram, now_ns)
+        self._look_for_trouble(now_ns, stopped, beats, leave)
+        self._look_whether_it_follows(telegram)
+        before = self._sent
+        self._move(taken)
+        self._count_stop(stopped, before)
+        self._settle(telegram.joints)
+        self._keep(telegram)
+        return self._written.leading_to(self._sent), self.phase is Phase.LEAVING
+
+    def _take_in(self, telegram: Telegram, now_ns: int) -> bool:
+        """Whether the last answer was taken; learns the cycle first."""
+        if self._began_ns is None:
+            self._began_ns = now_ns
+            self._check_start(telegram.joints)
+        learnt = self.timing.learnt
+        gap, taken = self._session.answering(telegram, now_ns)
+        if self.timing.learnt and not learnt:
+            self._get_ready()
+        if self.phase is not Phase.LEAVING:
+            self.missed += gap - 1
+        if not taken:
+            self._written.not_taken()
+        return taken
+
+    def _check_start(self, joints: tuple[float, ...]) -> None:
+        """Elsewhere the session ends before it moved; zero is right there, as nothing was corrected yet."""
+        self._start = joints
+        if max(abs(a - b) for a, b in zip(joints, self.order.start, strict=True)) > _START_TOLERANCE_DEG:
+            self.cause, self.phase = Cause.START, Phase.LEAVING
+
+    def _get_ready(self) -> None:
+        cycle_s = self.timing.cycle_ns * 1e-9
+        speed = self.order.speed_deg_s
+        self._watch = CycleWatch(self._limits, cycle_s)
+        self._set_point = SetPoint(self.order.correction, speed, self._limits, cycle_s)
+        lag = math.ceil(LONGEST_LAG_S / cycle_s) * self.timing.ipoc_step
+        self._following = Following(self._start, self.order.correction, speed * cycle_s, lag)
+        if self.phase is Phase.LEARNING:
+            self.phase = Phase.MOVING
+
+    def _look_for_trouble(self, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool) -> None:
+        if stopped and self.cause in (Cause.NONE, Cause.TRAVEL):
+            self._end(Cause.STOPPED)
+        if self.cause is Cause.NONE and leave:
+            self._end(Cause.LEFT)
+        if self.cause is Cause.NONE:
+            self._look_at_guards(now_ns, beats)
+
+    def _look_whether_it_follows(self, telegram: Telegram) -> None:
+        """Ahead: the controller sums up offsets, and holding would be going on; RSI is left without standing first."""
+        if not self.timing.learnt or self.phase is Phase.LEAVING:
+            return
+        follows = self._following.look(telegram, self._written.short_deg)
+        if follows is Follows.AHEAD:
+            self.cause, self.phase = Cause.AHEAD, Phase.LEAVING
+        elif follows is Follows.BEHIND and self.cause is Cause.NONE:
+            self._end(Cause.BEHIND)
+
+    def _look_at_guards(self, now_ns: int, beats: Sequence[int]) -> None:
+        """A guard's beat counts from the search's start at the earliest, whether it ever beat before or not."""
+        for slot, oldest_ns in enumerate(self.order.guards_ns):
+            age_ns = now_ns - max(beats[slot], self._began_ns or 0)
+            if 0 < oldest_ns < age_ns:
+                self.detail, self.age_ns = slot, age_ns
+                self._end(Cause.GUARD)
+                return
+
+    def _end(self, cause: Cause) -> None:
+        self.cause = cause
+        if self.phase is Phase.MOVING:
+            self.phase = Phase.BRAKING
+        elif self.phase is Phase.LEARNING:
+            self.phase = Phase.SETTLING
+
+    def _move(self, taken: bool) -> None:
+        """One step; none while the last answer is not known to be taken: the controller stands, at either of two."""
+        if self.phase not in (Phase.MOVING, Phase.BRAKING):
+            return
+        if not taken:
+            self._watch.stood()
+            self._set_point.stand_and_go()
+        if self.phase is Phase.BRAKING:
+            self._brake()
+        elif taken:
+            self._advance()
+
+    def _advance(self) -> None:
+        if self._set_point.arrived:
+            self.phase = Phase.SETTLING
+            self._end(Cause.TRAVEL)
+            return
+        self._set_point.advance()
+        self._send_if_allowed(braking=False)
+
+    def _brake(self) -> None:
+        self._set_point.brake()
+        self._send_if_allowed(braking=True)
+        self._set_point.hold()
+        self.phase = Phase.SETTLING
+
+    def _send_if_allowed(self, *, braking: bool) -> None:
+        correction = self._set_point.correction
+        passed = self._watch.look(correction, braking=braking)
+        if passed is Limit.NONE:
+            self._sent = correction
+            return
+        self.cause, self.detail, self.phase = Cause.LIMIT, passed, Phase.SETTLING
+
+    def _count_stop(self, stopped: bool, before: Correction) -> None:
+        if not stopped or self._stood_by_stop or self.cause is not Cause.STOPPED:
+            return
+        self.stop_cycles += 1
+        self._stood_by_stop = self._sent == before
+
+    def _keep(self, telegram: Telegram) -> None:
+        if self.timing.learnt:
+            self._following.sent(telegram.ipoc, self._set_point.place_deg)
+
+    def _settle(self, joints: tuple[float, ...]) -> None:
+        """Hold until the joints stand still, at most a while; then ask the controller to leave RSI."""
+        if self.phase is not Phase.SETTLING:
+            return
+        self._held_cycles += 1
+        self._recent.append(joints)
+        cycle_s = (self.timing.cycle_ns or 4_000_000) * 1e-9
+        held_s = self._held_cycles * cycle_s
+        if held_s >= _LONGEST_HOLD_S or (held_s >= _SHORTEST_HOLD_S and self._stands()):
+            self.phase = Phase.LEAVING
+
+    def _stands(self) -> bool:
+        spans = (max(axis) - min(axis) for axis in zip(*self._recent, strict=True))
+        return len(self._recent) == _STANDING_CYCLES and max(spans) <= _STANDING_DEG

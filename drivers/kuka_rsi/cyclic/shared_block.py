@@ -1,0 +1,217 @@
+"""Memory shared by the engine and the cyclic process: slots of eight bytes, each written by one side only.
+
+An aligned slot is read and written whole. What must be seen together is written first, and the slot that announces it
+(`ORDER`, `SESSION`, `SEARCH`, `HEAD`) last. The memory has no name: it is gone when both processes are.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from ipaddress import IPv4Address
+from typing import Self, final
+
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
+
+GUARDS = 8
+"""Guard slots; slot 0 is the engine's own heartbeat."""
+
+ROWS = 8192
+"""Samples in the ring: 32 s at 4 ms."""
+
+_ROW_SLOTS = 3 + AXES
+
+
+class Slot(IntEnum):
+    """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
+
+    `STOP`: number of the search to be stopped, 0 where no stop stands. `SESSION`: number of the search for which the
+    controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
+    """
+
+    STOP = 0
+    ORDER = 1
+    SESSION = 2
+    BEATS = 3
+    OLDEST = BEATS + GUARDS
+    START = OLDEST + GUARDS
+    CORRECTION = START + AXES
+    SPEED = CORRECTION + AXES
+    SEARCH = SPEED + 1
+    PHASE = SEARCH + 1
+    CAUSE = PHASE + 1
+    DETAIL = CAUSE + 1
+    AGE = DETAIL + 1
+    STOP_CYCLES = AGE + 1
+    SEARCH_TELEGRAMS = STOP_CYCLES + 1
+    IPOC_STEP = SEARCH_TELEGRAMS + 1
+    CYCLE = IPOC_STEP + 1
+    TELEGRAMS = CYCLE + 1
+    LATE = TELEGRAMS + 1
+    LATE_REPORTED = LATE + 1
+    LOST = LATE_REPORTED + 1
+    SKIPPED = LOST + 1
+    MALFORMED = SKIPPED + 1
+    STALE = MALFORMED + 1
+    BEYOND = STALE + 1
+    FOREIGN = BEYOND + 1
+    FOREIGN_FROM = FOREIGN + 1
+    HEAD = FOREIGN_FROM + 1
+    RING = 64
+
+
+_SIZE = 8 * (Slot.RING + ROWS * _ROW_SLOTS)
+
+NEVER = -(1 << 62)
+"""A beat that has not been."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One telegram: `ipoc`, `arrival_ns` of the cell's time, `joints` (AIPos) in degrees."""
+
+    search: int
+    ipoc: int
+    arrival_ns: int
+    joints: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SearchStatus:
+    """What the cyclic process reports of the task `number`, as in `CyclicTask`."""
+
+    number: int
+    phase: Phase
+    cause: Cause
+    detail: int
+    age_ns: int
+    stop_cycles: int
+    telegrams: int
+    ipoc_step: int
+    cycle_ns: int
+
+
+@final
+class SharedBlock:
+    """A view of the shared memory behind an open file descriptor."""
+
+    def __init__(self, fd: int) -> None:
+        memory = memoryview(mmap.mmap(fd, _SIZE))
+        self.words = memory.cast("q")
+        self.reals = memory.cast("d")
+
+    @classmethod
+    def create(cls) -> tuple[Self, int]:
+        """New memory and its file descriptor, to be handed to the other process and closed."""
+        fd = os.memfd_create("kuka-rsi")
+        os.ftruncate(fd, _SIZE)
+        block = cls(fd)
+        for slot in range(GUARDS):
+            block.words[Slot.BEATS + slot] = NEVER
+        return block, fd
+
+    # the engine's side
+
+    def place_order(self, order: SearchOrder) -> None:
+        """Ask for a search; it begins with the first telegram once its session is announced."""
+        self._put_reals(Slot.START, order.start)
+        self._put_reals(Slot.CORRECTION, order.correction)
+        self.reals[Slot.SPEED] = order.speed_deg_s
+        for slot, oldest_ns in enumerate(order.guards_ns):
+            self.words[Slot.OLDEST + slot] = oldest_ns
+        self.words[Slot.ORDER] = order.number
+
+    def keep_stop(self, number: int) -> None:
+        """Where a stop stands from before, it is meant for search `number` too."""
+        if self.words[Slot.STOP]:
+            self.words[Slot.STOP] = number
+
+    def announce_session(self, number: int) -> None:
+        """The controller has reported that RSI is on, for search `number`: its telegrams may be answered."""
+        self.words[Slot.SESSION] = number
+
+    def release(self) -> None:
+        """The session is over: from now on nothing is answered."""
+        self.words[Slot.ORDER] = 0
+
+    def foreign_sender(self) -> str:
+        """Who sent the last datagram that did not come from the controller, `HOST:PORT`; empty where not known."""
+        packed = self.words[Slot.FOREIGN_FROM]
+        return f"{IPv4Address(packed >> 16)}:{packed & 0xFFFF}" if packed else ""
+
+    def status(self) -> SearchStatus:
+        """What the cyclic process last published."""
+        words = self.words
+        number, *rest = (words[slot] for slot in range(Slot.SEARCH, Slot.CYCLE + 1))
+        return SearchStatus(number, Phase(rest[0]), Cause(rest[1]), *rest[2:])
+
+    def samples(self, tail: int) -> tuple[list[Sample], int]:
+        """Samples from count `tail` on that the ring still holds, and the count to go on from."""
+        head = self.words[Slot.HEAD]
+        first = max(tail, head - ROWS + 1)
+        return [self._sample(count) for count in range(first, head)], head
+
+    # the cyclic process's side
+
+    def order(self) -> SearchOrder:
+        """The order that stands."""
+        words = self.words
+        oldest = tuple(words[Slot.OLDEST : Slot.OLDEST + GUARDS])
+        start, correction = self._reals(Slot.START), self._reals(Slot.CORRECTION)
+        return SearchOrder(words[Slot.ORDER], start, correction, self.reals[Slot.SPEED], oldest)
+
+    def put_foreign(self, count: int, sender: tuple[str, int] | None) -> None:
+        """How many datagrams came from elsewhere, and where the last one that was seen came from."""
+        self.words[Slot.FOREIGN] = count
+        with suppress(ValueError):  # of IPv6 there is no room for the address
+            if sender:
+                self.words[Slot.FOREIGN_FROM] = int(IPv4Address(sender[0])) << 16 | sender[1]
+
+    def beats(self) -> memoryview:
+        """Last beat of each guard, ns of the cell's time, as it stands at each look."""
+        return self.words[Slot.BEATS : Slot.BEATS + GUARDS]
+
+    def publish(self, task: CyclicTask, telegrams: int) -> None:
+        """Publish the state of `task` after `telegrams` of its telegrams."""
+        words = self.words
+        words[Slot.CAUSE] = task.cause
+        words[Slot.DETAIL] = task.detail
+        words[Slot.AGE] = task.age_ns
+        words[Slot.STOP_CYCLES] = task.stop_cycles
+        words[Slot.IPOC_STEP] = task.timing.ipoc_step
+        words[Slot.CYCLE] = task.timing.cycle_ns
+        words[Slot.PHASE] = task.phase
+        words[Slot.SEARCH_TELEGRAMS] = telegrams
+        words[Slot.SEARCH] = task.number
+
+    def add_sample(self, sample: Sample) -> None:
+        """Write a sample over the oldest."""
+        count = self.words[Slot.HEAD]
+        row = _row(count)
+        self.words[row] = sample.search
+        self.words[row + 1] = sample.ipoc
+        self.words[row + 2] = sample.arrival_ns
+        self._put_reals(row + 3, sample.joints)
+        self.words[Slot.HEAD] = count + 1
+
+    def _sample(self, count: int) -> Sample:
+        row = _row(count)
+        search, ipoc, arrival_ns = self.words[row : row + 3]
+        return Sample(search, ipoc, arrival_ns, self._reals(row + 3))
+
+    def _reals(self, first: int) -> tuple[float, ...]:
+        return tuple(self.reals[first : first + AXES])
+
+    def _put_reals(self, first: int, values: tuple[float, ...]) -> None:
+        for place, value in enumerate(values, first):
+            self.reals[place] = value
+
+
+def _row(count: int) -> int:
+    return Slot.RING + (count % ROWS) * _ROW_SLOTS

@@ -1,0 +1,131 @@
+"""RSI telegrams: the controller's `<Rob>` read by name, our `<Sen>` written in the configuration's order."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import final
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi.cyclic.limits import Correction
+
+DECIMALS = 6
+"""Of the corrections in a reply."""
+
+LARGEST_IPOC = 10**15
+LARGEST_DELAY = 10**9
+FARTHEST_JOINT_DEG = 3600.0
+"""Ranges of what a telegram says; whatever is outside is no telegram of a controller."""
+
+COARSEST_DEG = 0.1
+"""Step of the joints at `Precision` 1, the coarsest that RSI has by default."""
+
+_NUMBER = re.compile(r"[-+]?[0-9]{1,20}(?:\.([0-9]{0,30}))?(?:[eE][-+]?[0-9]{1,3})?")
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Telegram:
+    """What the controller sent in one cycle.
+
+    `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count, 0 … 10^15; `joints`: A1…A6 actual
+    (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, where it sends one; `resolution_deg`:
+    last decimal of the joints.
+    """
+
+    ipoc_text: str
+    ipoc: int
+    joints: tuple[float, ...]
+    delay: int | None
+    resolution_deg: float = COARSEST_DEG
+
+
+def read_telegram(datagram: bytes) -> Telegram:
+    """Read a `<Rob>` telegram by the names in it; order, attributes of the root and unknown tags do not matter.
+
+    Raises ValueError where it is no telegram, lacks IPOC or AIPos, or has a number out of range.
+    """
+    if b"<!" in datagram:
+        raise ValueError("a telegram has no DOCTYPE, comment or CDATA")
+    try:
+        root = ElementTree.fromstring(datagram)
+    except (ElementTree.ParseError, LookupError) as error:
+        raise ValueError(f"not XML: {error}") from None
+    if root.tag != "Rob":
+        raise ValueError(f"<{root.tag}> instead of <Rob>")
+    joints, ipoc, delay = root.find("AIPos"), root.findtext("IPOC"), root.find("Delay")
+    if joints is None or ipoc is None:
+        raise ValueError("without AIPos or IPOC")
+    axes = [_number(joints.get(name, ""), -FARTHEST_JOINT_DEG, FARTHEST_JOINT_DEG) for name in AXIS_NAMES]
+    late = None if delay is None else round(_number(delay.get("D", ""), 0, LARGEST_DELAY)[0])
+    resolution = min(COARSEST_DEG, 10.0 ** -max(decimals for _, decimals in axes))
+    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution)
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= LARGEST_IPOC):
+        raise ValueError(f"IPOC '{text[:40]}' is no count within 0 … {LARGEST_IPOC}")
+    return int(text)
+
+
+def _number(text: str, lowest: float, highest: float) -> tuple[float, int]:
+    """The number in ASCII digits, and how many decimals it is written with."""
+    written = _NUMBER.fullmatch(text)
+    if written is None or not lowest <= float(text) <= highest:
+        raise ValueError(f"'{text[:40]}' is no number within {lowest:g} … {highest:g}")
+    return float(text), len(written[1] or "")
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ReplyTag:
+    """An element of the configuration's RECEIVE section: dotted or plain tag, and its type."""
+
+    tag: str
+    kind: str
+
+
+@final
+class ReplyFormat:
+    """Writes replies from a template: constant text with places for six corrections, the stop and the IPOC."""
+
+    def __init__(self, template: str) -> None:
+        self.template = template
+
+    @classmethod
+    def of(cls, sentype: str, tags: tuple[ReplyTag, ...], correction: str, stop: str) -> ReplyFormat:
+        """The format for the tags of a RECEIVE section, in its order; tags that are not ours are sent as zero."""
+        places = {f"{correction}.{name}": f"{{{i}:.{DECIMALS}f}}" for i, name in enumerate(AXIS_NAMES)} | {
+            stop: "{6:d}"
+        }
+        elements: dict[str, dict[str, str]] = {}
+        for tag in tags:
+            head, _, attribute = tag.tag.removeprefix("DEF_").partition(".")
+            elements.setdefault(head, {}).update(_contents(tag, attribute, places))
+        body = "".join(_element(head, contents) for head, contents in elements.items())
+        return cls(f"<Sen Type={_constant(quoteattr(sentype))}>{body}<IPOC>{{7}}</IPOC></Sen>")
+
+    def write(self, correction: Correction, stop: bool, ipoc_text: str) -> bytes:
+        """The reply: corrections of A1…A6 in degrees, the stop, and the count of the telegram answered."""
+        return self.template.format(*correction, stop, ipoc_text).encode()
+
+
+def _contents(tag: ReplyTag, attribute: str, places: dict[str, str]) -> dict[str, str]:
+    if tag.tag.startswith("DEF_Tech."):
+        return {f"{attribute}{i}": "0.000000" for i in range(1, 11)}
+    return {attribute: places.get(tag.tag) or _ZERO[tag.kind]}
+
+
+_ZERO = {"DOUBLE": "0.000000", "LONG": "0", "BOOL": "0", "STRING": ""}
+
+
+def _element(head: str, contents: dict[str, str]) -> str:
+    text = contents.get("", "")
+    attributes = "".join(f' {name}="{value}"' for name, value in contents.items() if name)
+    return f"<{head}{attributes}>{text}</{head}>" if text or not attributes else f"<{head}{attributes}/>"
+
+
+def _constant(text: str) -> str:
+    return text.replace("{", "{{").replace("}", "}}")

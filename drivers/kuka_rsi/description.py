@@ -1,0 +1,41 @@
+"""The description of this driver: its entry point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cellctl.devices import Address, CompensatedRobot, DriverDescription, Surroundings
+from drivers.kuka_rsi.controller_files.generate import controller_files
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
+from drivers.kuka_rsi.settings import RsiSettings
+from drivers.kuka_rsi.setup_check import findings
+
+
+def open_robot(name: str, address: Address, surroundings: Surroundings) -> CompensatedRobot:
+    """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&correction=AK&stop=Stop&mode=absolute]`.
+
+    Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON; `controller` the
+    address that telegrams come from, where it is not the host of `eki`; `tolerance` the ETHERNET object's `Timeout`.
+    `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
+    `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`. Raises ValueError for a mistake in the
+    address, an unknown limit or one above its ceiling.
+    """
+    limits = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
+    return KukaRobot(name, RsiSettings.of(address, surroundings.folder), surroundings.clock, limits)
+
+
+def check_address(address: Address, folder: Path) -> list[str]:
+    """Every mistake in the address and in the Ethernet configuration that it names; opens no socket.
+
+    `folder`: against which paths in the address are read. Each entry is a line for a person, `file:line: what`.
+    """
+    try:
+        settings = RsiSettings.of(address, folder)
+    except ValueError as error:
+        return [str(error)]
+    return read_ethernet_config(settings).mistakes
+
+
+DRIVER = DriverDescription(open_robot, CompensatedRobot, check_address, findings, controller_files)

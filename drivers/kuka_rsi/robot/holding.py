@@ -1,0 +1,97 @@
+"""One command at a time, and the robot held wherever a motion ends otherwise than by the controller's own word."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import final
+
+from cellctl.devices import DeviceError, DeviceFault, DeviceLost, DeviceRefused, DeviceUncertain, LimitExceeded
+from drivers.kuka_rsi.cyclic.shared_block import Slot
+from drivers.kuka_rsi.robot.lines import ControllerLines
+from drivers.kuka_rsi.seen_through import see_through
+
+_HALT_S = 10.0
+
+
+@final
+class Holding:
+    """Whether a command is under way, and how it is stopped.
+
+    `search`: number of the search under way, or else of the next.
+    """
+
+    def __init__(self, device: str, lines: ControllerLines) -> None:
+        self.search = 1
+        self._device = device
+        self._lines = lines
+        self._busy = False
+        self._adrift = False  # a motion was cut off, and no standstill was confirmed since
+
+    def stop_now(self) -> None:
+        """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
+        self._put_stop(self.search)
+
+    def clear_stop(self) -> None:
+        """Forget the stop that stands."""
+        self._put_stop(0)
+
+    async def stop(self) -> None:
+        """Hold the robot whatever it does. Raises DeviceUncertain where the controller does not confirm it."""
+        self.stop_now()
+        if not self._stands() and not await see_through(self._halt()):
+            raise DeviceUncertain(
+                self._device,
+                "the controller has not confirmed that the robot stands: it may still be moving",
+                "Keep away from it, stop it at the pendant, then look at the EthernetKRL line.",
+            )
+
+    @contextmanager
+    def one_at_a_time(self) -> Iterator[None]:
+        """A command is under way. Raises DeviceRefused where another one is."""
+        if self._busy:
+            raise DeviceRefused(self._device, "another command is under way")
+        self._busy = True
+        try:
+            yield
+        finally:
+            self._busy = False
+
+    @asynccontextmanager
+    async def held_in_trouble(self) -> AsyncIterator[None]:
+        """One motion at a time; where it ends otherwise than by the controller's own word, the robot is halted."""
+        with self.one_at_a_time():
+            try:
+                yield
+            except (DeviceRefused, DeviceFault, LimitExceeded):
+                raise
+            except BaseException:
+                self.stop_now()
+                await see_through(self._halt())
+                raise
+
+    def _put_stop(self, number: int) -> None:
+        if block := self._lines.block:
+            block.words[Slot.STOP] = number
+
+    async def _halt(self) -> bool:
+        """Ask for standstill and wait for it; whether the controller has confirmed it.
+
+        The search is released only once RSI is known to be off: until then the robot is held where it is.
+        """
+        if self._lines.connected:
+            self._adrift = True
+            with suppress(DeviceError):
+                process, eki = self._lines.process, self._lines.eki
+                await eki.ask("HALT", timeout_s=_HALT_S)
+                process.block.release()
+                self._adrift = False
+        return not self._adrift
+
+    def _stands(self) -> bool:
+        """Whether the controller reports that nothing moves; false where it is lost."""
+        if not self._lines.connected:
+            return True
+        with suppress(DeviceLost):
+            return not (self._busy or self._adrift or self._lines.eki.stat.program in ("MOVING", "RSI"))
+        return False

@@ -1,0 +1,207 @@
+"""The robot as campaigns know it: moves by the controller, searches by RSI, always held."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import final
+
+from cellctl.clock import Clock
+from cellctl.devices import (
+    ControllerTable,
+    DeviceError,
+    DeviceLost,
+    Guard,
+    Health,
+    Identity,
+    JointReadings,
+    LimitExceeded,
+    SearchResult,
+    TableState,
+)
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.eki.documents import Reply, point_to_point
+from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.eki.table_channel import TableChannel
+from drivers.kuka_rsi.eki.table_rows import to_row
+from drivers.kuka_rsi.robot.guards import ENGINE, GuardSlots
+from drivers.kuka_rsi.robot.health import health_of
+from drivers.kuka_rsi.robot.holding import Holding
+from drivers.kuka_rsi.robot.lines import ControllerLines
+from drivers.kuka_rsi.robot.searching import Search
+from drivers.kuka_rsi.seen_through import see_through
+from drivers.kuka_rsi.settings import RsiSettings
+
+_SLOW_AXIS_DEG_S = 30.0
+"""No axis is slower at 100 %; from it a move's time-out is computed."""
+
+_SLOWEST_PERCENT = 0.01
+"""Below this a move would last for hours; the controller refuses it too."""
+
+_FARTHEST_DEG = 720.0
+"""No axis turns further in a move whose target only the controller knows."""
+
+_MOVE_BESIDES_S = 15.0
+
+
+@final
+class KukaRobot:
+    """A KUKA robot: RSI in a process of its own, EthernetKRL for the rest. A CompensatedRobot and Listener."""
+
+    def __init__(self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
+        self.name = name
+        self._clock = clock
+        self._limits = limits
+        self._configuration = str(settings.ethernet)
+        self._lines = ControllerLines(name, settings, clock, limits)
+        self._holding = Holding(name, self._lines)
+        self._guards = GuardSlots(name, lambda: self._lines.block)
+
+    @property
+    def axes(self) -> int:
+        """Six: what a telegram carries."""
+        return AXES
+
+    # the line
+
+    async def connect(self) -> Identity:
+        """Start the RSI process, open the EthernetKRL channel and ask who is there.
+
+        Raises DeviceRefused (mistakes in the Ethernet configuration), DeviceUnreachable (port taken, no controller),
+        DeviceFault (a message stands at the controller). No telegram is needed for it, and nothing moves.
+        """
+        return self._lines.identity or await self._lines.open(self.guard(ENGINE))
+
+    async def close(self) -> None:
+        """Stop the robot, end the process, let go of the line."""
+        with suppress(DeviceError):
+            await self.stop()
+        await see_through(self._lines.close())
+
+    def listening(self) -> tuple[str, int]:
+        """Host and port bound for the controller's telegrams. Raises DeviceLost before `connect`."""
+        return self._lines.process.listening
+
+    async def health(self) -> Health:
+        """State of controller and cyclic process; counts since `connect`. Raises DeviceLost."""
+        return health_of(self.name, self._lines)
+
+    async def reset(self) -> None:
+        """Acknowledge messages and select the program again. Raises DeviceRefused, DeviceFault, DeviceLost."""
+        reply = await self._lines.eki.ask("RESET")
+        if reply.code:
+            raise refusal(self.name, reply, "reset")
+
+    # motion
+
+    async def joints(self) -> JointReadings:
+        """Actual joints now, degrees. Raises DeviceLost."""
+        reply = await self._lines.eki.ask("HELLO")
+        return reply.joints or self._lines.eki.latest_joints
+
+    async def move(self, target: JointReadings, speed_percent: float) -> JointReadings:
+        """Point to point, planned by the controller; returns the actual joints on arrival, degrees."""
+        self._check_joints(target)
+        self._check_speed(speed_percent)
+        async with self._holding.held_in_trouble():
+            here = self._lines.eki.latest_joints
+            farthest = max(abs(a - b) for a, b in zip(target, here, strict=True))
+            return await self._transfer("PTP", point_to_point(target, speed_percent), farthest, speed_percent)
+
+    async def move_to_row(self, row: int, speed_percent: float) -> JointReadings:
+        """Point to point to row `row` (from 1) of the active table; returns the actual joints on arrival, degrees."""
+        self._check_speed(speed_percent)
+        async with self._holding.held_in_trouble():
+            return await self._transfer("PTPT", to_row(row, speed_percent), _FARTHEST_DEG, speed_percent)
+
+    async def search(
+        self, end: JointReadings, speed_deg_s: float, guards: dict[str, float] | None = None
+    ) -> SearchResult:
+        """Go along the joint-space line to `end` until `stop_now`, the end, or trouble; see SearchingRobot."""
+        self._check_joints(end)
+        async with self._holding.held_in_trouble():
+            process, eki = self._lines.process, self._lines.eki
+            start = eki.latest_joints
+            correction = tuple(b - a for a, b in zip(start, end, strict=True))
+            if passed := self._limits.passed_by(correction, speed_deg_s):
+                raise LimitExceeded(self.name, f"search: {', '.join(passed)}")
+            if not speed_deg_s > 0:
+                raise LimitExceeded(self.name, f"search: speed {speed_deg_s:g} deg/s is not positive")
+            oldest = self._guards.oldest_ns(guards or {})
+            order = SearchOrder(self._holding.search, start, correction, speed_deg_s, oldest)
+            process.block.keep_stop(order.number)
+            names = self._guards.names
+            try:
+                return await Search(self.name, self._clock, eki, process, order, names, self._configuration).run()
+            finally:
+                self._holding.search += 1
+
+    def stop_now(self) -> None:
+        """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
+        self._holding.stop_now()
+
+    def clear_stop(self) -> None:
+        """Forget the stop that stands."""
+        self._holding.clear_stop()
+
+    async def stop(self) -> None:
+        """Hold the robot whatever it does. Raises DeviceUncertain where the controller does not confirm it."""
+        await self._holding.stop()
+
+    def guard(self, name: str) -> Guard:
+        """The slot in which `name`'s proof of life is left. Raises ValueError where all are taken."""
+        return self._guards.guard(name)
+
+    # compensation tables
+
+    async def push_table(self, table: ControllerTable) -> TableState:
+        """Stage, read back, compare, activate at once; see TableStore."""
+        for row in table.rows:
+            self._check_joints(row.nominal)
+            self._check_joints(row.compensated)
+        with self._holding.one_at_a_time():
+            return await self._tables().push(table)
+
+    async def table_state(self) -> TableState:
+        """What tables the controller has."""
+        return await self._tables().state()
+
+    async def read_table(self) -> ControllerTable | None:
+        """The active table as the controller holds it; see TableStore."""
+        with self._holding.one_at_a_time():
+            return await self._tables().read()
+
+    async def rollback_table(self) -> TableState:
+        """Put the table before into force again; see TableStore."""
+        with self._holding.one_at_a_time():
+            return await self._tables().rollback()
+
+    # inner works
+
+    async def _transfer(self, operation: str, content: str, farthest_deg: float, speed_percent: float) -> JointReadings:
+        """A move planned by the controller, over at most `farthest_deg` of any axis; the actual joints on arrival."""
+        limit_s = 2 * farthest_deg / (_SLOW_AXIS_DEG_S * speed_percent / 100) + _MOVE_BESIDES_S
+        pending = await self._lines.eki.send(operation, content)
+        try:
+            return self._arrived(await pending.reply(limit_s))
+        except TimeoutError:
+            raise DeviceLost(self.name, f"the move of {farthest_deg:.1f} deg did not end in {limit_s:.0f} s") from None
+
+    def _arrived(self, reply: Reply) -> JointReadings:
+        if reply.code:
+            raise refusal(self.name, reply, "move")
+        return reply.joints or self._lines.eki.latest_joints
+
+    def _tables(self) -> TableChannel:
+        serial = self._lines.identity.serial if self._lines.identity else ""
+        return TableChannel(self.name, self._lines.eki, serial)
+
+    def _check_joints(self, joints: JointReadings) -> None:
+        if len(joints) != AXES or not all(map(math.isfinite, joints)):
+            raise LimitExceeded(self.name, f"{joints} are not {AXES} joint readings")
+
+    def _check_speed(self, percent: float) -> None:
+        if not _SLOWEST_PERCENT <= percent <= 100:
+            raise LimitExceeded(self.name, f"move: speed {percent:g} % is not within {_SLOWEST_PERCENT:g} … 100 %")

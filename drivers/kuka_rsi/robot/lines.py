@@ -1,0 +1,116 @@
+"""The two lines to a controller: the RSI process, which answers its telegrams, and the EthernetKRL channel."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import final
+
+from cellctl.clock import Clock
+from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, Guard, Identity
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
+from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
+from drivers.kuka_rsi.eki.channel import EkiChannel
+from drivers.kuka_rsi.eki.refusals import cure_of, refusal
+from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
+from drivers.kuka_rsi.seen_through import see_through
+from drivers.kuka_rsi.settings import RsiSettings
+
+_BEAT_S = 0.05
+
+
+@final
+class ControllerLines:
+    """Opened and closed together. `identity`: who the controller says it is, None where it is not connected."""
+
+    def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
+        self.identity: Identity | None = None
+        self._device = device
+        self._settings = settings
+        self._clock = clock
+        self._limits = limits
+        self._eki: EkiChannel | None = None
+        self._process: CyclicProcess | None = None
+        self._beating: asyncio.Task[None] | None = None
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is an EthernetKRL channel, opened or about to be."""
+        return self._eki is not None
+
+    @property
+    def block(self) -> SharedBlock | None:
+        """The memory shared with the RSI process; None where there is no process."""
+        return self._process and self._process.block
+
+    @property
+    def process(self) -> CyclicProcess:
+        """The RSI process. Raises DeviceLost where the robot is not connected."""
+        if self._process is None:
+            raise DeviceLost(self._device, "not connected")
+        return self._process
+
+    @property
+    def eki(self) -> EkiChannel:
+        """The EthernetKRL channel. Raises DeviceLost where the robot is not connected."""
+        if self._eki is None:
+            raise DeviceLost(self._device, "not connected")
+        return self._eki
+
+    async def open(self, engine: Guard) -> Identity:
+        """Start the process, open the channel, ask who is there; `engine`: the guard that its heartbeat is for.
+
+        Raises DeviceRefused, DeviceUnreachable, DeviceFault; then all is closed again.
+        """
+        try:
+            self._process = await self._start_process()
+            self._eki = EkiChannel(self._device, self._settings.eki, self._clock)
+            await self._eki.open()
+            self._beating = asyncio.create_task(self._beat(engine), name=f"{self._device} heartbeat")
+            self.identity = await self._ask_identity(self._eki)
+        except BaseException:
+            await see_through(self.close())
+            raise
+        return self.identity
+
+    async def close(self) -> None:
+        """End the process and let go of the channel, in any state."""
+        if self._beating:
+            self._beating.cancel()
+            await asyncio.gather(self._beating, return_exceptions=True)
+        eki, process = self._eki, self._process
+        self.identity = self._beating = self._eki = self._process = None
+        if eki:
+            await eki.close()
+        if process:
+            with self._clock.standing():
+                await process.end()
+
+    async def _start_process(self) -> CyclicProcess:
+        config = read_ethernet_config(self._settings)
+        if config.mistakes:
+            cure = "Correct the file, and load the same one on the controller."
+            raise DeviceRefused(self._device, "; ".join(config.mistakes), cure)
+        reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
+        clock = self._clock
+        with clock.standing():
+            return await CyclicProcess.start(self._device, self._settings, clock.source, reply.template, self._limits)
+
+    async def _ask_identity(self, eki: EkiChannel) -> Identity:
+        reply = await eki.ask("HELLO")
+        if reply.code:
+            raise refusal(self._device, reply, "HELLO")
+        stat = await eki.first_stat()
+        if stat.program == "ERROR":
+            what = f"a message stands at the controller: {stat.message}"
+            raise DeviceFault(self._device, what, cure_of(stat.message))
+        serial = reply.ident.get("Serial", "")
+        model, kss = reply.ident.get("Model", ""), reply.ident.get("KSS", "")
+        return Identity(self._device, serial, model, f"KSS {kss}", serial.startswith("SIM-"))
+
+    async def _beat(self, engine: Guard) -> None:
+        """The engine's own proof of life: where its loop hangs, these stop and the RSI process holds the robot."""
+        while True:
+            engine.beat(self._clock.now_ns())
+            await self._clock.sleep(_BEAT_S)

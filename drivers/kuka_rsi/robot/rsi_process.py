@@ -1,0 +1,144 @@
+"""The engine's end of the cyclic process: starts it, knows whether it lives, ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from typing import IO, Any, Self, final
+
+from cellctl.devices import DeviceUnreachable
+from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.process import CyclicOrders
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
+from drivers.kuka_rsi.settings import RsiSettings
+
+_START_S = 60.0
+_END_S = 10.0
+"""Wall time: whether a program starts and ends is no matter of the cell's. One that dies is not waited for."""
+
+
+@final
+class CyclicProcess:
+    """A running cyclic process.
+
+    `listening`: host and port bound; `heard`: the only host that it hears; `tolerance`: cycles without an answer after
+    which a session is over; `block`: the memory shared with it; `granted`: what it got of real time, `fifo` (priority),
+    `mlock` (locked memory) and `affinity` (its own processor).
+    """
+
+    def __init__(
+        self,
+        child: subprocess.Popen[bytes],
+        settings: RsiSettings,
+        block: SharedBlock,
+        errors: IO[bytes],
+        report: dict[str, Any],
+    ) -> None:
+        host, port = report["listening"]
+        self.listening: tuple[str, int] = (host, port)
+        self.heard = settings.heard
+        self.tolerance = settings.tolerance
+        self.granted: dict[str, bool] = {name: report[name] for name in ("fifo", "mlock", "affinity")}
+        self.block = block
+        self.pid = child.pid
+        self._child = child
+        self._errors = errors
+
+    @classmethod
+    async def start(cls, device: str, settings: RsiSettings, clock: str, reply: str, limits: SearchLimits) -> Self:
+        """Start it and wait until it listens. Raises DeviceUnreachable where the port is taken or it dies.
+
+        `clock`: source of the cell's time; `reply`: template of the reply.
+        """
+        block, memory = SharedBlock.create()
+        orders = CyclicOrders(
+            *settings.bind,
+            settings.heard,
+            settings.tolerance,
+            memory,
+            clock,
+            reply,
+            settings.mode,
+            asdict(limits),
+            os.getpid(),
+        )
+        errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", orders.to_json()]
+        try:
+            child = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, pass_fds=[memory]
+            )
+        finally:
+            os.close(memory)
+        try:
+            report = await _first_report(child)
+        except TimeoutError:
+            raise DeviceUnreachable(device, f"the RSI process did not start within {_START_S:g} s") from None
+        if "listening" in report:
+            return cls(child, settings, block, errors, report)
+        await _reap(child)
+        raise _cannot_listen(device, settings.bind, report, errors)
+
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._child.poll() is None
+
+    def last_error_line(self) -> str:
+        """The last line that it left on its error output."""
+        return _last_line(self._errors)
+
+    async def end(self) -> None:
+        """End it: asked first, killed where it does not go."""
+        self._child.terminate()
+        await _reap(self._child)
+        self._errors.close()
+
+
+async def _first_report(child: subprocess.Popen[bytes]) -> dict[str, Any]:
+    assert child.stdout is not None
+    reading = asyncio.create_task(asyncio.to_thread(child.stdout.readline))
+    try:
+        async with asyncio.timeout(_START_S):
+            line = await asyncio.shield(reading)
+    except BaseException:
+        child.kill()
+        await reading
+        await _reap(child)
+        raise
+    report: dict[str, Any] = json.loads(line) if line else {}
+    return report
+
+
+async def _reap(child: subprocess.Popen[bytes]) -> None:
+    try:
+        await asyncio.to_thread(child.wait, _END_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        await asyncio.to_thread(child.wait)
+    if child.stdout:
+        child.stdout.close()
+
+
+def _cannot_listen(device: str, bind: tuple[str, int], report: dict[str, Any], errors: IO[bytes]) -> DeviceUnreachable:
+    host, port = bind
+    if report.get("errno") == errno.EADDRINUSE:
+        cure = (
+            f"End the program that holds it (ss -lunp 'sport = :{port}'), or choose another port here and in the XML."
+        )
+        return DeviceUnreachable(device, f"UDP port {port} on {host} is taken", cure)
+    if "error" in report:
+        cure = "The host in the address must be one of this computer's own, on the controller's RSI network."
+        return DeviceUnreachable(device, f"cannot bind {host}:{port}: {report['error']}", cure)
+    return DeviceUnreachable(device, f"the RSI process did not start: {_last_line(errors)}")
+
+
+def _last_line(errors: IO[bytes]) -> str:
+    errors.seek(0)
+    lines = errors.read().decode(errors="replace").strip().splitlines()
+    return lines[-1] if lines else "no message"

@@ -1,0 +1,125 @@
+"""A serial port, for every driver of a device on one: its address, opening it exclusively, reading it with a bound.
+
+Every way of not opening is reported with its cure.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self, final
+
+from cellctl.devices import Address, DeviceUnreachable
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+_READ_BOUND_S = 0.05
+"""Wall time after which a read with nothing to read returns, so that the thread can be ended."""
+_WRITE_BOUND_S = 0.2
+"""Wall time after which a line that cannot be sent says that nobody takes it."""
+
+_CURES = {
+    errno.ENOENT: "is the {device} plugged in? `ls /dev/serial/by-id` shows the ports that are there",
+    errno.EACCES: "let your user use serial ports: `sudo usermod -aG dialout $USER`, then log in again",
+    errno.EBUSY: "another program has it open; `fuser -v {path}` names it",
+    errno.EAGAIN: "another program has it open; `fuser -v {path}` names it",
+}
+_NO_PORT_CURE = "the address has to name a serial port, as `{example}`"
+
+_BAUDS = range(1200, 4_000_001)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SerialPlace:
+    """What a device's address says of its port: `path` (`/dev/ttyACM0`), `baud`; `example`: a right address."""
+
+    path: str
+    baud: int
+    example: str
+
+    @classmethod
+    def of(cls, address: Address, default_baud: int) -> Self:
+        """The port in `SCHEME:///PATH?baud=…`. Raises ValueError for a host, no path, or an impossible baud rate."""
+        example = f"{address.scheme}:///dev/ttyACM0?baud={default_baud}"
+        if address.host or address.port is not None:
+            raise ValueError(f"'{address}' has a host; a serial port's address has three slashes, as {example}")
+        if not address.path.strip("/"):
+            raise ValueError(f"'{address}' names no serial port, as {example}")
+        baud = address.query.get("baud", str(default_baud))
+        if not (baud.isascii() and baud.isdigit() and int(baud) in _BAUDS):
+            raise ValueError(f"'{address}': baud has to be a whole number from 1200 to 4000000")
+        return cls(address.path, int(baud), example)
+
+    def __str__(self) -> str:
+        return f"{self.path} at {self.baud} baud"
+
+
+@final
+class SerialPort:
+    """An open serial port, 8N1. Reading is for one thread; closing comes after that thread has ended."""
+
+    def __init__(self, serial: Serial) -> None:
+        self._serial = serial
+
+    def read(self) -> bytes:
+        """What has come; empty after 50 ms (wall) without anything. Raises OSError where the port is gone."""
+        first: bytes = self._serial.read(1)
+        if not first:
+            return b""
+        return first + bytes(self._serial.read(self._serial.in_waiting))
+
+    def write(self, data: bytes) -> None:
+        """Send `data`. Raises OSError where the port is gone or takes nothing for 200 ms (wall).
+
+        Not pyserial's write: it calls a line lost that the port took at once, where its thread was kept waiting since.
+        """
+        line = self._serial.fileno()
+        while data:
+            _, ready, _ = select.select([], [line], [], _WRITE_BOUND_S)
+            if not ready:
+                raise TimeoutError("write timeout")
+            with suppress(BlockingIOError):  # somebody else was quicker: wait anew
+                data = data[os.write(line, data) :]
+
+    def waiting(self) -> bool:
+        """Whether something has come that is not read yet; false where the port is gone."""
+        try:
+            return bool(self._serial.in_waiting)
+        except (OSError, TypeError):
+            return False
+
+    def wake(self) -> None:
+        """End a read that is under way."""
+        with suppress(OSError, TypeError):
+            self._serial.cancel_read()
+
+    def close(self) -> None:
+        """Let go of the port."""
+        with suppress(OSError, TypeError):
+            self._serial.close()
+
+
+def open_port(device: str, place: SerialPlace) -> SerialPort:
+    """Open the port of `device` exclusively. Raises DeviceUnreachable, with the cure."""
+    import termios  # lazily, as it and pyserial are for those alone who talk to a port
+
+    from serial import Serial
+
+    try:
+        return SerialPort(Serial(place.path, place.baud, timeout=_READ_BOUND_S, exclusive=True))
+    except (OSError, ValueError, termios.error) as error:
+        code = getattr(error, "errno", None) or _errno_in(error)
+        reason = errno.errorcode.get(code or 0, str(error))
+        cure = _CURES.get(code or 0, _NO_PORT_CURE).format(device=device, path=place.path, example=place.example)
+        raise DeviceUnreachable(device, f"{place.path} cannot be opened ({reason})", cure) from error
+
+
+def _errno_in(error: BaseException) -> int | None:
+    """The error number of what `error` was raised from: pyserial hides some in its text."""
+    cause = error.__context__
+    return cause.args[0] if cause and cause.args and isinstance(cause.args[0], int) else None

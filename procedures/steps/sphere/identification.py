@@ -1,0 +1,142 @@
+"""From recorded touches to data set, model and verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from cellctl.calibration import Drift, FitResult, Split, fit
+from cellctl.files import sha256_of
+from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefact_of, fit_report, measurements
+from cellctl.formats.artefact import Artefact
+from cellctl.formats.measurements import ModelChoice
+from cellctl.procedure import StepContext
+from cellctl.records import Figures
+from procedures.steps.sphere.reference_touches import drift_figures, drift_of
+from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
+from procedures.steps.sphere.setup_errors import refuse_wrong_setup
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What the touches came to: the texts of data set and model file, and the verdict on held-out touches."""
+
+    data: str
+    model: str
+    verdict: SphereVerdict
+
+
+def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found:
+    """Identify the robot from the touches.
+
+    Raises InputError where they do not allow an identification, or where they show a set-up error.
+    """
+    robot = RobotFile.load(context.robot_file)
+    artefact = artefact_of(context.cell, ("artefact",))
+    touches, drift = context.recorded(TouchRow), drift_of(context)
+    choice = _Choice(robot, artefact, model, use_distances)
+    refuse_wrong_setup(context, _measured(touches, choice, None))
+    found = _fitted(touches, choice, None)
+    corrected = _fitted(touches, choice, drift) if drift.significant else found
+    modelled = corrected.result.fit.rms < found.result.fit.rms  # else it is something else than the tip that drifts
+    found = corrected if modelled else found
+    data = found.data.text()
+    provenance = {
+        "cell_sha256": sha256_of(context.cell.text),
+        "data_sha256": sha256_of(data),
+        "robot_serial": context.identity("robot").serial,
+        "run": context.run_name,
+    }
+    report, stops = fit_report(found.measured, found.result), _stops(robot, touches)
+    verdict = SphereVerdict(
+        verdict=report["verdict"],
+        sentence=report["sentence"],
+        before=Figures(**report["nominal"]),
+        after=Figures(**report["test"]),
+        model=report,
+        lines=(stops.line(),),
+        stops=stops,
+        drift=drift_figures(drift, max(row.number for row in touches) + 1, modelled=modelled),
+        noise_scale=float(found.result.identification.noise[0]),
+    )
+    return Found(data, ModelFile.of(robot, found.measured, found.result, provenance).text(), verdict)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """What to identify, and with the help of what."""
+
+    robot: RobotFile
+    artefact: Artefact
+    model: ModelChoice
+    use_distances: bool
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """The touches as a data set, as measurements, and what the fit made of them."""
+
+    data: DataSet
+    measured: Measurements
+    result: FitResult
+
+
+def _fitted(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> _Fitted:
+    """The fit, with the touches' reach corrected for `drift` where it is given."""
+    measured = _measured(touches, choice, drift)
+    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    return _Fitted(measured.data, measured, fit(measured.task, split))
+
+
+def _measured(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> Measurements:
+    """The touches as measurements."""
+    data = DataSet.of_records([_record(row, choice.artefact, drift) for row in touches], "dataset.csv")
+    return measurements(
+        choice.robot,
+        data,
+        measure="sphere",
+        model=choice.model,
+        artefact=choice.artefact,
+        use_distances=choice.use_distances,
+    )
+
+
+def _record(row: TouchRow, artefact: Artefact, drift: Drift | None) -> dict[str, Any]:
+    """A recorded touch as a row of the data set; `drift`: what the touch's reach had changed by, where it had."""
+    sphere = artefact.sphere(row.sphere)
+    return {
+        **{f"A{axis}": float(value) for axis, value in enumerate(row.joints, 1)},
+        "sphere": row.sphere,
+        "radius": sphere.diameter / 2.0 if sphere else None,
+        "tip_radius": artefact.tip_radius,
+        "set": row.set,
+        "time": row.time_ns * 1e-9,
+        "touch": row.number,
+        **({"drift": round(float(drift.at(row.number)), 6)} if drift else {}),
+        "attempt": row.attempt,
+        "tick": row.tick,
+        "bounces": row.bounces,
+        "stop_cycles": row.stop_cycles,
+    }
+
+
+def _stops(robot: RobotFile, touches: Sequence[TouchRow]) -> StopFigures:
+    """How the searches stopped: the tip's way from contact to rest in mm by the nominal model; telegrams by fate."""
+    chain, joints = robot.chain(), robot.joint_map()
+    contact = chain.forward(joints.model([row.joints for row in touches]))[:, :3, 3]
+    rest = chain.forward(joints.model([row.resting for row in touches]))[:, :3, 3]
+    travel = np.linalg.norm(rest - contact, axis=1)
+    return StopFigures(
+        overtravel_mean_mm=float(travel.mean()),
+        overtravel_max_mm=float(travel.max()),
+        stop_cycles_max=max(row.stop_cycles for row in touches),
+        late=sum(row.late for row in touches),
+        lost=sum(row.lost for row in touches),
+        skipped=sum(row.skipped for row in touches),
+    )

@@ -1,0 +1,77 @@
+"""The verdict of a campaign with a proof: held-out touches and stand-offs, and what became of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+from cellctl.devices import TableStore
+from cellctl.procedure import StepContext
+from cellctl.records import Figures, TableStateRow
+from procedures.steps.sphere.rows import HeldOutFigures, SphereVerdict, StandOffFigures, StandOffRow
+from procedures.steps.table_push import take_back
+
+
+def verdict_of(context: StepContext) -> SphereVerdict:
+    """The last verdict with the stand-offs in it, where there were any.
+
+    before, after: of the stand-offs. The campaign's verdict is theirs: it comes this far only with a model that was
+    better on held-out touches.
+    """
+    import numpy as np
+
+    from cellctl.calibration import ErrorFigures, paired_verdict
+
+    held_out = context.recorded(SphereVerdict)[-1]
+    rows = context.recorded(StandOffRow)
+    if not rows:
+        return held_out
+    pair = _paired(rows, "before"), _paired(rows, "after")
+    errors = [np.abs([row.error_mm for row in run]) for run in pair]
+    before, after = (Figures(**asdict(ErrorFigures.of(each))) for each in errors)
+    standoff = StandOffFigures(
+        before=before,
+        after=after,
+        n=len(pair[1]),
+        sphere=pair[1][0].sphere,
+        predicted_sigma=_rms([row.sigma_mm for row in pair[1]]),
+        found_sigma=_rms([row.error_mm - row.expected_mm for row in pair[1]]),
+    )
+    tables, verdict = context.recorded(TableStateRow), paired_verdict(*errors)
+    return replace(
+        held_out,
+        verdict=verdict,
+        sentence=_sentence(verdict, standoff, held_out.sentence),
+        before=before,
+        after=after,
+        held_out=HeldOutFigures(held_out.verdict, held_out.before, held_out.after),
+        standoff=standoff,
+        table=tables[-1] if tables else None,
+    )
+
+
+async def table_taken_back(context: StepContext, robot: TableStore) -> TableStateRow:
+    """Put the table before into force again; the row of the one that was taken back. Raises DeviceUncertain."""
+    row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
+    context.say(f"table {row.short} did no good and is no longer in force")
+    return row
+
+
+def _paired(rows: Sequence[StandOffRow], run: str) -> list[StandOffRow]:
+    return sorted((row for row in rows if row.run == run), key=lambda row: row.number)
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float((sum(value * value for value in values) / len(values)) ** 0.5)
+
+
+def _sentence(verdict: str, standoff: StandOffFigures, held_out: str) -> str:
+    before, after = standoff.before, standoff.after
+    says = {"better": "Better", "worse": "Worse than nominal, table taken back"}.get(
+        verdict, "No better than nominal, table taken back"
+    )
+    return (
+        f"{says}: standing off sphere {standoff.sphere}, which no fit saw, is wrong by {before.mean:.3f} → "
+        f"{after.mean:.3f} mm mean ({before.max:.3f} → {after.max:.3f} max) on {standoff.n} targets. "
+        f"Held-out touches: {held_out[0].lower()}{held_out[1:]}"
+    )

@@ -1,0 +1,173 @@
+"""From the cell's artefact and robot file to planned touches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from cellctl.files import InputError
+from cellctl.formats import RobotFile, artefact_of, postures_of
+from cellctl.formats.artefact import Artefact, Sphere
+from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.ways import Reach
+from cellctl.procedure import CellContext
+from procedures.steps.sphere.rows import TouchSet
+from procedures.steps.sphere.touch_plans import TouchPlan
+
+
+def planned_touches(
+    context: CellContext, fit: int, held_out: int, names: Sequence[str], reference_every: int
+) -> list[TouchPlan]:
+    """The touches; the held-out ones drawn at random, evenly over the spheres `names` (or all).
+
+    After each `reference_every` (0: never) comes a return to the first. Raises InputError where the cell has no such
+    sphere, or too few touches can be reached.
+    """
+    spheres = _named(context, names)
+    counts = dict(zip(spheres, _even(fit + held_out, len(spheres)), strict=True))
+    touches = plan_on(context, counts, context.seed, reference_every=reference_every)
+    sets = _sets(touches, spheres, held_out, context.seed)
+    return [as_plan(number, touch, of) for number, (touch, of) in enumerate(zip(touches, sets, strict=True))]
+
+
+def plan_on(
+    context: CellContext,
+    counts: dict[str, int],
+    seed: int,
+    *,
+    centres: dict[str, tuple[float, float, float]] | None = None,
+    reach: Reach | None = None,
+    options: TouchOptions | None = None,
+    reference_every: int = 0,
+    reference: PlannedTouch | None = None,
+) -> list[PlannedTouch]:
+    """`counts[name]` touches on each sphere, by ways clear of all of the cell's and their plate.
+
+    See `cellctl.planning.plan_touches`.
+
+    `centres`: where spheres are better known than by the cell file; `reach`: joint readings to stay within, else the
+    robot's limits. Raises InputError where too few can be reached, or the cell file has no postures.
+    """
+    artefact = artefact_of(context.cell, ("artefact",))
+    robot = RobotFile.load(context.robot_file)
+    targets = [_target(artefact, sphere, centres or {}) for sphere in artefact.spheres]
+    low, high = robot.limits().T
+    postures = postures_of(context.cell, robot)
+    try:
+        return plan_touches(
+            robot.chain(),
+            robot.joint_map(),
+            reach or Reach(tuple(low.tolist()), tuple(high.tolist())),
+            RobotPostures(tuple(postures.home), tuple(map(tuple, postures.touch))),
+            targets,
+            [counts.get(target.name, 0) for target in targets],
+            seed,
+            options,
+            plate=_plate(artefact),
+            reference_every=reference_every,
+            reference=reference,
+        )
+    except OutOfReach as error:
+        cure = "move the artefact to where the robot reaches all around it, or ask for fewer touches"
+        raise InputError(context.cell.problem(("artefact",), str(error), cure)) from error
+
+
+def check_plan(context: CellContext, known: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Raise InputError where the touches that `sphere.plan` asks for cannot be planned."""
+    wanted = {"fit", "held_out", "reference_every"}
+    if wanted <= known.keys():
+        planned_touches(context, known["fit"], known["held_out"], names, known["reference_every"])
+    else:
+        _named(context, names)
+
+
+def check_on_sphere(
+    context: CellContext, sphere: str | None, count: int | None, options: TouchOptions | None = None
+) -> None:
+    """Raise InputError where `sphere` is not there, or `count` touches on it cannot be reached by the nominal robot.
+
+    None: not known yet. In the run fewer can be reached: those within the joints of the fit.
+    """
+    if sphere is None:
+        return
+    _named(context, [sphere])
+    if count is not None:
+        plan_on(context, {sphere: count}, context.seed, options=options)
+
+
+def assumption(context: CellContext) -> str | None:
+    """What was taken for granted because the cell file does not say it; None where it does."""
+    artefact = artefact_of(context.cell, ("artefact",))
+    if artefact.plate:
+        return None
+    plate = _plate(artefact)
+    return (
+        f"the cell file names no plate under the spheres: ways are kept clear of one at z {plate.z:.0f} mm, and of "
+        f"stems with a radius of {plate.stem_radius:.0f} mm straight below the spheres"
+    )
+
+
+def sphere_called(context: CellContext, artefact: Artefact, name: str) -> Sphere:
+    """The cell's sphere of that name. Raises InputError."""
+    sphere = artefact.sphere(name)
+    if sphere is None:
+        known = ", ".join(sphere.id for sphere in artefact.spheres)
+        place = ("artefact", "spheres")
+        raise InputError(context.cell.problem(place, f"there is no sphere '{name}'", f"known: {known}"))
+    return sphere
+
+
+def _named(context: CellContext, names: Sequence[str]) -> list[str]:
+    """The spheres called `names`, all of them where none is named. Raises InputError where one is not there."""
+    artefact = artefact_of(context.cell, ("artefact",))
+    return [sphere_called(context, artefact, name).id for name in names] or [each.id for each in artefact.spheres]
+
+
+def seed_for(context: CellContext, purpose: str) -> int:
+    """A seed of its own for each purpose, following from the run's."""
+    return int.from_bytes(sha256(f"{context.seed}/{purpose}".encode()).digest()[:4])
+
+
+def as_plan(number: int, touch: PlannedTouch, of: TouchSet, repeats: int = 0) -> TouchPlan:
+    """A planned touch for the steps that move; a reference is one whatever set `of` says, and repeats `repeats`."""
+    return TouchPlan(
+        number=number,
+        sphere=touch.sphere,
+        set="reference" if touch.reference else of,
+        origin=list(touch.origin),
+        approach=[list(q) for q in touch.approach],
+        start=list(touch.start),
+        end=list(touch.end),
+        search_mm=touch.search_mm,
+        retreat=[list(q) for q in touch.retreat],
+        repeats=repeats if touch.reference else None,
+    )
+
+
+def _plate(artefact: Artefact) -> Plate:
+    if artefact.plate:
+        return Plate(artefact.plate.z, artefact.plate.stem_radius)
+    return Plate.assumed(np.array([[*sphere.centre, sphere.diameter / 2] for sphere in artefact.spheres]))
+
+
+def _target(artefact: Artefact, sphere: Sphere, centres: dict[str, tuple[float, float, float]]) -> SphereTarget:
+    x, y, z = sphere.centre
+    return SphereTarget(sphere.id, centres.get(sphere.id, (x, y, z)), sphere.diameter / 2 + artefact.tip_radius)
+
+
+def _even(total: int, parts: int) -> list[int]:
+    return [total // parts + (index < total % parts) for index in range(parts)]
+
+
+def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: int) -> list[TouchSet]:
+    """`test` for `held_out` of the touches, evenly over the spheres, at random within each; `fit` for the others."""
+    random = np.random.default_rng([seed, 0x7E57])
+    sets: list[TouchSet] = ["fit"] * len(touches)
+    for sphere, count in zip(spheres, _even(held_out, len(spheres))[::-1], strict=True):
+        on_it = [index for index, touch in enumerate(touches) if touch.sphere == sphere and not touch.reference]
+        for index in random.permutation(on_it)[:count]:
+            sets[index] = "test"
+    return sets

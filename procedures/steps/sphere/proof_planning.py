@@ -1,0 +1,62 @@
+"""Where to touch the proof sphere: to locate it, and to stand off it. Within the joints that the model saw."""
+
+from __future__ import annotations
+
+from cellctl.formats import ModelFile, artefact_of
+from cellctl.planning import PlannedTouch, TouchOptions
+from cellctl.planning.ways import Reach
+from cellctl.procedure import StepContext
+from procedures.steps.sphere.planning import as_plan, plan_on, seed_for, sphere_called
+from procedures.steps.sphere.reference_touches import last_number
+from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_plans import TouchPlan
+
+_BEYOND_MM = 8.0
+"""How far inside the expected surface a stand-off's search ends without contact."""
+
+
+def worth_proving(context: StepContext) -> bool:
+    """Whether the identified model was better than nominal on the held-out touches."""
+    verdicts = context.recorded(SphereVerdict)
+    return bool(verdicts) and verdicts[-1].better
+
+
+def locating_touches(context: StepContext, sphere: str, count: int) -> list[TouchPlan]:
+    """The touches, numbered on from those that were made. Raises InputError."""
+    sphere_called(context, artefact_of(context.cell, ("artefact",)), sphere)
+    touches = plan_on(context, {sphere: count}, seed_for(context, "locate"), reach=_seen(context))
+    first = 1 + last_number(context, TouchRow, ReferenceRow)
+    return [as_plan(first + index, touch, "locate") for index, touch in enumerate(touches)]
+
+
+def standoff_lines(
+    context: StepContext,
+    sphere: str,
+    centre: tuple[float, float, float],
+    count: int,
+    distance_mm: float,
+    reference_every: int,
+    reference: PlannedTouch,
+) -> list[PlannedTouch]:
+    """Lines from `distance_mm` off the surface of `sphere` at `centre`, by the nominal robot. Raises InputError."""
+    return plan_on(
+        context,
+        {sphere: count},
+        seed_for(context, "standoff"),
+        centres={sphere: centre},
+        reach=_seen(context),
+        options=standoff_options(distance_mm),
+        reference_every=reference_every,
+        reference=reference,
+    )
+
+
+def standoff_options(distance_mm: float) -> TouchOptions:
+    """How to plan stand-offs from `distance_mm` off the surface."""
+    return TouchOptions(guard=distance_mm, depth=_BEYOND_MM)
+
+
+def _seen(context: StepContext) -> Reach:
+    """The joint readings among those of the fit: elsewhere the model extrapolates, and no table may go there."""
+    region = ModelFile.load(context.run_folder / "model.json").joint_region
+    return Reach(tuple(region.min), tuple(region.max), margin=0.0)

@@ -1,0 +1,184 @@
+"""Proving a model on a sphere that it never saw: locate it, compensate, push, stand off it before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
+from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.records import TableStateRow
+from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
+from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
+
+
+class PlanProofInputs(StepInputs):
+    """Which sphere proves, and by how many touches it is located."""
+
+    sphere: str
+    touches: Annotated[int, Field(ge=4)] = 8
+
+
+class ProofPlan(StepResult):
+    """Touches that locate the proof sphere; none where the model is no better and nothing is to be proved."""
+
+    touches: list[TouchPlan]
+
+
+def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_on_sphere
+
+    check_on_sphere(context, known.get("sphere"), known.get("touches"))
+
+
+@step("sphere.plan_proof", check=_check_located)
+async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
+    """Plan the touches that locate the proof sphere, where the model has earned it."""
+    from procedures.steps.sphere.proof_planning import locating_touches, worth_proving
+
+    if not worth_proving(context):
+        context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
+        return ProofPlan(touches=[])
+    touches = await context.clock.compute(locating_touches, context, inputs.sphere, inputs.touches)
+    return ProofPlan(touches=touches)
+
+
+class CompensateInputs(StepInputs):
+    """Stand-off targets on the proof sphere: how many, how far off its surface, and where to go back to in between.
+
+    `reference`: the touch to return to after each `reference_every` stand-offs (0: never).
+    """
+
+    sphere: str
+    targets: Annotated[int, Field(ge=3, le=500)] = 30
+    distance_mm: Annotated[float, Field(gt=0, le=20)] = 10.0
+    reference: TouchPlan
+    reference_every: Annotated[int, Field(ge=0)] = 0
+
+
+class Compensation(StepResult):
+    """The stand-offs to come, in rounds; the id of the table in the run folder. Nothing where nothing is proved."""
+
+    rounds: list[Round]
+    table: str | None
+
+
+def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_on_sphere
+    from procedures.steps.sphere.proof_planning import standoff_options
+
+    options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
+    check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
+
+
+@step("sphere.compensate", check=_check_standoffs)
+async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
+    """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
+    from procedures.steps.sphere.proof_planning import worth_proving
+    from procedures.steps.sphere.standoff_table import standoffs_and_table
+
+    if not worth_proving(context):
+        return Compensation(rounds=[], table=None)
+    found = await context.clock.compute(standoffs_and_table, context, inputs)
+    await context.write_artefact("table.json", found.table)
+    await context.record(found.row)
+    context.say(found.sentence)
+    return Compensation(rounds=found.rounds, table=found.row.table)
+
+
+class PushInputs(StepInputs):
+    """The id of the table in the run folder; None where there is none to push."""
+
+    table: str | None
+
+
+class Pushed(StepResult):
+    """Whether the run's table is in force on the controller."""
+
+    active: bool
+
+
+@step("sphere.push", needs={"robot": TableStore}, moves=True)
+async def push(context: StepContext, inputs: PushInputs) -> Pushed:
+    """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
+
+    In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
+    """
+    from procedures.steps.table_push import pushed_row
+
+    judged = [verdict.better for verdict in context.recorded(SphereVerdict) if verdict.standoff]
+    if inputs.table is None or judged:
+        return Pushed(active=any(judged))
+    row = await pushed_row(context, context.device("robot"), inputs.table)
+    await context.record(row)
+    context.say(f"table {row.short} is in force: {row.rows} rows, read back letter for letter")
+    return Pushed(active=True)
+
+
+class StandOffInputs(StepInputs):
+    """A planned stand-off, and how fast: tip speed of the search, percent of axis speed for transfers."""
+
+    target: StandOffPlan
+    speed_mm_s: Annotated[float, Field(gt=0, le=50)]
+    transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
+
+
+class StoodOff(StepResult):
+    """The measured error along the normal, mm: travel to contact less the distance that was meant."""
+
+    error_mm: float
+
+
+@step("sphere.standoff", needs={"robot": CompensatedRobot, "probe": ContactProbe}, moves=True)
+async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
+    """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
+    from procedures.steps.sphere.standoff_rows import standoff_row
+    from procedures.steps.table_push import require_in_force
+
+    robot: CompensatedRobot = context.device("robot")
+    target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
+    measured: list[StandOffRow] = []
+
+    async def to_target() -> JointReadings:
+        if target.row is None:
+            return await robot.move(tuple(target.commanded), speeds.near_percent)
+        await require_in_force(robot, context.recorded(ProofRow)[-1].table)
+        return await robot.move_to_row(target.row, speeds.near_percent)
+
+    async def record(found: FoundContact) -> None:
+        measured.append(await context.clock.compute(standoff_row, context, target, found))
+        await context.record(measured[-1])
+
+    await search_and_retreat(robot, context.device("probe"), target, to_target, speeds, record)
+    return StoodOff(error_mm=measured[-1].error_mm)
+
+
+class Judged(StepResult):
+    """The verdict of the whole campaign."""
+
+    verdict: str
+    sentence: str
+
+
+@step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict)
+async def judge(context: StepContext, inputs: NoInputs) -> Judged:
+    """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
+    from procedures.steps.sphere.judging import table_taken_back, verdict_of
+
+    found = await context.clock.compute(verdict_of, context)
+    if not found.better and context.recorded(TableStateRow):
+        found = replace(found, table=await table_taken_back(context, context.device("robot")))
+    await context.record(found)
+    return Judged(verdict=found.verdict, sentence=found.sentence)
+
+
+@step("sphere.withdraw", needs={"robot": TableStore}, moves=True)
+async def withdraw(context: StepContext, inputs: NoInputs) -> None:
+    """For the clean-up: take the run's table out of force where the run ended before it was proved."""
+    from procedures.steps.table_push import take_back_unproved
+
+    await take_back_unproved(context, context.device("robot"))

@@ -1,0 +1,264 @@
+"""From located sphere to stand-off targets, compensated joints, table and what to expect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.calibration import LocatedSphere, RobotModel, locate_sphere
+from cellctl.files import InputError
+from cellctl.formats import ModelFile, TableFile, artefact_of
+from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
+from cellctl.kinematics import Floats
+from cellctl.planning import PlannedTouch
+from cellctl.procedure import StepContext
+from procedures.steps.sphere.planning import as_plan
+from procedures.steps.sphere.proof_planning import standoff_lines
+from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
+from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
+
+if TYPE_CHECKING:
+    from cellctl.compensation import Compensated
+
+
+class Wanted(Protocol):
+    """What the procedure asks for."""
+
+    @property
+    def sphere(self) -> str:
+        """The proof sphere."""
+
+    @property
+    def targets(self) -> int:
+        """How many stand-offs."""
+
+    @property
+    def distance_mm(self) -> float:
+        """How far off the surface."""
+
+    @property
+    def reference(self) -> TouchPlan:
+        """The touch to return to."""
+
+    @property
+    def reference_every(self) -> int:
+        """After how many stand-offs."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """The stand-offs in rounds, the text of the table file, the row to record, and a line for the operator."""
+
+    rounds: list[Round]
+    table: str
+    row: ProofRow
+    sentence: str
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Sphere:
+    """The proof sphere as either model finds it. reach: distance tip centre – sphere centre at contact, mm."""
+
+    nominal: LocatedSphere
+    identified: LocatedSphere
+    reach: float
+
+
+def standoffs_and_table(context: StepContext, wanted: Wanted) -> Prepared:
+    """Locate the sphere by either model, plan targets off it, compensate them, make the table.
+
+    Before: nominal joints to targets about the centre that the nominal model found. After: compensated joints to the
+    same targets about the identified centre. Raises InputError where targets cannot be reached.
+    """
+    model = ModelFile.load(context.run_folder / "model.json")
+    sphere = _located(context, model, wanted.sphere)
+    x, y, z = sphere.nominal.centre.tolist()
+    half = wanted.reference_every // 2  # each target is two stand-offs
+    again = _reference(wanted.reference)
+    lines = standoff_lines(context, wanted.sphere, (x, y, z), wanted.targets, wanted.distance_mm, half, again)
+    targets = [line for line in lines if not line.reference]
+    found, inside = _compensated(context, model, sphere, targets)
+    table = _table(context, model, sphere, targets, found)
+    first = 1 + last_number(context, TouchRow, ReferenceRow, LocateRow)
+    drifted = _drifted(context, first + 2.0 * np.arange(len(targets)))
+    pairs = _pairs(model, sphere, wanted.distance_mm, targets, found, inside, drifted)
+    rounds = _rounds(lines, pairs, wanted.reference, first)
+    return Prepared(rounds, table.text(), _row(wanted.sphere, sphere, table), _sentence(wanted.sphere, sphere, table))
+
+
+def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
+    artefact = artefact_of(context.cell, ("artefact",))
+    sphere = artefact.sphere(name)
+    assert sphere is not None
+    reach = sphere.diameter / 2.0 + artefact.tip_radius
+    rows = context.recorded(LocateRow)
+    q = model.robot.joint_map().model([row.joints for row in rows])
+    sigma = touch_sigma_mm(model.robot) * context.recorded(SphereVerdict)[-1].noise_scale
+    reaches = reach + _drifted(context, [row.number for row in rows])
+    nominal, identified = RobotModel(nominal_chain(model)), model.robot_model()
+    return _Sphere(locate_sphere(nominal, q, reaches, sigma), locate_sphere(identified, q, reaches, sigma), reach)
+
+
+def _drifted(context: StepContext, numbers: ArrayLike) -> Floats:
+    """By how much the tip's reach has changed at touch `numbers` (N,), mm; 0 unless the fit allowed for it."""
+    drift = context.recorded(SphereVerdict)[-1].drift
+    return drift_of(context).at(numbers) if drift.modelled else np.zeros(np.shape(numbers))
+
+
+def _reference(plan: TouchPlan) -> PlannedTouch:
+    approach, retreat = (tuple(tuple(q) for q in way) for way in (plan.approach, plan.retreat))
+    return PlannedTouch(
+        plan.sphere, tuple(plan.origin), approach, tuple(plan.start), tuple(plan.end), plan.search_mm, retreat
+    )
+
+
+def _compensated(
+    context: StepContext, model: ModelFile, sphere: _Sphere, lines: list[PlannedTouch]
+) -> tuple[Compensated, Compensated]:
+    """Compensated joints for the targets, and for the ends of the searches from them."""
+    both = [
+        compensated_targets(model, _about_identified(model, sphere, readings), readings)
+        for readings in (np.array([line.start for line in lines]), np.array([line.end for line in lines]))
+    ]
+    missed = [str(row + 1) for row in np.flatnonzero(~(both[0].converged & both[1].converged))]
+    if missed:
+        what = f"stand-off targets {', '.join(missed)} are out of the identified robot's reach"
+        raise InputError(context.cell.problem(("artefact", "spheres"), what, "move the proof sphere"))
+    return both[0], both[1]
+
+
+def _about_identified(model: ModelFile, sphere: _Sphere, readings: Floats) -> Floats:
+    """Poses (N, 4, 4) about the identified centre as the nominal ones at `readings` (N, n), deg, are about its own."""
+    poses = nominal_chain(model).forward(model.robot.joint_map().model(readings))
+    poses[:, :3, 3] += sphere.identified.centre - sphere.nominal.centre
+    return np.asarray(poses)
+
+
+def _table(
+    context: StepContext,
+    model: ModelFile,
+    sphere: _Sphere,
+    lines: list[PlannedTouch],
+    found: Compensated,
+) -> TableFile:
+    identity = context.identity("robot")
+    return table_of(
+        model,
+        _about_identified(model, sphere, np.array([line.start for line in lines])),
+        found,
+        serial=identity.serial,
+        simulated=identity.simulated,
+        run=context.run_name,
+        created=context.calendar,
+    )
+
+
+def _pairs(
+    model: ModelFile,
+    sphere: _Sphere,
+    distance_mm: float,
+    lines: list[PlannedTouch],
+    found: Compensated,
+    inside: Compensated,
+    drifted: Floats,
+) -> list[list[StandOffPlan]]:
+    """For each target the stand-off before and the one after, which goes on from where the first one ended.
+
+    The targets are those of the tip as it was at the first touch; what it has `drifted` by (N,), mm, is expected.
+    """
+    joints = model.robot.joint_map()
+    before = np.array([line.start for line in lines])
+    nominal, after, ends = (
+        joints.readings(q).round(6) for q in (found.nominal_q, found.compensated_q, inside.compensated_q)
+    )
+    normals = sphere.nominal.normals(joints.model(before))
+    foreseen = [_foreseen(model, sphere, readings, distance_mm + drifted) for readings in (before, after)]
+    pairs = []
+    for number, line in enumerate(lines):
+        common = {
+            "number": number,
+            "sphere": line.sphere,
+            "search_mm": line.search_mm,
+            "normal": normals[number].tolist(),
+            "distance_mm": distance_mm,
+        }
+        first = StandOffPlan(
+            run="before",
+            row=None,
+            origin=list(line.origin),
+            approach=[list(q) for q in line.approach],
+            nominal=list(line.start),
+            commanded=list(line.start),
+            end=list(line.end),
+            retreat=[list(line.start)],
+            expected_mm=float(foreseen[0][0][number]),
+            sigma_mm=float(foreseen[0][1][number]),
+            **common,
+        )
+        second = StandOffPlan(
+            run="after",
+            row=number + 1,
+            origin=list(line.start),
+            approach=[],
+            nominal=nominal[number].tolist(),
+            commanded=after[number].tolist(),
+            end=ends[number].tolist(),
+            retreat=[after[number].tolist(), *(list(q) for q in line.retreat[1:])],
+            expected_mm=float(foreseen[1][0][number]),
+            sigma_mm=float(foreseen[1][1][number]),
+            **common,
+        )
+        pairs.append([first, second])
+    return pairs
+
+
+def _foreseen(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm: Floats) -> tuple[Floats, Floats]:
+    """The error of a move to `readings` (N, n), deg, that the identified model expects (N,), and its 1 σ (N,), mm."""
+    q = model.robot.joint_map().model(readings)
+    expected = sphere.identified.distances(q) - sphere.reach - distance_mm
+    return expected, sphere.identified.sigma_of_stand_off(np.array(model.covariance), q)
+
+
+def _rounds(
+    lines: list[PlannedTouch], pairs: list[list[StandOffPlan]], reference: TouchPlan, number: int
+) -> list[Round]:
+    """The pairs, cut where the tour returns to the reference touch; `number`: the first return's."""
+    rounds: list[Round] = []
+    left, standoffs = iter(pairs), list[StandOffPlan]()
+    for line in lines:
+        if not line.reference:
+            standoffs += next(left)
+            number += 2
+            continue
+        again = as_plan(number, line, "reference", reference.number)
+        rounds.append(Round(standoffs=standoffs, references=[again]))
+        standoffs, number = [], number + 1
+    return [*rounds, Round(standoffs=standoffs, references=[])] if standoffs else rounds
+
+
+def _row(name: str, sphere: _Sphere, table: TableFile) -> ProofRow:
+    return ProofRow(
+        sphere=name,
+        nominal_centre=tuple(sphere.nominal.centre.tolist()),
+        identified_centre=tuple(sphere.identified.centre.tolist()),
+        nominal_residuals=tuple(sphere.nominal.residuals.tolist()),
+        identified_residuals=tuple(sphere.identified.residuals.tolist()),
+        table=table.id,
+        rows=len(table.rows),
+        created=table.created,
+        max_correction_deg=table.max_correction_deg,
+    )
+
+
+def _sentence(name: str, sphere: _Sphere, table: TableFile) -> str:
+    before, after = (float(np.abs(found.residuals).mean()) for found in (sphere.nominal, sphere.identified))
+    return (
+        f"{name} located by {len(sphere.nominal.residuals)} touches (residuals {before:.3f} → {after:.3f} mm mean); "
+        f"{len(table.rows)} targets compensated, joints by up to {table.max_correction_deg:.3f}°"
+    )

@@ -1,0 +1,86 @@
+"""What planning hands on to the steps that move."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from cellctl.procedure import StepResult
+from procedures.steps.sphere.rows import TouchSet
+
+_IMPLAUSIBLE_SHARE = 0.1
+"""A touch's line is 10 mm to the expected surface and 8 mm on: what comes over 8.2 mm too early is not the sphere.
+Robots of this class, with the sphere within some millimetres of its rough place, come up to 6.5 mm too early."""
+
+_UNFORESEEN_MM, _AT_ALL_MM = 4.0, 0.5
+"""By how much a stand-off may come earlier than the model foresees; and its way at the least."""
+
+Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
+"""Joint readings, degrees."""
+
+
+class TouchPlan(StepResult):
+    """One touch to come: joints in degrees, see `cellctl.planning.PlannedTouch`.
+
+    `set`: to identify from, held out, to locate the proof sphere, or a return to touch number `repeats`.
+    """
+
+    number: int
+    sphere: str
+    set: TouchSet
+    origin: Joints
+    approach: list[Joints]
+    start: Joints
+    end: Joints
+    search_mm: float
+    retreat: list[Joints]
+    repeats: int | None = None
+
+    @property
+    def earliest_mm(self) -> float:
+        """Contact sooner than this on the line is not with the sphere, which would be out by most of the way there."""
+        return _IMPLAUSIBLE_SHARE * self.search_mm
+
+
+class StandOffPlan(StepResult):
+    """One stand-off to come: go to a target off the sphere, then search along its normal until contact.
+
+    `number`: the target, from 0; `run`: with nominal joints before, with the pushed table's `row` after. `nominal`: the
+    target's joints without compensation, `commanded`: those that are moved to, degrees. `normal`: unit vector from the
+    sphere's centre. `distance_mm`: how far off the surface the target is. `expected_mm`: the error that the identified
+    model foresees, `sigma_mm`: its 1 σ.
+    """
+
+    number: int
+    run: Literal["before", "after"]
+    row: int | None
+    sphere: str
+    origin: Joints
+    approach: list[Joints]
+    nominal: Joints
+    commanded: Joints
+    end: Joints
+    search_mm: float
+    retreat: list[Joints]
+    normal: list[float]
+    distance_mm: float
+    expected_mm: float
+    sigma_mm: float
+
+    @property
+    def start(self) -> Joints:
+        """Where the search begins: what is moved to."""
+        return self.commanded
+
+    @property
+    def earliest_mm(self) -> float:
+        """Contact sooner than this on the line is not with the sphere: neither nominal robot nor model explains it."""
+        return max(_AT_ALL_MM, self.distance_mm + self.expected_mm - _UNFORESEEN_MM)
+
+
+class Round(StepResult):
+    """Stand-offs, each target before and after at once, and the return to the reference touch behind them."""
+
+    standoffs: list[StandOffPlan]
+    references: list[TouchPlan]

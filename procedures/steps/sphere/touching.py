@@ -1,0 +1,165 @@
+"""Touching spheres: plan the touches, do one, identify the robot from all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from cellctl.devices import ContactProbe, SearchingRobot
+from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
+from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_plans import Joints, TouchPlan
+
+TOUCHES_PER_SPHERE = 6
+"""Touches of the fit that the verdict asks for, for each sphere: two numbers for each coordinate of its centre."""
+
+
+def _names(spheres: str) -> list[str]:
+    return [name.strip() for name in spheres.split(",") if name.strip()]
+
+
+class PlanInputs(StepInputs):
+    """How many touches, on which spheres (names with commas between; empty: all), and how often back to the first.
+
+    `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the sphere that the model
+    is to be proved on later, which must not be among those that it is made from.
+    """
+
+    fit: Annotated[int, Field(ge=5)]
+    held_out: Annotated[int, Field(ge=0)]
+    spheres: str = ""
+    reference_every: Annotated[int, Field(ge=0)] = 0
+    prove_on: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """The spheres by name; none where all are meant."""
+        return _names(self.spheres)
+
+    @model_validator(mode="after")
+    def _can_be_proved(self) -> Self:
+        if self.prove_on.strip() and (not self.names or self.prove_on.strip() in self.names):
+            used = "all spheres" if not self.names else "it"
+            raise ValueError(f"sphere {self.prove_on} cannot prove a model that is made from {used}: name another one")
+        least = TOUCHES_PER_SPHERE * len(self.names)
+        if self.held_out and self.fit < least:
+            raise ValueError(f"{self.fit} touches are too few to judge a model by others, {least} at least")
+        return self
+
+
+class Plan(StepResult):
+    """All touches, in order."""
+
+    touches: list[TouchPlan]
+
+
+def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.sphere.planning import check_plan
+
+    if "spheres" in known:
+        check_plan(context, known, _names(known["spheres"]))
+
+
+@step("sphere.plan", check=_check_plan)
+async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
+    """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
+    from procedures.steps.sphere.planning import assumption, planned_touches
+
+    touches = await context.clock.compute(
+        planned_touches, context, inputs.fit, inputs.held_out, inputs.names, inputs.reference_every
+    )
+    context.say(
+        f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"
+    )
+    if assumed := assumption(context):
+        context.say(assumed)
+    return Plan(touches=touches)
+
+
+class TouchInputs(StepInputs):
+    """A planned touch, and how fast: tip speed of the search, percent of axis speed for transfers."""
+
+    touch: TouchPlan
+    speed_mm_s: Annotated[float, Field(gt=0, le=50)]
+    transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
+
+
+class Touched(StepResult):
+    """Where contact was: joints in degrees at the contact's time."""
+
+    joints: Joints
+
+
+@step("sphere.touch", needs={"robot": SearchingRobot, "probe": ContactProbe}, moves=True)
+async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
+    """Go to a sphere, search along the planned line until contact, note the joints at its time, retreat."""
+    robot: SearchingRobot = context.device("robot")
+    probe: ContactProbe = context.device("probe")
+    planned, speeds = inputs.touch, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
+    rows: list[TouchRow] = []
+
+    async def record(found: FoundContact) -> None:
+        rows.append(await context.clock.compute(_row, context, planned, found))
+        await context.record(rows[-1])
+
+    await search_and_retreat(
+        robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds, record
+    )
+    if isinstance(rows[-1], ReferenceRow):
+        _look_for_jump(context, rows[-1])
+    return Touched(joints=list(rows[-1].joints))
+
+
+def _row(context: StepContext, planned: TouchPlan, found: FoundContact) -> TouchRow:
+    """Touches on the proof sphere and returns to the reference are kept apart: no fit takes them for its own."""
+    kind = LocateRow if planned.set == "locate" else TouchRow
+    row = kind(
+        number=planned.number,
+        sphere=planned.sphere,
+        set=planned.set,
+        joints=tuple(round(value, 6) for value in found.joints),
+        attempt=context.attempt,
+        **found.row(),
+    )
+    if planned.repeats is None:
+        return row
+    from procedures.steps.sphere.reference_touches import reference_row
+
+    return reference_row(context, row, planned.repeats)
+
+
+def _look_for_jump(context: StepContext, row: ReferenceRow) -> None:
+    from procedures.steps.sphere.reference_touches import jump
+
+    context.say(f"reference touch: {row.shift_mm:+.3f} mm (1 σ {row.sigma_mm:.3f}) since the first visit")
+    if fault := jump(context.recorded(ReferenceRow)):
+        raise fault
+
+
+class IdentifyInputs(StepInputs):
+    """Which model, and whether the certified spacings of the spheres are used."""
+
+    model: Literal["auto", "geometry"] = "auto"
+    use_distances: bool = True
+
+
+class Identified(StepResult):
+    """The verdict on held-out touches; distances to the sphere's surface in mm."""
+
+    verdict: str
+    sentence: str
+
+
+@step("sphere.identify", verdict=SphereVerdict)
+async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
+    """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
+    from procedures.steps.sphere.identification import identify_touches
+
+    found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
+    await context.write_artefact("dataset.csv", found.data)
+    await context.write_artefact("model.json", found.model)
+    await context.record(found.verdict)
+    return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)

@@ -1,0 +1,47 @@
+"""What the simulated controller is to the rest: its scheme, settings, faults and events."""
+
+from __future__ import annotations
+
+from sims.faults import SEARCH, SEARCH_END
+from sims.settings import FOR_MS, FaultKind, Setting
+from sims.simulator import Setup, Simulator, Started
+
+MOVE = "robot.move"
+
+
+def _start(setup: Setup) -> Started:
+    from sims.krc.controller import start
+
+    return start(setup)
+
+
+SIMULATOR = Simulator(
+    schemes=("kuka+rsi",),
+    start=_start,
+    section="rsi",
+    settings=(
+        Setting("cycle_ms", "whole", 4, among=(4, 12), what="Interpolation cycle."),
+        Setting("precision", "whole", 4, what="Decimals of a telegram's numbers."),
+        Setting("timeout_cycles", "whole", 100, 1, what="Tolerated late cycles."),
+        Setting("counter", "word", "total", among=("total", "reset"), what="Does a good reply reset the late count?"),
+        Setting(
+            "mode",
+            "word",
+            among=("absolute", "relative"),
+            what="What the program passes to RSI_ON. Without it: as the robot's address says.",
+        ),
+    ),
+    faults=(
+        FaultKind("rsi.silent", "`RSI_ON` succeeds, no telegram ever comes"),
+        FaultKind("rsi.sentype", "the controller expects another `SENTYPE`: every reply counts as faulty"),
+        FaultKind("rsi.stall", "replies are lost on the way", (FOR_MS,)),
+        FaultKind("rsi.drop", "telegrams to the host are lost", (FOR_MS,)),
+        FaultKind("robot.stop", "the operator's stop: the controller brakes and shows a message", momentary=True),
+        FaultKind("robot.restart", "the controller restarts", momentary=True),
+    ),
+    events={
+        MOVE: "a point-to-point move begins",
+        SEARCH: "RSI is on for a search",
+        SEARCH_END: "the search's last reply has been sent",
+    },
+)

@@ -1,0 +1,83 @@
+"""The scene of a simulated cell: built before any device's simulator, and given to each of them."""
+
+from __future__ import annotations
+
+from typing import TextIO, final
+
+from sims.cell import SimCell
+from sims.faults import Faults
+from sims.kernel import Kernel
+from sims.memory import Memory
+from sims.scene.arm import MovingArm
+from sims.scene.contact_log import ContactLog
+from sims.scene.contact_loop import ContactLoop
+from sims.scene.faults import TIP_JUMP
+from sims.scene.stance import Stance, stance_of
+from sims.world.screws import Vector
+from sims.world.world import World
+
+SAVE_EVERY_NS = 500_000_000
+
+
+@final
+class Scene:
+    """The true world, the arm that moves in it, and the contact between its tip and the spheres.
+
+    A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's asks where the tool is
+    (`tcp`) and what is in the way of its beam (`blocked`). None of them needs another one's simulator. The arm is where
+    `memory` has it, else at home. Points are in the robot's base frame, mm. Raises BadMemory.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        cell: SimCell,
+        faults: Faults,
+        *,
+        truth_log: TextIO | None = None,
+        memory: Memory | None = None,
+    ) -> None:
+        joints = cell.robot.joints
+        self._kernel, self._faults, self._memory = kernel, faults, memory or Memory()
+        self.world = World(cell, cell.simulate.seed)
+        self._memory.recall("ageing", self.world.ageing.recall)
+        self.contact = ContactLoop()
+        self.log = ContactLog(truth_log)
+        stance = self._memory.recall("robot", lambda told: stance_of(told, len(joints))) or Stance(cell.home, cell.home)
+        speeds = [joint.max_speed for joint in joints]
+        self.arm = MovingArm(kernel, self.world, self.contact, self.log, stance, speeds)
+        self._memory.keep("robot", lambda: self.arm.stance().told())
+        self._memory.keep("ageing", lambda: self.world.ageing.told(kernel.now))
+        self.contact.subscribe(self._touched)
+        faults.on_start(TIP_JUMP.name, self._shorten_tip)
+        kernel.after(SAVE_EVERY_NS, self._save_on_the_way)
+
+    def tcp(self, time_ns: int | None = None) -> Vector:
+        """The true tool centre point now, or at another moment of the motion that goes on."""
+        return self.arm.tcp(self._kernel.now if time_ns is None else time_ns)
+
+    def blocked(self, start: Vector, end: Vector, time_ns: int | None = None) -> bool:
+        """Is there a body between two points, now or at another moment of the motion that goes on?
+
+        Bodies: spheres, their stems and plate, the arm's forearm and wrist, the tool's tube. A reflector on a bracket
+        is outside all of them; a point inside a body is blocked.
+        """
+        links = self.arm.links(self._kernel.now if time_ns is None else time_ns)
+        return self.world.blocked(links, start, end)
+
+    def _touched(self, closed: bool) -> None:
+        """A touch that is over has worn the tip."""
+        if not closed:
+            self.world.ageing.touched()
+
+    def _shorten_tip(self) -> None:
+        fault = self._faults.active(TIP_JUMP.name)
+        self.world.ageing.shorten(fault.settings["mm"] if fault else 0.0)
+        self.arm.tip_changed()
+        self._memory.save()
+
+    def _save_on_the_way(self) -> None:
+        """Remember the robot every half second of T while it moves: whoever comes back finds it on its way."""
+        if self.arm.moving:
+            self._memory.save()
+        self._kernel.after(SAVE_EVERY_NS, self._save_on_the_way)

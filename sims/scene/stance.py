@@ -1,0 +1,59 @@
+"""Where and how the robot stands, as it is remembered from one process to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any, final
+
+from sims.scene.motions import Joints
+from sims.world.screws import Vector
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """Joints as they really are, degrees; the programmed ones; the scatter that goes with them, mm (None: to be drawn).
+
+    `attempts`: how often each pose has been commanded, by its joints in 1e-4°; `attempt`: which one this is, from 0.
+    `slack`: how far each link is ahead of its joint within the play, degrees; none where nothing is known of it.
+    """
+
+    joints: Joints
+    commanded: Joints
+    scatter: Vector | None = None
+    attempt: int = 0
+    attempts: Mapping[str, int] = field(default_factory=dict)
+    slack: Joints = ()
+
+    def told(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "joints": self.joints,
+            "commanded": self.commanded,
+            "scatter": self.scatter,
+            "attempt": self.attempt,
+            "attempts": dict(self.attempts),
+            "slack": self.slack,
+        }
+
+
+def stance_of(told: Mapping[str, Any], axes: int) -> Stance:
+    """The stance that `told()` told. Raises ValueError, TypeError, LookupError, AttributeError."""
+    x, y, z = _numbers(told["scatter"], 3)
+    return Stance(
+        joints=_numbers(told["joints"], axes),
+        commanded=_numbers(told["commanded"], axes),
+        scatter=(x, y, z),
+        attempt=int(told["attempt"]),
+        attempts={str(pose): int(count) for pose, count in told["attempts"].items()},
+        slack=_numbers(told["slack"], axes) if told.get("slack") else (),
+    )
+
+
+def _numbers(values: Any, count: int) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        raise ValueError(f"{count} finite numbers are expected, not {values!r}")
+    return numbers

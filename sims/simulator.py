@@ -1,0 +1,102 @@
+"""What a device's simulator is: one description, found by its entry point, and what it is started with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol, final
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from sims.settings import FaultKind, Setting
+
+if TYPE_CHECKING:
+    from sims.cell import SimCell
+    from sims.faults import Faults
+    from sims.kernel import Kernel
+    from sims.memory import Memory
+    from sims.scene.scene import Scene
+    from sims.wires import Wire
+
+
+class CannotStart(ValueError):
+    """The device cannot be simulated as the cell file has it; the text says why."""
+
+
+class Refused(Exception):
+    """A request on the control port that cannot be done; the text says why."""
+
+
+Request = Callable[[dict[str, Any]], object]
+"""Does what a message on the control port asks of one device. Raises Refused."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What a simulator is started with.
+
+    `device`: its name in the cell file; `address`: as written there. `settings`: of its section, all with a value.
+    `wire`: where it counts its bytes. `memory`: what outlives the process; each part of it has a name of its own.
+    """
+
+    device: str
+    address: str
+    settings: Mapping[str, Any]
+    cell: SimCell
+    kernel: Kernel
+    scene: Scene
+    faults: Faults
+    wire: Wire
+    memory: Memory
+
+
+class Started(Protocol):
+    """A device that listens."""
+
+    @property
+    def address(self) -> str:
+        """Where its driver finds it: the address as written, with the places filled in."""
+
+    @property
+    def requests(self) -> Mapping[str, Request]:
+        """What it can be asked on the control port: `op` → request."""
+
+    def close(self) -> None:
+        """Hang up, and let go of ports and terminals."""
+
+
+def _no_mistakes(address: str) -> list[str]:
+    return []
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Simulator:
+    """One kind of device. Importing it costs nothing: `start` imports the rest.
+
+    `schemes`: of the addresses that it stands in for. `start` raises CannotStart, BadMemory. `section`: the key of its
+    `settings` in `simulate:`. `address_mistakes`: what is wrong with an address. `events`: name → when the simulator
+    announces it to the fault schedule (`faults.announce`). `most`: how many of the kind a cell may have; None: any.
+    """
+
+    schemes: tuple[str, ...]
+    start: Callable[[Setup], Started]
+    section: str = ""
+    settings: tuple[Setting, ...] = ()
+    faults: tuple[FaultKind, ...] = ()
+    events: Mapping[str, str] = field(default_factory=dict)
+    address_mistakes: Callable[[str], list[str]] = _no_mistakes
+    most: int | None = 1
+
+
+def with_settings(address: str, place: str, **settings: str) -> str:
+    """The address with this host and port, and settings added or replaced."""
+    parts = urlsplit(address)
+    query = {**dict(parse_qsl(parts.query)), **settings}
+    return f"{parts.scheme}://{place}{parts.path}?{urlencode(query, safe='/:')}"
+
+
+def with_path(address: str, path: str) -> str:
+    """The address with this path and no host."""
+    parts = urlsplit(address)
+    return f"{parts.scheme}://{path}" + (f"?{parts.query}" if parts.query else "")

@@ -1,0 +1,68 @@
+"""A cell file names its devices under `devices:`; every other key at its top level is a known one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.files import InputError
+
+ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml"
+PROBE = "contact+serial:///dev/ttyACM0?baud=250000"
+
+
+@pytest.fixture
+def load(tmp_path: Path):
+    def loaded(text: str) -> Cell:
+        (tmp_path / "cell.yaml").write_text(f"name: a cell\nmodel: {ROBOT}\n{text}")
+        return Cell.load(tmp_path / "cell.yaml", DriverRegistry())
+
+    return loaded
+
+
+def refused(load, text: str) -> list[tuple[int, str, str]]:
+    """Line, what and cure of each mistake."""
+    with pytest.raises(InputError) as caught:
+        load(text)
+    return [(problem.line, problem.what, problem.cure) for problem in caught.value.problems]
+
+
+def test_devices_are_found_by_the_names_in_their_section(load) -> None:
+    assert {name: str(address) for name, address in load(f"devices: {{feeler: '{PROBE}'}}\n").addresses.items()} == {
+        "feeler": PROBE
+    }
+
+
+def test_an_address_at_top_level_is_told_where_it_belongs(load) -> None:
+    old = refused(load, f"robot: kuka+rsi://0.0.0.0:1\nprobe: {PROBE}\nsimulat: {{seed: 1}}\n")
+    assert [(line, what) for line, what, _ in old] == [
+        (3, "'robot' is an address at top level"),
+        (4, "'probe' is an address at top level"),
+        (5, "'simulat' is not known here"),
+    ]
+    assert "under `devices:`" in old[0][2]
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"), [("device", "devices"), ("limit", "limits"), ("simulated", "simulate"), ("artifact", "artefact")]
+)
+def test_a_misspelt_key_is_a_mistake_with_what_is_probably_meant(load, key: str, meant: str) -> None:
+    assert refused(load, f"devices: {{probe: '{PROBE}'}}\n{key}: {{}}\n") == [
+        (4, f"'{key}' is not known here", f"did you mean '{meant}'?")
+    ]
+
+
+@pytest.mark.parametrize("text", ["", "devices: {}\n"])
+def test_a_cell_without_device_is_refused(load, text: str) -> None:
+    assert [what for _, what, _ in refused(load, text)] == ["the cell has no device"]
+
+
+@pytest.mark.parametrize("value", ["7", "{port: 1}", "/dev/ttyACM0"])
+def test_what_is_no_address_is_named_at_its_line(load, value: str) -> None:
+    ((line, what, _),) = refused(load, f"devices:\n  probe: {value}\n")
+    assert line == 4
+    assert what.startswith("probe: ")
+    assert "address" in what
