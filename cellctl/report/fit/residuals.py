@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration import Estimate, Measured, Mixture, State
+from cellctl.calibration import Estimate, Measured, RowBlocks, State
 from cellctl.calibration.verdict.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.report.fit.story import FitStory
@@ -46,7 +46,7 @@ class Residuals:
     turned: Floats
     joined: Floats
     scaled: Floats
-    chance: Floats
+    p_value: Floats
 
     @classmethod
     def of(cls, story: FitStory) -> Self:
@@ -66,9 +66,9 @@ class Residuals:
         columns = {name: np.concatenate([part[name] for part in parts], axis=_axis(name)) for name in parts[0]}
         index = np.concatenate([in_fit, held_out])
         judged = np.isin(index, held_out)
-        chance = np.concatenate([np.full(len(in_fit), np.nan), _chances(story, held_out)])
+        p_value = np.concatenate([np.full(len(in_fit), np.nan), _chances(story, held_out)])
         wild = np.isin(index, [*left_out, *story.result.unforeseen]) & ~np.isin(index, story.used)
-        result = cls(index=index, held_out=judged, outlying=wild, chance=chance, **columns)
+        result = cls(index=index, held_out=judged, outlying=wild, p_value=p_value, **columns)
         return result.pick(np.argsort(index, kind="stable"))
 
     def pick(self, which: Any) -> Self:
@@ -99,7 +99,7 @@ def _axis(name: str) -> int:
     return 1 if name in ("signed", "joined") else 0
 
 
-def _settles(story: FitStory, rows: Mixture) -> bool:
+def _settles(story: FitStory, rows: RowBlocks) -> bool:
     """Whether something about held-out `rows` had to be found from themselves: their numbers were then not foreseen."""
     used = story.task.rows.pick(story.used)
     return bool(unseen_by(story.task, story.found.unknowns, used, rows).any())
@@ -180,5 +180,5 @@ def _scaled(block: Measured, state: State, sure: _Sure | None) -> Floats:
 def _chances(story: FitStory, held_out: Any) -> Floats:
     if not len(held_out):
         return np.zeros(0)
-    rows: Mixture = story.task.rows.pick(held_out)
-    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).chance
+    rows: RowBlocks = story.task.rows.pick(held_out)
+    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).p_value
