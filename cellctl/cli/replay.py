@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.operations.replay import ArtefactReplay, Replay, StepReplay
 
@@ -19,12 +21,12 @@ _SHORT = 12
 
 
 def replay(
-    run: Annotated[Path, typer.Argument(help="Run folder, or its name in the folder of runs.")],
+    run: arguments.Run,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the files that were computed again into this folder.")
+        Path | None, typer.Option("-o", "--out", help="Write the files that were computed again into this folder.")
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
-    json_: Annotated[str | None, typer.Option("--json", help="Write it as JSON to this file; - for stdout.")] = None,
+    runs: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
 ) -> None:
     """Compute a run's data set, model and table again from its journal alone; say which bytes differ, and why.
 
@@ -39,8 +41,7 @@ def replay(
     found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))
     if out:
         _write(found, out)
-    if json_:
-        write_json(_as_json(found), json_)
+    write_json(_as_json(found), json_)
     if json_ != "-":
         for line in _lines(found):
             typer.echo(line)

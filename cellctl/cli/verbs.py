@@ -35,6 +35,11 @@ for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: threads of linear
 class _Verbs(TyperGroup):
     """The verbs. Ctrl-C ends them by `Interrupted`; of a KeyboardInterrupt Typer would make an end without a word."""
 
+    def list_commands(self, ctx: Any) -> list[str]:
+        names = [name for name in super().list_commands(ctx) if name != "table"]
+        names.insert(names.index("compensate") + 1, "table")
+        return names
+
     def make_context(self, *args: Any, **more: Any) -> Any:
         with _interruptible():
             return super().make_context(*args, **more)
@@ -79,10 +84,27 @@ def _options(
         os.environ["CELLCTL_DEBUG"] = "1"
 
 
-_RUNNING: tuple[Callable[..., None], ...] = (status, pause, continue_, abort, confirm)
-_FILES: tuple[Callable[..., None], ...] = (fit, predict, compensate, convert)
-_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, *_FILES, runs, show, report, replay)
-for _verb in (*_VERBS, *_RUNNING):
-    app.command(_verb.__name__.rstrip("_"))(_verb)
-app.command("import")(import_data)
+_VERBS: dict[str, Callable[..., None]] = {
+    "check": check,
+    "run": run,
+    "status": status,
+    "pause": pause,
+    "continue": continue_,
+    "confirm": confirm,
+    "abort": abort,
+    "show": show,
+    "runs": runs,
+    "report": report,
+    "replay": replay,
+    "import": import_data,
+    "fit": fit,
+    "predict": predict,
+    "compensate": compensate,
+    "convert": convert,
+    "krl": krl,
+    "sim": sim,
+}
+"""In the order of work, as the help lists them; `table` comes after `compensate`."""
+for _name, _verb in _VERBS.items():
+    app.command(_name)(_verb)
 app.add_typer(table, name="table")

@@ -13,6 +13,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.operations.simulated import simulation_mistakes
+from cellctl.operations.system import require_cells
 from cellctl.procedure import (
     CellFiles,
     DeviceConditions,
@@ -20,6 +21,7 @@ from cellctl.procedure import (
     StepRegistry,
     check_cell,
     checked_parameters,
+    expected_passes,
     load_procedure,
 )
 
@@ -35,6 +37,11 @@ class Campaign:
     registry: StepRegistry
     drivers: DriverRegistry
 
+    @property
+    def expected_passes(self) -> int:
+        """How many passes the loops will have together, as far as that is known before the run."""
+        return expected_passes(self.procedure, self.parameters, self.registry)
+
 
 def load_campaign(
     procedure_file: Path,
@@ -49,6 +56,7 @@ def load_campaign(
     seed: the run's, None: the cell file's. resumed: the steps found nothing to refuse when the run began, and are not
     asked again. Raises InputError with all mistakes in the files and in the settings.
     """
+    require_cells()
     drivers, registry = DriverRegistry(), StepRegistry.installed()
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)

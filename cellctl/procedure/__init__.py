@@ -1,6 +1,6 @@
 """Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
 
-from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell
+from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell, expected_passes
 from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters
 from cellctl.procedure.context import StepContext
 from cellctl.procedure.expressions import Expression
@@ -62,6 +62,7 @@ __all__ = [
     "check",
     "check_cell",
     "checked_parameters",
+    "expected_passes",
     "inputs_of",
     "load_procedure",
     "read_procedure",

@@ -34,7 +34,7 @@ def evidence(hashes):
         known=np.eye(len(NAMES)),
         change=one,
         x=0.0 * one,
-        of_effects=frozenset(factors),
+        of_effects=dict.fromkeys(factors, (0.01, 10.0)),
         independent=True,
     )
     return system.evidence(dict(zip(factors, rng.normal(0.0, 4.0, len(NAMES)).tolist(), strict=True)))[0]
