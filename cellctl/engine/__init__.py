@@ -4,6 +4,7 @@ from cellctl.engine.context import Context, Surround
 from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
 from cellctl.engine.mailbox_folder import MailboxFolder
 from cellctl.engine.outcome import Outcome
+from cellctl.engine.passes import Passes
 from cellctl.engine.runner import Aborted, Engine, Plan
 from cellctl.engine.states import ENDS, TRANSITIONS, IllegalTransition, State
 from cellctl.engine.watcher import NobodyWatching, Watcher
@@ -22,6 +23,7 @@ __all__ = [
     "NobodyWatching",
     "Operator",
     "Outcome",
+    "Passes",
     "Plan",
     "State",
     "Surround",
