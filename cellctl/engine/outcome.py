@@ -25,3 +25,7 @@ class Outcome:
     seconds: float
     moved: bool
     held: bool
+
+
+class Aborted(Exception):
+    """The operator ended the run, or what started it is gone; the text says which."""
