@@ -7,16 +7,10 @@ from pathlib import Path
 
 from cellctl.cli.ends import Exit
 from cellctl.cli.outputs import write_json
-from cellctl.engine import Outcome, State
+from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
 from cellctl.journal import JournalError, RunResult, fold, read_journal
 from cellctl.operations.results import table_line
-
-_BY_STATE = {
-    State.ABORTED: Exit.ABORTED,
-    State.FAILED: Exit.DEVICE_FAILED,
-    State.UNCERTAIN: Exit.UNCERTAIN,
-}
 
 
 def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
@@ -40,10 +34,18 @@ def report_of(folder: Path) -> None:
 
 def exit_of(outcome: Outcome) -> Exit:
     """The exit code of a run's end."""
-    if outcome.state is not State.FINISHED:
-        return Exit.BAD_INPUT if isinstance(outcome.error, InputError) else _BY_STATE[outcome.state]
-    better = outcome.verdict is None or outcome.verdict.better
-    return Exit.GOOD if better else Exit.NOT_BETTER
+    match outcome.state, outcome.error:
+        case State.FINISHED, _:
+            better = outcome.verdict is None or outcome.verdict.better
+            return Exit.GOOD if better else Exit.NOT_BETTER
+        case State.UNCERTAIN, _:
+            return Exit.UNCERTAIN
+        case _, InputError():
+            return Exit.BAD_INPUT
+        case State.ABORTED, error if not isinstance(error, AbortedByInterlock):
+            return Exit.ABORTED
+        case _:
+            return Exit.DEVICE_FAILED
 
 
 def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:

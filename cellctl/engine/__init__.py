@@ -3,7 +3,7 @@
 from cellctl.engine.context import Context, Surround
 from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
 from cellctl.engine.mailbox_folder import MailboxFolder
-from cellctl.engine.outcome import Aborted, Outcome
+from cellctl.engine.outcome import Aborted, AbortedByInterlock, Outcome
 from cellctl.engine.passes import Passes
 from cellctl.engine.plan import Plan
 from cellctl.engine.runner import Engine
@@ -14,6 +14,7 @@ __all__ = [
     "ENDS",
     "TRANSITIONS",
     "Aborted",
+    "AbortedByInterlock",
     "Action",
     "ActionName",
     "Context",

@@ -9,7 +9,7 @@ from typing import final
 from cellctl.clock import calendar_time
 from cellctl.engine.interlocks import Interlocks
 from cellctl.engine.mailbox import Action, Mailbox, Operator
-from cellctl.engine.outcome import Aborted
+from cellctl.engine.outcome import Aborted, AbortedByInterlock
 from cellctl.engine.recorder import Recorder
 from cellctl.journal import InterlockChanged, OperatorAction
 from cellctl.procedure import Interlock, OnBreak, Resume
@@ -53,14 +53,14 @@ class Control:
             case "resume":
                 self._paused = ""
             case "abort":
-                self.abort(text or "aborted by the operator")
+                self.abort(Aborted(text or "aborted by the operator"))
             case "confirm" if self._asked:
                 self._asked.set_result(who)
         self._changed.set()
 
-    def abort(self, why: str) -> None:
+    def abort(self, why: Aborted) -> None:
         """End the work; the first reason stays."""
-        self.aborted = self.aborted or Aborted(why)
+        self.aborted = self.aborted or why
         if self.cancel:
             self.cancel()
 
@@ -92,7 +92,7 @@ class Control:
         if holds:
             return
         if interlock.on_break is OnBreak.ABORT:
-            self.abort(f"aborted: {text}")
+            self.abort(AbortedByInterlock(f"aborted: {text}"))
             return
         if interlock.resume is Resume.OPERATOR:
             self._paused = self._paused or text

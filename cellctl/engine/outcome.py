@@ -29,3 +29,8 @@ class Outcome:
 
 class Aborted(Exception):
     """The operator ended the run, or what started it is gone; the text says which."""
+
+
+@final
+class AbortedByInterlock(Aborted):
+    """An interlock ended the run: a condition of a device did not hold. The command line ends with exit code 3."""
