@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cellctl.cli.ends import Exit
+from cellctl.cli.ends import Exit, mistakes
 from cellctl.cli.outputs import write_json
 from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
@@ -60,7 +60,8 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
         if said := table_line(state, folder, only_unproved=True):
             print(f"cellctl: {said}", file=sys.stderr)
         return
-    lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]
+    error = mistakes(outcome.error) if isinstance(outcome.error, InputError) else outcome.error
+    lines = [f"cellctl: run {outcome.state.value}: {error or 'the clean-up did not succeed'}"]
     lines += [f"    {trouble}" for trouble in outcome.troubles]
     lines.append(f"    {_where_the_robot_is(outcome)}")
     if said := table_line(state, folder):
