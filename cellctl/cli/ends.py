@@ -77,7 +77,7 @@ def _ended_by(error: Exception) -> int:
 
     match error:
         case InputError():
-            return _said(_mistakes(error), Exit.BAD_INPUT)
+            return _said(mistakes(error), Exit.BAD_INPUT)
         case DeviceUncertain():
             return _said(str(error), Exit.UNCERTAIN)
         case DeviceUnreachable():
@@ -90,8 +90,8 @@ def _ended_by(error: Exception) -> int:
             return _other(error)
 
 
-def _mistakes(error: InputError) -> str:
-    """How many there are, and the first of them."""
+def mistakes(error: InputError) -> str:
+    """How many mistakes there are, the first of them, and what is to be said of all."""
     count = len(error.problems)
     lines = [", ".join([f"{count} mistake{'s' * (count > 1)}", *_notes(error)])]
     lines += [str(problem) for problem in error.problems[:SHOWN]]
