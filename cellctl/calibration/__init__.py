@@ -12,19 +12,24 @@ from cellctl.calibration.effects import (
     Direction,
     Discrepancy,
     Effect,
-    Growth,
+    EffectInputs,
     Harmonics,
     JointCompliance,
+    ThermalExpansion,
     ToolDeflection,
+    functions,
+    kinds,
 )
+from cellctl.calibration.effects.stored import effect_of, settings_of
 from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.estimation.identify import Identification, identify
 from cellctl.calibration.estimation.moved import MOVED
 from cellctl.calibration.estimation.progress import Progress
 from cellctl.calibration.estimation.task import Session, Task
+from cellctl.calibration.model.parameter import Group, Parameter, Unit
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
-from cellctl.calibration.model.unknowns import Group, State, Tolerances, Unknowns
+from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
 from cellctl.calibration.prediction.drift import Drift, linear_drift
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
@@ -43,9 +48,8 @@ from cellctl.calibration.rows import (
     SpacingRows,
     TouchRows,
 )
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import Step
-from cellctl.calibration.selection.model_error import FUNCTIONS
 from cellctl.calibration.verdict.fit import FitResult, fit
 from cellctl.calibration.verdict.judgement import (
     Baseline,
@@ -64,7 +68,6 @@ __all__ = [
     "DEFLECTION",
     "DOWN",
     "EFFECTS",
-    "FUNCTIONS",
     "MOVED",
     "STANDARD_GRAVITY",
     "At",
@@ -74,11 +77,11 @@ __all__ = [
     "Discrepancy",
     "Drift",
     "Effect",
+    "EffectInputs",
     "ErrorFigures",
     "Estimate",
     "FitResult",
     "Group",
-    "Growth",
     "Harmonics",
     "HeldOut",
     "Hidden",
@@ -88,8 +91,8 @@ __all__ = [
     "LocatedSphere",
     "Measured",
     "MeasuredRegion",
-    "Mixture",
     "Observability",
+    "Parameter",
     "PlaneEstimate",
     "PlaneRows",
     "PoseRows",
@@ -98,6 +101,7 @@ __all__ = [
     "Prediction",
     "Progress",
     "RobotModel",
+    "RowBlocks",
     "Rows",
     "Session",
     "SocketRows",
@@ -106,23 +110,29 @@ __all__ = [
     "State",
     "Step",
     "Task",
+    "ThermalExpansion",
     "Tolerances",
     "ToolDeflection",
     "TouchRows",
+    "Unit",
     "Unknowns",
     "Verdict",
     "compared_errors",
     "doubt",
+    "effect_of",
     "estimate",
     "fit",
+    "functions",
     "identify",
     "judge",
+    "kinds",
     "linear_drift",
     "locate_sphere",
     "observability",
     "paired_verdict",
     "plane_estimates",
     "predict",
+    "settings_of",
     "shape_sigma",
     "sigma_among",
     "sigma_over_region",

@@ -80,13 +80,7 @@ def _predicted(model: ModelFile, readings: Floats, at: Postures) -> tuple[str, i
 
 def _unsaid(model: ModelFile, at: Postures) -> list[str]:
     """Conditions that the model knows effects of, and the rows do not have."""
-    names = [parameter.name for parameter in model.parameters]
-    known = [
-        (at.warmer, "growth", "no column temperature: predicted for 20 °C"),
-        (at.payload, "compliance_load", "no column payload: predicted for none"),
-        (at.approach, "backlash", "no columns D1…Dn: predicted midway in each joint's play"),
-    ]
-    return [words for column, start, words in known if column is None and any(name.startswith(start) for name in names)]
+    return [words for effect in model.robot_model().effects for words in effect.lacks(at)]
 
 
 def _cells(sigma: Floats | None, rows: int) -> list[float | None]:

@@ -54,26 +54,33 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
     """
     import numpy as np
 
-    from cellctl.calibration import FUNCTIONS
+    from cellctl.calibration import functions
 
     found = result.identification.identified
     unknowns, model = found.unknowns, found.state.model
     sigma, tolerances = np.sqrt(np.diag(found.covariance)), result.identification.nominal.unknowns.sigma
     lengths = {"mm": 1000.0, "rad": 1.0}  # of a thousand millimetres or a radian nothing was known
-    others = {"base", *FUNCTIONS}
+    others = {"base", *functions()}
     return [
-        {"name": name, "value": value, "unit": unit, "sigma": float(after), "tolerance": float(before)}
-        for name, value, unit, group, is_free, before, after in zip(
+        {
+            "name": each.name,
+            "value": value,
+            "unit": each.unit.name,
+            "sigma": float(after),
+            "tolerance": float(before),
+        }
+        for each, value, is_free, before, after in zip(
             model.parameters,
             model.deviations.tolist(),
-            model.parameter_units,
-            unknowns.groups,
             unknowns.free,
             tolerances,
             sigma,
             strict=False,
         )
-        if is_free and group not in others and before < lengths.get(unit, np.inf) and abs(value) > WIDE * before
+        if is_free
+        and each.group not in others
+        and before < lengths.get(each.unit.name, np.inf)
+        and abs(value) > WIDE * before
     ]
 
 

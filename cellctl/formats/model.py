@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats.measurements import Measurements, nominal_model
 from cellctl.formats.model_checks import GREATEST, check_covariance, check_postures, check_sigmas, of_this_format
-from cellctl.formats.model_effects import DiscrepancySettings, EffectSettings, settings_of
 from cellctl.formats.robot import Number, RobotFile
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         RobotModel,
         Task,
     )
+    from cellctl.calibration import Parameter as CalibrationParameter
     from cellctl.kinematics import Bools, Floats, JointMap
 
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
@@ -45,7 +46,7 @@ class Parameter(BaseModel):
 
     model_config = _STRICT
     name: str
-    unit: Literal["mm", "rad", "1/(N m^2)", "rad/(N m)", "1/K"]
+    unit: str
     value: Number
     sigma: Number
     prior_sigma: Number
@@ -174,7 +175,7 @@ class ModelFile(BaseModel):
     robot: RobotFile
     model: str
     start: dict[Literal["base", "tool"], Matrix]
-    effects: list[EffectSettings] | None = None
+    effects: list[dict[str, Any]] | None = None
     parameters: list[Parameter]
     covariance: list[list[Number]]
     centres: list[Centre] = []
@@ -186,6 +187,14 @@ class ModelFile(BaseModel):
     scatter_mm: Number = 0.0
     figures: dict[str, Any]
     provenance: dict[str, str]
+
+    @field_validator("effects")
+    @classmethod
+    def _complete(cls, effects: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
+        """The settings of each effect with those that an older file left out."""
+        from cellctl.calibration import effect_of, settings_of
+
+        return None if effects is None else [settings_of(effect_of(settings)) for settings in effects]
 
     @classmethod
     def of(
@@ -203,6 +212,8 @@ class ModelFile(BaseModel):
         """
         import numpy as np
 
+        from cellctl.calibration import settings_of
+
         found = result.identification.identified
         unknowns, count = found.unknowns, found.unknowns.robot
         model = unknowns.start.model
@@ -211,7 +222,7 @@ class ModelFile(BaseModel):
             robot=robot,
             model=result.model,
             start={"base": model.chain.base.tolist(), "tool": model.chain.tool.tolist()},
-            effects=settings_of(model.effects),
+            effects=[settings_of(effect) for effect in model.effects],
             parameters=_parameters(result.identification),
             covariance=found.covariance[:count, :count].tolist(),
             centres=_centres(measured.task, state.points, sigma[state.of_points].reshape(-1, 3)),
@@ -251,17 +262,12 @@ class ModelFile(BaseModel):
         """The identified robot. Raises ValueError where the parameters are not those of the robot."""
         import numpy as np
 
-        bends = self.effects is None and bool(self.parameters) and self.parameters[-1].name == "tool_deflection"
-        nominal = nominal_model(self.robot, deflection=bends)
-        for settings in self.effects or ():
-            if isinstance(settings, DiscrepancySettings):
-                check_postures(settings.centres, self.robot.n, "discrepancy")
-        if self.effects is not None:
-            nominal = nominal.with_effects(tuple(settings.effect() for settings in self.effects))
+        nominal = self._nominal()
         if set(self.start) != {"base", "tool"}:
             raise ValueError("it does not say from where base and tool start")
         placed = nominal.on(np.array(self.start["base"]), np.array(self.start["tool"]))
-        if placed.parameters != tuple(parameter.name for parameter in self.parameters):
+        given = [(parameter.name, parameter.unit) for parameter in self.parameters]
+        if given != [(parameter.name, parameter.unit.name) for parameter in placed.parameters]:
             raise ValueError("its parameters are not those of its robot")
         if np.shape(self.covariance) != (len(self.parameters),) * 2:
             raise ValueError("its covariance has another size than its parameters")
@@ -271,10 +277,26 @@ class ModelFile(BaseModel):
         check_covariance(np.array(self.covariance))
         for session in self.sessions:
             nominal.on(np.array(session.base), np.array(session.tool))  # which takes rigid motions alone
-            self._check_session(session)
+            self._check_session(session, placed.parameters)
         return placed.with_deviations([parameter.value for parameter in self.parameters])
 
-    def _check_session(self, session: SessionPlace) -> None:
+    def _nominal(self) -> RobotModel:
+        """The robot as its file says, with the effects of the model; a file from before they were kept bends at most.
+
+        Raises ValueError where the effects are not those of the robot.
+        """
+        from cellctl.calibration import DEFLECTION, effect_of
+
+        if self.effects is None:
+            bends = bool(self.parameters) and self.parameters[-1].name == DEFLECTION
+            return nominal_model(self.robot, touched=bends)
+        effects = tuple(effect_of(settings) for settings in self.effects)
+        for effect in effects:
+            if not effect.suits(self.robot.n):
+                raise ValueError(f"its {effect.group} is not that of its robot")
+        return nominal_model(self.robot).with_effects(effects)
+
+    def _check_session(self, session: SessionPlace, parameters: Sequence[CalibrationParameter]) -> None:
         """Refuse a session's covariance that is none, or is not the first session's in what they share."""
         import numpy as np
 
@@ -283,8 +305,7 @@ class ModelFile(BaseModel):
         if np.shape(session.covariance) != np.shape(self.covariance):
             raise ValueError(f"the covariance of session '{session.name}' has another size than its parameters")
         check_covariance(np.array(session.covariance))
-        own = [parameter.name.partition("_")[0] in session.own for parameter in self.parameters]
-        shared = np.flatnonzero(~np.array(own, bool))
+        shared = np.flatnonzero([each.group not in session.own for each in parameters])
         first, here = (np.array(each)[np.ix_(shared, shared)] for each in (self.covariance, session.covariance))
         if not np.allclose(here, first, rtol=1e-6, atol=1e-9 * float(np.abs(first).max(initial=0.0))):
             raise ValueError(f"the covariance of session '{session.name}' does not go with that of the first")
@@ -300,8 +321,9 @@ class ModelFile(BaseModel):
     @property
     def frame_of_points(self) -> bool:
         """Whether the model's frame is that of the points that it was tied to, as no instrument measured."""
-        base = [parameter for parameter in self.parameters if parameter.name.startswith("base_")]
-        return bool(self.centres or self.planes) and not any(parameter.sigma > 0.0 for parameter in base)
+        pairs = zip(self.robot_model().parameters, self.parameters, strict=True)
+        known = any(stored.sigma > 0.0 for parameter, stored in pairs if parameter.group == "base")
+        return bool(self.centres or self.planes) and not known
 
     def predict(self, readings: Floats, at: At | None = None) -> Prediction:
         """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with the conditions of each.
@@ -346,7 +368,8 @@ def _parameters(found: Identification) -> list[Parameter]:
     unknowns, model = found.identified.unknowns, found.identified.state.model
     sigma = np.sqrt(np.diag(found.identified.covariance))
     before = np.where(unknowns.free, unknowns.sigma, 0.0)
-    columns = (model.parameters, model.parameter_units, model.deviations.tolist(), sigma.tolist(), before.tolist())
+    units = [parameter.unit.name for parameter in model.parameters]
+    columns = (model.names, units, model.deviations.tolist(), sigma.tolist(), before.tolist())
     return [
         Parameter.model_validate(dict(zip(("name", "unit", "value", "sigma", "prior_sigma"), row, strict=True)))
         for row in zip(*columns, strict=False)

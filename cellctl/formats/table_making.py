@@ -18,9 +18,7 @@ def nominal_chain(model: ModelFile) -> SerialChain:
     """The nominal chain that `model` counts from: the robot file's links, base and tool where the fit put them."""
     import numpy as np
 
-    placed = nominal_model(model.robot, deflection=False).on(
-        np.array(model.start["base"]), np.array(model.start["tool"])
-    )
+    placed = nominal_model(model.robot).on(np.array(model.start["base"]), np.array(model.start["tool"]))
     return placed.chain
 
 

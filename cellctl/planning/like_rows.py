@@ -86,7 +86,9 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
         return _measuring(block, model, _as_before(postures, _within(model, room, q, count)))
     if isinstance(block, PlaneRows):
         return _on_planes(block, state, room, q[: 4 * count], count)
-    return _visiting(block, state, room, q[: 4 * count], count)
+    if isinstance(block, TouchRows | SocketRows):
+        return _visiting(block, state, room, q[: 4 * count], count)
+    return block.pick(np.zeros(0, int))  # of another kind nobody knows here what else it could measure
 
 
 def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
@@ -209,8 +211,8 @@ def _as_before(before: Postures, q: Floats) -> Postures:
     """Postures at q (M, n) under conditions such as there were: a joint comes from either side if ever it did."""
     some, rng = np.arange(len(q)) % len(before), np.random.default_rng(3)
     approach = None if before.approach is None else rng.choice([-1.0, 1.0], q.shape)
-    warmer = None if before.warmer is None else np.full(len(q), np.median(before.warmer))
-    return Postures(q, approach, warmer, None if before.payload is None else before.payload[some])
+    delta_t = None if before.delta_t is None else np.full(len(q), np.median(before.delta_t))
+    return Postures(q, approach, delta_t, None if before.payload is None else before.payload[some])
 
 
 def _evenly(dimensions: int, count: int) -> Floats:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import final
 
+from cellctl.calibration import Parameter
 from cellctl.formats import ModelFile, RobotFile
-from cellctl.formats.model import Parameter
+from cellctl.formats.model import Parameter as StoredParameter
 from cellctl.report.numbers import MINUS, significant, with_sigma
-from cellctl.report.symbols import shown_unit, symbol
 
-_FRAME = ("x", "y", "z", "a", "b", "c")
+_FRAME = "xyzabc"
 
 
 @final
@@ -41,34 +40,37 @@ class ParameterRow:
 
 def parameter_rows(model: ModelFile) -> list[ParameterRow]:
     """The parameters that were free, in the model's order."""
-    return [_row(model.robot, parameter) for parameter in model.parameters if parameter.prior_sigma > 0.0]
+    return [_row(model.robot, *pair) for pair in _pairs(model) if pair[1].prior_sigma > 0.0]
 
 
 def held(model: ModelFile) -> list[str]:
     """The parameters that were held at their nominal values."""
-    return [symbol(parameter.name) for parameter in model.parameters if parameter.prior_sigma <= 0.0]
+    return [parameter.label for parameter, stored in _pairs(model) if stored.prior_sigma <= 0.0]
 
 
-def _row(robot: RobotFile, parameter: Parameter) -> ParameterRow:
-    unit, factor = shown_unit(parameter.unit)
-    sigma = parameter.sigma * factor
+def _pairs(model: ModelFile) -> list[tuple[Parameter, StoredParameter]]:
+    return list(zip(model.robot_model().parameters, model.parameters, strict=True))
+
+
+def _row(robot: RobotFile, parameter: Parameter, stored: StoredParameter) -> ParameterRow:
+    factor = parameter.unit.factor
+    sigma = stored.sigma * factor
     return ParameterRow(
-        symbol=symbol(parameter.name),
-        unit=unit,
-        nominal=f"{table_value(robot, parameter.name):.8g}".replace("-", MINUS),
-        deviation=with_sigma(parameter.value * factor, sigma),
-        tolerance=significant(parameter.prior_sigma * factor),
-        prior_share=(parameter.sigma / parameter.prior_sigma) ** 2,
-        wide=abs(parameter.value) > 3.0 * parameter.prior_sigma,
+        symbol=parameter.label,
+        unit=parameter.unit.shown,
+        nominal=f"{table_value(robot, parameter):.8g}".replace("-", MINUS),
+        deviation=with_sigma(stored.value * factor, sigma),
+        tolerance=significant(stored.prior_sigma * factor),
+        prior_share=(stored.sigma / stored.prior_sigma) ** 2,
+        wide=abs(stored.value) > 3.0 * stored.prior_sigma,
     )
 
 
-def table_value(robot: RobotFile, name: str) -> float:
+def table_value(robot: RobotFile, parameter: Parameter) -> float:
     """What the robot file says of a parameter, mm or degrees; 0 for what it does not hold (an effect, an axis)."""
-    frame, _, axis = name.partition("_")
-    if frame in ("base", "tool") and axis in _FRAME:
-        place = robot.tool if frame == "tool" else robot.base
-        return (*place.xyz, *place.abc)[_FRAME.index(axis)]
-    found = re.fullmatch(r"(theta|d|a|alpha|beta)(\d+)", name)
-    number = int(found[2]) if found else 0
-    return float(getattr(robot.links[number - 1], found[1]) or 0.0) if found and number <= len(robot.links) else 0.0
+    if parameter.group in ("base", "tool"):
+        place = robot.tool if parameter.group == "tool" else robot.base
+        return (*place.xyz, *place.abc)[_FRAME.index(parameter.axis)]
+    if not parameter.column or parameter.joint > len(robot.links):
+        return 0.0
+    return float(getattr(robot.links[parameter.joint - 1], parameter.column) or 0.0)

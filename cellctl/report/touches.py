@@ -53,8 +53,7 @@ class TouchErrors:
 
 def touch_errors(model: ModelFile, data: DataSet, artefact: Artefact | None) -> TouchErrors:
     """The errors of all usable touches of `data`. Raises InputError where the data set does not belong to the model."""
-    bends = model.parameters[-1].name == "tool_deflection"
-    choice = "auto" if bends else "geometry"
+    choice = "auto" if model.robot_model().effects else "geometry"
     measured = measurements(model.robot, data, measure="sphere", model=choice, artefact=artefact)
     rows = measured.task.rows.only
     assert isinstance(rows, TouchRows)

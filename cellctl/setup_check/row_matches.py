@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
@@ -107,5 +107,5 @@ class RowMatches:
     def _near(self, measured: Any, joints: Any) -> Any:
         """Which measurements belong to which rows' joints: pairs of rows (K,) each."""
         posture = self.block.postures.pick(joints)
-        rows = replace(self.block.pick(measured), at=posture)
+        rows = self.block.pick(measured).changed(at=posture)
         return rows.errors(self.nominal.state) < self.nominal.limit_mm

@@ -140,13 +140,11 @@ def _refined(sample: Setup, joints: JointChanges) -> JointChanges:
     about = misfit(hypothesis, rounds=2)
     blocks = [block.pick(kept) for block, kept in zip(hypothesis.task.rows.blocks, about.kept, strict=True)]
     unknowns = hypothesis.task.unknowns(about.state)
-    turned = [f"theta{joint + 1}" for joint in np.flatnonzero(joints.offset)]
-    loose = np.array([name in turned for name in unknowns.names])
+    loose = np.array([each.group == "zeros" and bool(joints.offset[each.joint - 1]) for each in unknowns.parameters])
     sigma = np.where(loose, np.deg2rad(LOOSE_DEG), unknowns.sigma)
     free = loose | hypothesis.task.registration(unknowns)
     found = estimate(replace(unknowns, sigma=sigma, prior=None, free=free), blocks)
-    for name in turned:
-        turn = float(np.rad2deg(found.deviations[unknowns.names.index(name)]))
-        joint = int(name.removeprefix("theta")) - 1
+    for place in np.flatnonzero(loose):
+        turn, joint = float(np.rad2deg(found.deviations[place])), unknowns.parameters[place].joint - 1
         joints = joints.with_offset(joint, (joints.offset[joint] + turn + 180.0) % 360.0 - 180.0)
     return joints

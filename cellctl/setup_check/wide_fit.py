@@ -97,7 +97,7 @@ def _fitted(setup: Setup, nominal: Misfit) -> tuple[State, list[Any]]:
 def _as_uncertain(block: Measured, mm: float) -> Measured:
     """The block with its standard deviations raised in proportion, to `mm` in the median of its distances."""
     lengths = block.sigma[:, np.array(block.quantities) != "rotation"]
-    return replace(block, sigma=block.sigma * max(mm / float(np.median(lengths)), 1.0))
+    return block.changed(sigma=block.sigma * max(mm / float(np.median(lengths)), 1.0))
 
 
 def _left(setup: Setup, state: State, kept: list[Any]) -> float:

@@ -159,7 +159,7 @@ def touch_task(kr5):
         names = tuple(SPHERES)[: len(touches.centres)]
         rough = np.array(list(SPHERES.values()))[: len(names)]
         certified = certificate(touches.centres) if spacings and len(names) > 1 else None
-        return Task(nominal_model(kr5, deflection=deflection), rows, names, rough, certified)
+        return Task(nominal_model(kr5, touched=deflection), rows, names, rough, certified)
 
     return make
 

@@ -17,7 +17,7 @@ SIGMA, ROWS = 0.02, 60
 def folded(kr5):
     """Rows of a KR5 with errors, its unknowns fitted to all of them, and five folds linearised there."""
     rng = np.random.default_rng(8)
-    nominal = nominal_model(kr5, deflection=False)
+    nominal = nominal_model(kr5, touched=False)
     q = kr5.joint_map().model(rng.uniform([-90, -110, 40, -90, -80, -120], [90, -40, 120, 90, 80, 120], (ROWS, 6)))
     turns = nominal.parameter_turns
     true = nominal.with_deviations(rng.normal(0.0, np.where(turns, 5e-4, 0.3)))

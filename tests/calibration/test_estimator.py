@@ -52,7 +52,7 @@ def poses(screw_robot):
 def position_task(kr5, poses):
     readings, measured = poses
     rows = PositionRows(kr5.joint_map().model(readings), measured[:, :3, 3], np.full((120, 3), 0.0173))
-    return Task(nominal_model(kr5, deflection=False), rows)
+    return Task(nominal_model(kr5, touched=False), rows)
 
 
 def test_positions_identify_the_robot_whatever_stands_between_it_and_the_instrument(position_task):
@@ -102,7 +102,7 @@ def test_the_optimum_is_scipys_optimum_of_the_same_posterior(position_task):
 def test_poses_identify_orientation_as_well(kr5, poses):
     readings, measured = poses
     sigma = np.hstack([np.full((120, 3), 0.0173), np.full((120, 3), 1e-4)])
-    task = Task(nominal_model(kr5, deflection=False), PoseRows(kr5.joint_map().model(readings), measured, sigma))
+    task = Task(nominal_model(kr5, touched=False), PoseRows(kr5.joint_map().model(readings), measured, sigma))
     found = fit(task, Split.by_column(np.arange(120) >= 70))
     turn = task.rows.only.pick(np.arange(70, 120)).residual(found.identification.identified.state)[:, 3:]
     assert found.test.mean < 0.06
@@ -186,7 +186,7 @@ class LinearRows:
 
 
 def test_linear_rows_whose_parameters_are_seen_a_million_times_better_one_than_another_are_solved_in_one_step(kr5):
-    rng, model = np.random.default_rng(3), nominal_model(kr5, deflection=False)
+    rng, model = np.random.default_rng(3), nominal_model(kr5, touched=False)
     unknowns = Unknowns.of(State.alone(model), (), Tolerances())
     count = len(unknowns.names)
     left, _ = np.linalg.qr(rng.normal(size=(200, count)))

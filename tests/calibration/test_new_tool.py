@@ -36,14 +36,14 @@ def found(older, draw, touch_task):
 
 def test_nothing_but_tool_and_centres_has_moved(older, found):
     before, after = older[1].state.model, found[2].state.model
-    moved = {name for name, a, b in zip(before.parameters, before.deviations, after.deviations, strict=True) if a != b}
+    moved = {name for name, a, b in zip(before.names, before.deviations, after.deviations, strict=True) if a != b}
     assert moved == {"tool_x", "tool_y", "tool_z"}
 
 
 def test_the_new_tool_comes_out_within_its_own_uncertainty(older, found):
     before, after = older[1].state.model, found[2].state.model
     shift = after.chain.tool_now[:3, 3] - before.chain.tool_now[:3, 3]
-    names = [after.parameters.index(f"tool_{axis}") for axis in "xyz"]
+    names = [after.names.index(f"tool_{axis}") for axis in "xyz"]
     sigma = np.sqrt(np.diag(found[2].covariance)[names])
     turned = before.chain.tool_now[:3, :3]
     assert np.linalg.norm(shift - SHIFT) < 4.0 * np.linalg.norm(sigma)

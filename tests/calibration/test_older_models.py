@@ -57,7 +57,7 @@ def olders():
 def part(found, names):
     """Values and covariance of some of the robot's parameters."""
     model = found.state.model
-    mine = [model.parameters.index(name) for name in names]
+    mine = [model.names.index(name) for name in names]
     return model.deviations[mine], found.covariance[np.ix_(mine, mine)]
 
 
@@ -148,7 +148,7 @@ def test_rows_after_a_crash_that_are_noisier_than_they_say_are_found_to_be(older
 def test_all_but_the_zeros_stays_as_it_was(crashes):
     _, _, task, done = crashes[0]
     before, after = task.model.deviations, done.identified.state.model.deviations
-    moved = {name for name, a, b in zip(task.model.parameters, before, after, strict=True) if a != b}
+    moved = {name for name, a, b in zip(task.model.names, before, after, strict=True) if a != b}
     assert moved == set(ZEROS)
 
 

@@ -15,7 +15,7 @@ def fitted(kr5):
     """Fits a KR5 to positions, σ 0.02 mm as stated times `size` of each row, and predicts 1000 others."""
 
     def of(rng, size):
-        nominal = nominal_model(kr5, deflection=False)
+        nominal = nominal_model(kr5, touched=False)
         true = nominal.with_deviations(rng.normal(0.0, np.where(nominal.parameter_turns, 3e-4, 0.2)))
         q = kr5.joint_map().model(rng.uniform(LOW, HIGH, (FIT + HELD_OUT, 6)))
         xyz = true.tip(q) + rng.normal(0.0, SIGMA, (FIT + HELD_OUT, 3)) * size[:, None]

@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration import Mixture, PoseRows, PositionRows, Session, SocketRows, Task
+from cellctl.calibration import PoseRows, PositionRows, RowBlocks, Session, SocketRows, Task
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import Link, SerialChain
 from cellctl.setup_check import WideFit, check_setup
@@ -66,16 +66,14 @@ class Measured:
 
 
 def positions(robot, readings, xyz):
-    return Task(
-        nominal_model(robot, deflection=False), PositionRows(model_angles(robot, readings), xyz, 0.02 + 0 * xyz)
-    )
+    return Task(nominal_model(robot, touched=False), PositionRows(model_angles(robot, readings), xyz, 0.02 + 0 * xyz))
 
 
 def poses(robot, readings, xyz, turns):
     measured = np.tile(np.eye(4), (len(xyz), 1, 1))
     measured[:, :3, :3], measured[:, :3, 3] = turns.as_matrix(), xyz
     sigma = np.tile([0.02] * 3 + [1e-4] * 3, (len(xyz), 1))
-    return Task(nominal_model(robot, deflection=False), PoseRows(model_angles(robot, readings), measured, sigma))
+    return Task(nominal_model(robot, touched=False), PoseRows(model_angles(robot, readings), measured, sigma))
 
 
 def model_angles(robot, readings):
@@ -422,7 +420,7 @@ def socketed():
 
 def sockets(readings, which):
     rows = SocketRows(model_angles(KR5, readings), which, np.full((len(which), 3), 0.03))
-    return Task(nominal_model(KR5, deflection=False), rows, ("left", "right"))
+    return Task(nominal_model(KR5, touched=False), rows, ("left", "right"))
 
 
 @pytest.mark.long
@@ -515,7 +513,7 @@ def test_rows_out_of_step_are_named_in_each_session_by_itself():
         for number, (part, points) in enumerate(zip(np.split(readings, 2), xyz, strict=True))
     ]
     sessions = (Session("a"), Session("b", frozenset({"base"})))
-    task = Task(nominal_model(KR5, deflection=False), Mixture(tuple(blocks)), sessions=sessions)
+    task = Task(nominal_model(KR5, touched=False), RowBlocks(tuple(blocks)), sessions=sessions)
     changes = found(task, KR5, readings)[0].changes
     assert [change.what for change in changes] == [
         "from {0} on the measurements belong to the joints of the row after",

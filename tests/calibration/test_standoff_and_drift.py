@@ -42,7 +42,7 @@ def test_three_touches_locate_no_sphere(touched) -> None:
 
 def covariance() -> np.ndarray:
     """A posterior with strong correlations: a few known directions in a loose prior."""
-    names, turns = MODEL.parameters, MODEL.parameter_turns
+    names, turns = MODEL.names, MODEL.parameter_turns
     prior = np.where(turns, np.deg2rad(0.03), 0.3)
     prior[[index for index, name in enumerate(names) if name.startswith(("base_", "tool_"))]] = 0.0
     basis = np.random.default_rng(1).normal(size=(len(names), 10))
@@ -86,7 +86,7 @@ def _least_squares_centre(points: np.ndarray, distances: np.ndarray) -> np.ndarr
 
 
 def test_what_turns_or_lifts_the_whole_robot_does_not_count(touched) -> None:
-    names = MODEL.parameters
+    names = MODEL.names
     blind = np.zeros((len(names),) * 2)
     blind[names.index("theta1"), names.index("theta1")] = np.deg2rad(1.0) ** 2
     blind[names.index("d1"), names.index("d1")] = 10.0**2

@@ -6,7 +6,6 @@ from own_campaigns import place
 
 from cellctl.calibration import (
     Backlash,
-    Growth,
     Hidden,
     JointCompliance,
     PoseRows,
@@ -16,6 +15,7 @@ from cellctl.calibration import (
     Split,
     State,
     Task,
+    ThermalExpansion,
     Tolerances,
     TouchRows,
     Unknowns,
@@ -104,7 +104,7 @@ def test_a_tools_rotation_is_told_with_the_last_joint_where_poses_are_measured()
 
 
 def effects_of(robot):
-    return JointCompliance.of(robot, load_known=True), Backlash(7), Growth.of(robot)
+    return JointCompliance.of(robot, load_known=True), Backlash(7), ThermalExpansion.of(robot)
 
 
 def test_effects_of_conditions_that_nobody_noted_are_named_joint_by_joint_in_one_phrase(robot):
@@ -199,7 +199,8 @@ def test_alike_parameters_are_told_in_one_phrase():
 
 def test_of_a_combination_of_many_a_screen_has_the_first_and_the_rest_in_number():
     many = [f"{letter}{number}" for number in range(1, 8) for letter in ("d", "a")]
-    hidden = Hidden("joint 3 never moves in these rows", (tuple(many),))
+    known = {parameter.name: parameter for parameter in RobotModel(TABLE).parameters}
+    hidden = Hidden("joint 3 never moves in these rows", (tuple(known[name] for name in many),))
     assert hidden.phrases(5) == ["d1 with a1, d2, a2, d3 and 9 others"]
     assert hidden.summary()["combinations"] == [many]
     assert hidden.summary()["words"] == [f"d1 with {', '.join(many[1:])}"]
@@ -207,6 +208,6 @@ def test_of_a_combination_of_many_a_screen_has_the_first_and_the_rest_in_number(
 
 def test_a_point_may_be_called_as_the_robots_own_tool():
     state = State.alone(RobotModel(TABLE), np.zeros((2, 3)))
-    names = Unknowns.of(state, ("tool", "S1"), Tolerances()).names
-    assert len(set(names)) == len(names)
-    assert in_words(names[-6:]) == ["centres of point tool, S1"]
+    unknowns = Unknowns.of(state, ("tool", "S1"), Tolerances())
+    assert len(set(unknowns.names)) == len(unknowns.names)
+    assert in_words(unknowns.parameters[-6:]) == ["centres of point tool, S1"]

@@ -89,7 +89,7 @@ def test_a_robot_on_a_wall_is_found_to_its_noise_as_it_hangs_and_not_as_if_it_st
 def test_what_bends_under_the_weight_is_found_with_its_size(as_it_hangs):
     found = as_it_hangs.identification.identified
     model, sigma = found.state.model, np.sqrt(np.diag(found.covariance))
-    values = dict(zip(model.parameters, zip(model.deviations, sigma, strict=False), strict=True))
+    values = dict(zip(model.names, zip(model.deviations, sigma, strict=False), strict=True))
     bend, spread = values["tool_deflection"]
     assert abs(bend - BEND) < 4.0 * spread
     assert spread < 0.3 * BEND

@@ -33,8 +33,8 @@ def mounted(mounting="floor", abc=(0.0, 0.0, 0.0), robot=KR5):
 
 def bent(robot, readings=LEVEL):
     """Where weight takes the tip (3,), mm, in the frame that the file's base is given in."""
-    stiff, soft = nominal_model(robot), nominal_model(robot, deflection=True)
-    soft = soft.with_deviations([0.002 * (name == "tool_deflection") for name in soft.parameters])
+    stiff, soft = nominal_model(robot), nominal_model(robot, touched=True)
+    soft = soft.with_deviations([0.002 * (name == "tool_deflection") for name in soft.names])
     q = robot.joint_map().model(readings[None])
     return (soft.tip(q) - stiff.tip(q))[0]
 
@@ -116,7 +116,7 @@ def test_a_mounting_that_a_form_has_no_place_for_is_named(form, said, tmp_path, 
 def fitted(robot, count=60):
     """A model with all that weight bends, made on this robot."""
     q = np.random.default_rng(1).uniform(-0.6, 0.6, (count, 6)) + robot.joint_map().model(LEVEL[None])
-    model = nominal_model(robot, deflection=True)
+    model = nominal_model(robot, touched=True)
     names = [*(f"A{joint}" for joint in range(1, 7)), "X", "Y", "Z"]
     rows = np.column_stack([robot.joint_map().readings(q), model.tip(q)]).tolist()
     data = DataSet.of_records(dict(zip(names, row, strict=True)) for row in rows)

@@ -32,8 +32,8 @@ INSTRUMENT = pose_from_xyz_abc([1500.0, -800.0, 300.0], [40.0, 3.0, -2.0])
 
 
 def truth(robot: RobotFile = KR5, errors=ERRORS):
-    nominal = nominal_model(robot, deflection=False)
-    return nominal.with_deviations([errors.get(name, 0.0) for name in nominal.parameters])
+    nominal = nominal_model(robot, touched=False)
+    return nominal.with_deviations([errors.get(name, 0.0) for name in nominal.names])
 
 
 def postures(count: int, seed: int = 0, robot: RobotFile = KR5, region=REGION):
@@ -90,7 +90,7 @@ def spacings():
 
 def pointed(rows, **settings):
     return Task(
-        nominal_model(KR5, deflection=False),
+        nominal_model(KR5, touched=False),
         rows,
         ("S1", "S2", "S3"),
         CENTRES + 1.0,
@@ -99,7 +99,7 @@ def pointed(rows, **settings):
 
 
 def measured(rows, robot: RobotFile = KR5, **settings):
-    return Task(nominal_model(robot, deflection=False), rows, **settings)
+    return Task(nominal_model(robot, touched=False), rows, **settings)
 
 
 def told(task: Task, held_out: float = 0.25, split: Split | None = None, robot: RobotFile = KR5, **said):

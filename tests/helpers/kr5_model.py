@@ -18,7 +18,7 @@ MIDDLE = np.array([0.0, -60.0, 80.0, 10.0, 60.0, 20.0])
 def kr5_model(*, touches: bool = True, errors: dict[str, float] | None = None, **provenance: str) -> ModelFile:
     """The KR5 with `errors` from its table (mm, rad), sure to 0.05 mm and 0.05 mrad, seen ± 30° around MIDDLE."""
     robot = RobotFile.load(ROBOT)
-    nominal = nominal_model(robot, deflection=True)
+    nominal = nominal_model(robot, touched=True)
     values = ERRORS if errors is None else errors
     parameters = [
         Parameter(
@@ -28,7 +28,7 @@ def kr5_model(*, touches: bool = True, errors: dict[str, float] | None = None, *
             sigma=_sigma(name, turns),
             prior_sigma=1.0,
         )
-        for name, turns in zip(nominal.parameters, nominal.parameter_turns.tolist(), strict=True)
+        for name, turns in zip(nominal.names, nominal.parameter_turns.tolist(), strict=True)
     ]
     return ModelFile(
         robot=robot,

@@ -51,8 +51,8 @@ NOISE_MM = 0.01
 def touches_of_a_robot_with_known_errors(number, spoil=None):
     """Rows as the `touch` step records them; touch `spoil` is 2 mm off."""
     robot = RobotFile.load(ROBOT)
-    nominal = nominal_model(robot, deflection=False)
-    true = nominal.with_deviations([ERRORS.get(name, 0.0) for name in nominal.parameters])
+    nominal = nominal_model(robot, touched=False)
+    true = nominal.with_deviations([ERRORS.get(name, 0.0) for name in nominal.names])
     random = np.random.default_rng(5)
     limits, joints, rows = robot.limits(), robot.joint_map(), []
     while len(rows) < number:

@@ -24,14 +24,28 @@ from fit_stories import (
     truth,
 )
 
-from cellctl.calibration import Backlash, PositionRows, Postures, Task, identify
+from cellctl.calibration import (
+    Backlash,
+    Harmonics,
+    JointCompliance,
+    PositionRows,
+    Postures,
+    RobotModel,
+    State,
+    Task,
+    ThermalExpansion,
+    Tolerances,
+    ToolDeflection,
+    Unknowns,
+    identify,
+)
+from cellctl.kinematics import to_poe
 from cellctl.report.fit import by_joint, by_order, by_place, correlation, hints, places, table, trends
 from cellctl.report.fit.advice import advice, narrows
 from cellctl.report.fit.head import head
 from cellctl.report.fit.region import RegionSigma, along_joint
 from cellctl.report.fit.residuals import Residuals, _Sure
 from cellctl.report.fit.scaled import coverage, scaled_numbers
-from cellctl.report.symbols import shown_unit, symbol
 
 
 @pytest.fixture(scope="module")
@@ -199,11 +213,12 @@ def test_cells_have_the_mean_error_of_their_rows():
 def test_the_table_has_each_parameters_deviation_in_its_own_unit_sigmas_and_tolerances(seen):
     lines = {line.symbol: line for group in table.groups(seen) for line in group.lines}
     names, found = seen.found.unknowns.names, seen.found
+    labels = {each.name: each.label for each in found.unknowns.parameters}
     for name, text in (("a2", "mm"), ("theta3", "°"), ("alpha1", "°")):
         at, factor = names.index(name), 1.0 if text == "mm" else np.degrees(1.0)
         value, sigma = found.deviations[at] * factor, np.sqrt(found.covariance[at, at]) * factor
         tolerance = found.unknowns.sigma[at] * factor
-        line = lines[symbol(name)]
+        line = lines[labels[name]]
         assert line.unit == text
         assert float(line.deviation.split(" ± ")[0].replace("−", "-")) == pytest.approx(value, abs=sigma / 10)
         assert float(line.in_tolerances.replace("−", "-")) == pytest.approx(value / tolerance, abs=0.051)
@@ -246,7 +261,7 @@ def test_correlation_is_that_of_draws_from_the_covariance(seen):
         np.zeros(len(free)), seen.found.covariance[np.ix_(free, free)], 40_000
     )
     assert matrix == pytest.approx(np.corrcoef(draws.T), abs=0.03)
-    assert symbols == [symbol(seen.found.unknowns.names[index]) for index in free]
+    assert symbols == [seen.found.unknowns.parameters[index].label for index in free]
 
 
 def test_the_strongest_pairs_are_named_first_with_what_is_known_of_them():
@@ -296,8 +311,10 @@ def test_rows_advised_are_within_the_limits_and_each_lowers_sigma(touched):
 
 
 def test_what_a_row_narrows_is_named_by_how_much():
-    assert narrows(("theta4", "tool_z", "a2"), np.array([0.69, 0.88, 1.0])) == "θ4 by 31\xa0%, tool Z by 12\xa0%"
-    assert narrows(("theta4",), np.array([0.999])) == "many a little"
+    known = {parameter.name: parameter for parameter in RobotModel(KR5.chain()).parameters}
+    three = tuple(known[name] for name in ("theta4", "tool_z", "a2"))
+    assert narrows(three, np.array([0.69, 0.88, 1.0])) == "θ4 by 31\xa0%, tool Z by 12\xa0%"
+    assert narrows(three[:1], np.array([0.999])) == "many a little"
 
 
 @pytest.mark.parametrize(
@@ -310,19 +327,27 @@ def test_what_a_row_narrows_is_named_by_how_much():
         ("harmonic1_c12", "A1 cos 12q"),
         ("backlash4", "A4 half play"),
         ("growth2", "link 2 growth"),
-        ("turn_y3", "axis 3 tilt y"),
         ("tool_deflection", "tool deflection c_t"),
         ("ball_1_z", "ball_1 Z"),
-        ("anything", "anything"),
     ],
 )
-def test_every_parameter_has_a_symbol(name, words):
-    assert symbol(name) == words
+def test_every_parameter_has_a_label(name, words):
+    chain = KR5.chain()
+    bend, compliance = ToolDeflection(0.4, 15.0), JointCompliance.of(chain, load_known=True)
+    model = RobotModel(chain, (bend, compliance, Harmonics(6), Backlash(6), ThermalExpansion.of(chain)))
+    state = State.of_sessions([model, model], [frozenset({"tool"})], np.zeros((1, 3)))
+    unknowns = Unknowns.of(state, ["ball_1"], Tolerances(), sessions=["cell B"])
+    assert unknowns.parameters[unknowns.names.index(name)].label == words
+
+
+def test_an_axis_has_labels_of_its_own():
+    labels = {parameter.name: parameter.label for parameter in RobotModel(to_poe(KR5.chain())).parameters}
+    assert labels["turn_y3"] == "axis 3 tilt y"
 
 
 def test_units_are_those_that_people_use():
-    assert shown_unit("rad") == ("°", pytest.approx(57.29578))
-    assert shown_unit("furlong") == ("furlong", 1.0)
+    (turned, *_) = Backlash(1).parameters
+    assert (turned.unit.shown, turned.unit.factor) == ("°", pytest.approx(57.29578))
 
 
 class TestHints:
@@ -407,7 +432,7 @@ def test_a_parameter_that_changed_since_the_older_model_is_told_by_what_that_kne
     task = Task(older.state.model, positions(60, seed=1, true=changed), prior=known)
     story = told(task)
     line = next(line for group in table.groups(story) for line in group.lines if line.symbol == "θ3")
-    at = older.state.model.parameters.index("theta3")
+    at = older.state.model.names.index("theta3")
     assert list(story.result.identification.loosened) == ["zeros"]
     assert float(line.tolerance) == pytest.approx(np.degrees(np.sqrt(known[at, at])), rel=0.1)
     assert line.wide

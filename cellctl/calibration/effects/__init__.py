@@ -5,19 +5,39 @@ from collections.abc import Iterable
 from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
-from cellctl.calibration.effects.discrepancy import Discrepancy
-from cellctl.calibration.effects.effect import Effect, OwnTurns
+from cellctl.calibration.effects.effect import Effect, EffectInputs, OwnTurns
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
-from cellctl.calibration.effects.growth import Growth
-from cellctl.calibration.effects.harmonics import Harmonics, Wave
+from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
+from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.residuals.discrepancy import Discrepancy
+from cellctl.calibration.residuals.harmonics import Harmonics, Wave
+from cellctl.calibration.residuals.residual_model import ResidualModel
 
-EFFECTS = ("deflection", "compliance", "harmonics", "backlash", "growth", "discrepancy")
-"""Groups of all effects, in the order in which a model's name lists them."""
+EFFECTS: tuple[type[Effect], ...] = (
+    ToolDeflection,
+    JointCompliance,
+    Harmonics,
+    Backlash,
+    ThermalExpansion,
+    Discrepancy,
+)
+"""All kinds of effects, in the order in which a model's name lists them."""
+
+
+def kinds() -> dict[Group, type[Effect]]:
+    """The kind of effect of each group, in the order of `EFFECTS`."""
+    return {kind.group: kind for kind in EFFECTS}
+
+
+def functions() -> frozenset[Group]:
+    """Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
+    return frozenset(group for group, kind in kinds().items() if issubclass(kind, ResidualModel))
 
 
 def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """The effects in the order of `EFFECTS`."""
-    return tuple(sorted(effects, key=lambda effect: EFFECTS.index(effect.group)))
+    order = list(kinds())
+    return tuple(sorted(effects, key=lambda effect: order.index(effect.group)))
 
 
 __all__ = [
@@ -29,11 +49,15 @@ __all__ = [
     "Direction",
     "Discrepancy",
     "Effect",
-    "Growth",
+    "EffectInputs",
     "Harmonics",
     "JointCompliance",
     "OwnTurns",
+    "ResidualModel",
+    "ThermalExpansion",
     "ToolDeflection",
     "Wave",
+    "functions",
     "in_order",
+    "kinds",
 ]

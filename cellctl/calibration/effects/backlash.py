@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import ClassVar, Self, final
 
 import numpy as np
 
+from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 1.5e-4
 """Half of one minute of arc, the most that makers of robot gears promise as backlash or lost motion."""
 
+_PHRASE = Phrase.of("backlash", "joint")
+
 
 @final
-@dataclass(frozen=True, slots=True)
-class Backlash:
+@dataclass(frozen=True)
+class Backlash(Effect):
     """Half the play of each joint, along the way it last moved.
 
     joints: how many. `backlash{j}`, rad: by how much the joint stands further along its last move than it reads.
@@ -27,35 +32,32 @@ class Backlash:
     joints: int
     expected: float = EXPECTED_RAD
 
-    @property
-    def group(self) -> str:
-        """`backlash`."""
-        return "backlash"
+    group: ClassVar[Group] = "backlash"
+    title: ClassVar[str] = "Play"
+    needs: ClassVar[str] = "columns D1…Dn, with 1 and -1 for at least one joint, say from which side each joint came"
+    missing: ClassVar = (("approach", "no columns D1…Dn: predicted midway in each joint's play"),)
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """One for each joint."""
-        return tuple(f"backlash{j + 1}" for j in range(self.joints))
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        """Where any joint came from both sides."""
+        sides = setup.at.approach
+        both = sides is not None and ((sides > 0).any(axis=0) & (sides < 0).any(axis=0)).any()
+        return cls(setup.chain.n) if both else None
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Rad."""
-        return ("rad",) * self.joints
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One for each joint, rad."""
+        return tuple(
+            Parameter(f"backlash{j}", RAD, self.group, f"A{j} half play", _PHRASE, str(j), j)
+            for j in range(1, self.joints + 1)
+        )
 
     @property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, rad."""
         return np.full(self.joints, self.expected)
 
-    @property
-    def least(self) -> Floats:
-        """−inf: a joint leads or lags."""
-        return np.full(self.joints, -np.inf)
-
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
         """Φ (N, n, n): each joint's approach in its own row."""
         approach = np.zeros(at.q.shape) if at.approach is None else at.approach
         return np.asarray(approach[:, :, None] * np.eye(self.joints))
-
-    def shifts(self, nominal: SerialChain, at: Postures) -> None:
-        """None: joints turn, and carry the tool with them."""

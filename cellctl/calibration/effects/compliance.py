@@ -12,12 +12,15 @@ under a ceiling, none on a wall.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self, final
+from functools import cached_property
+from typing import ClassVar, Self, final
 
 import numpy as np
 
+from cellctl.calibration.effects.effect import Effect, EffectInputs
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
-from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase, Unit
+from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
 
 SAG_RAD = 3e-4
@@ -36,10 +39,14 @@ SAG_PER_NM = 3e-5
 UPRIGHT_RAD = 1e-4
 """An axis that leans less than this is vertical, in a table with rounded angles: its weight turns it by nothing."""
 
+PER_NM = Unit("rad/(N m)", "µrad/(N·m)", 1e6)
+_PHRASE = Phrase.of("compliance", "joint")
+_UNDER_LOAD = Phrase.of("compliance under load", "joint", 1)
+
 
 @final
-@dataclass(frozen=True, slots=True)
-class JointCompliance:
+@dataclass(frozen=True)
+class JointCompliance(Effect):
     """Joints as torsion springs under gravity: what each turns by the weight of the links, and by a known payload.
 
     joints: how many. load_known: whether the rows say their payload. upright: joints (from 1) whose axis is vertical
@@ -64,32 +71,40 @@ class JointCompliance:
         """
         return cls(nominal.n, load_known, _upright(nominal, down), down)
 
-    @property
-    def group(self) -> str:
-        """`compliance`."""
-        return "compliance"
+    group: ClassVar[Group] = "compliance"
+    title: ClassVar[str] = "Joints under weight"
+    needs: ClassVar[str] = "every joint of this robot stands upright"
+    missing: ClassVar = (("payload", "no column payload: predicted for none"),)
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Joint by joint, link by link; then the payload's."""
-        own = tuple(f"compliance{j + 1}_{k + 1}{'xy'[e]}" for j, k, e in self._moments())
-        return own + tuple(f"compliance_load{j + 1}" for j in self._loaded())
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        """Where any joint carries weight; with the payload's amounts where that changes."""
+        effect = cls.of(setup.chain, varies(setup.at.payload), setup.down)
+        return effect if effect.parameters else None
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Rad; rad/(N m) for the payload's."""
-        return ("rad",) * len(self._moments()) + ("rad/(N m)",) * len(self._loaded())
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Joint by joint, link by link, rad; then the payload's, rad/(N m)."""
+        own = (self._own(j + 1, k + 1, "xy"[e]) for j, k, e in self._moments())
+        return (*own, *(self._of_payload(j + 1) for j in self._loaded()))
+
+    def _own(self, joint: int, link: int, axis: str) -> Parameter:
+        name, label = f"compliance{joint}_{link}{axis}", f"A{joint} sag by link {link}, {axis}"
+        return Parameter(name, RAD, self.group, label, _PHRASE, str(joint), joint)
+
+    def _of_payload(self, joint: int) -> Parameter:
+        label = f"A{joint} sag by payload"
+        return Parameter(f"compliance_load{joint}", PER_NM, self.group, label, _UNDER_LOAD, str(joint), joint)
+
+    def lacks(self, at: Postures) -> list[str]:
+        """Nothing, where no payload was known."""
+        return super().lacks(at) if self.load_known else []
 
     @property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0 of each amount."""
         own = [SAG_RAD * SHRINKS ** (k - j) for j, k, _ in self._moments()]
         return np.array(own + [SAG_PER_NM for _ in self._loaded()])
-
-    @property
-    def least(self) -> Floats:
-        """−inf: a link's weight lies on either side; a controller that corrects for gravity may overdo it."""
-        return np.full(len(self.parameters), -np.inf)
 
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
         """Φ (N, n, K): moments about each joint of one newton's weight at unit levers; N m per N m of the payload."""
@@ -106,9 +121,6 @@ class JointCompliance:
             for extra, joint in enumerate(self._loaded()):
                 result[joint, column + extra] = load[joint]
         return np.moveaxis(result, -1, 0)
-
-    def shifts(self, nominal: SerialChain, at: Postures) -> None:
-        """None: joints turn, and carry the tool with them."""
 
     def _carrying(self) -> list[int]:
         return [j for j in range(self.joints) if j + 1 not in self.upright]

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.gravity import DOWN, Direction
+from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
+from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 DEFLECTION = "tool_deflection"
 """Name of the tool's bending amount c_t, 1/(N m^2)."""
 
+PER_NM2 = Unit("1/(N m^2)", "1/(N·m²)")
+_PHRASE = Phrase("tool deflection", "tool deflection")
+
 
 @final
-@dataclass(frozen=True, slots=True)
-class ToolDeflection:
+@dataclass(frozen=True)
+class ToolDeflection(Effect):
     """The tool as a cantilever along the flange's z with its weight at the end.
 
     length_m: from the flange to the tool centre point, along z (of the taught tool: an error in it is taken up by c_t).
@@ -33,20 +39,23 @@ class ToolDeflection:
     expected: float = 0.002
     down: Direction = DOWN
 
-    @property
-    def group(self) -> str:
-        """`deflection`."""
-        return "deflection"
+    group: ClassVar[Group] = "deflection"
+    title: ClassVar[str] = "Bending of the tool"
+    chosen: ClassVar = "named"
+    of_touches: ClassVar[bool] = True
+    needs: ClassVar[str] = "the robot file's tool needs a mass, and a length along z"
+    prior_scales: ClassVar = None
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """`tool_deflection` alone."""
-        return (DEFLECTION,)
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        """Where the tool has a mass, and stands out along z."""
+        length_m, load_n = float(setup.chain.tool[2, 3]) / 1000.0, setup.tool_mass_kg * STANDARD_GRAVITY
+        return cls(length_m, load_n, down=setup.down) if length_m > 0.0 < load_n else None
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """1/(N m^2)."""
-        return ("1/(N m^2)",)
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """`tool_deflection` alone, 1/(N m^2)."""
+        return (Parameter(DEFLECTION, PER_NM2, self.group, "tool deflection c_t", _PHRASE),)
 
     @property
     def sigma(self) -> Floats:
@@ -62,9 +71,6 @@ class ToolDeflection:
     def mm_per_unit(self) -> float:
         """Shift of a horizontal tool's tip for c_t = 1, mm."""
         return 1000.0 * self.length_m**3 / 3.0 * self.load_n
-
-    def turns(self, nominal: SerialChain, at: Postures) -> None:
-        """None: the tool bends behind the last joint."""
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
         """Ψ (N, 3, 1): the part of ĝ across the flange's z, times `mm_per_unit`."""

@@ -1,13 +1,20 @@
-"""What every effect that is no geometry has in common: it is linear in its amounts, at joints that are nominal."""
+"""What every effect that is no geometry has in common: it is linear in its amounts, at joints that are nominal.
+
+An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
+model file has them; all that is asked of effects elsewhere is asked by the attributes below.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol, final
+from typing import Any, ClassVar, Literal, Self, final
 
 import numpy as np
 
-from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.effects.gravity import DOWN, Direction
+from cellctl.calibration.model.parameter import Group, Parameter
+from cellctl.calibration.model.postures import Condition, Postures
 from cellctl.kinematics import Floats, SerialChain
 
 
@@ -40,43 +47,86 @@ class OwnTurns:
         return result
 
 
-class Effect(Protocol):
+STORED = "stored"
+"""Key of a field's metadata: the name of a setting in model files, where that is not the field's."""
+
+PRIOR_SCALES = (0.03, 3.3)
+"""Least and greatest prior scale of an effect: three times what its maker or others' measurements say, and no more. The
+expected sizes with their sources: docs/reference/effects.md.
+"""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class EffectInputs:
+    """What is known of a robot and its rows before a fit: all that an effect may be made from.
+
+    chain: nominal, with its taught tool. at: postures and conditions of the rows. tool_mass_kg: 0 where it is not
+    known. down: which way weight pulls, in the robot's base frame.
+    """
+
+    chain: SerialChain
+    at: Postures
+    tool_mass_kg: float = 0.0
+    down: Direction = DOWN
+
+
+class Effect(ABC):
     """A cause of error with K amounts κ. It turns the joints by Φκ, and shifts the tool by Ψκ.
 
     Both are worked out on the *nominal* chain in its own base frame (`with_base(identity)`, no deviations): an error of
     a thousandth in where a load pulls is a thousandth of a thousandth at the tool, and so every derivative stays exact
-    and closed. `parameters` (K,): names; `units`: `rad`, `1/K`, …; `sigma` (K,): prior 1 σ in those units.
+    and closed.
+
+    group: name of the kind, by which it is freed or held, named in `--model`, and stored. title: the same for people.
+    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model by itself
+    (`never`). of_touches: whether `auto` begins with it where the tool touches. needs: what it needs, where rows do not
+    show it. missing: conditions that it needs at a prediction, each with what is predicted without it. prior_scales:
+    bounds of what the evidence may scale its prior by; None: it is never scaled.
     """
 
-    @property
-    def group(self) -> str:
-        """Name of the kind, by which it is freed or held: `compliance`, `backlash`, …."""
-        ...
+    __slots__ = ()
+
+    group: ClassVar[Group]
+    title: ClassVar[str]
+    chosen: ClassVar[Literal["named", "tried", "never"]] = "tried"
+    of_touches: ClassVar[bool] = False
+    needs: ClassVar[str] = ""
+    missing: ClassVar[tuple[tuple[Condition, str], ...]] = ()
+    prior_scales: ClassVar[tuple[float, float] | None] = PRIOR_SCALES
+
+    @classmethod
+    @abstractmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        """The effect of a robot, as its rows can show it; None where they cannot."""
 
     @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names (K,), each unlike any other of a model."""
-        ...
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its amounts (K,), their names unlike any other of a model."""
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of each amount (K,)."""
-        ...
-
-    @property
+    @abstractmethod
     def sigma(self) -> Floats:
-        """How large each amount (K,) is expected to be, 1 σ."""
-        ...
+        """How large each amount (K,) is expected to be about 0, 1 σ, in its unit."""
 
     @property
     def least(self) -> Floats:
-        """What no amount (K,) is below, in its unit: 0 where a negative one has no meaning, −inf elsewhere."""
-        ...
+        """What no amount (K,) is below, in its unit: 0 where a negative one has no meaning, otherwise −inf."""
+        return np.full(len(self.parameters), -np.inf)
+
+    def lacks(self, at: Postures) -> list[str]:
+        """What is predicted at postures `at` without the conditions that nobody noted, in words."""
+        return [words for condition, words in self.missing if getattr(at, condition) is None]
+
+    def suits(self, joints: int) -> bool:
+        """Whether it is an effect of a robot with so many joints."""
+        return bool(getattr(self, "joints", joints) == joints)
 
     def turns(self, nominal: SerialChain, at: Postures) -> Floats | OwnTurns | None:
         """Φ (N, n, K): rad of each joint per unit of each amount; None where the effect turns no joint."""
-        ...
+        return None
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats | None:
         """Ψ (N, 3, K): mm of the tool centre point, in the robot's base frame, per unit; None where nothing shifts."""
-        ...
+        return None

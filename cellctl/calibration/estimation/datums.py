@@ -14,8 +14,8 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
-from cellctl.kinematics import Bools, Floats
+from cellctl.calibration.rows import Measured, TouchRows
+from cellctl.kinematics import Floats
 
 EVEN = 1000.0
 """Of mm and mm², so that the columns of both are of one size."""
@@ -26,8 +26,7 @@ def with_datums(state: State, blocks: Sequence[Measured]) -> State:
     want them: a start for the estimator. All other points are taken to be where `state` has them.
     """
     points, datums = state.points.copy(), state.datums.copy()
-    at_points = [block for block in blocks if isinstance(block, TouchRows | SocketRows | PlaneRows)]
-    known = np.array([any(telling(block, point).any() for block in at_points) for point in range(len(points))])
+    known = np.array([any(block.telling(point).any() for block in blocks) for point in range(len(points))])
     for index in range(len(datums)):
         rows = _Lengths.of(state, blocks, index)
         if not len(rows.shown):
@@ -41,12 +40,6 @@ def with_datums(state: State, blocks: Sequence[Measured]) -> State:
             points[point] = rows.place(point, points[point], datums[index])
             known[point] = True
     return replace(state, points=points, datums=datums)
-
-
-def telling(block: TouchRows | SocketRows | PlaneRows, point: int) -> Bools:
-    """Which rows (N,) tell where the point of number `point` is, with no datum in between."""
-    mine = block.point == point
-    return np.asarray(mine & (block.datum < 0) if isinstance(block, TouchRows) else mine)
 
 
 @final

@@ -11,16 +11,18 @@ rows much more probable (MacKay 1992, Bayesian interpolation, doi 10.1162/neco.1
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 from scipy.linalg.lapack import dpotri
 
+from cellctl.calibration.effects import kinds
 from cellctl.calibration.estimation.estimate import Estimate, linearised, pins
+from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import Unknowns
-from cellctl.calibration.rows import PlaneRows, Rows, SocketRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0
@@ -30,17 +32,9 @@ UNEXPECTED = 2.5
 """χ² this many of its own standard deviations above what it should be is looked into."""
 
 Factor: TypeAlias = tuple[str, int]
-"""What may be larger than said: ("noise", number in `Mixture.quantities`) or (a group of parameters, 0)."""
+"""What may be larger than said: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
 
-_NEVER_LOOSENED = ("points", "datums", "base", "deflection")
-
-ESTIMATED = ("compliance", "harmonics", "backlash", "growth", "discrepancy")
-"""Groups of effects: how large they are on this robot is estimated, within bounds, and not tested."""
-
-SCALES = (0.03, 3.3)
-"""Least and greatest prior scale of an effect: three times what its maker or others' measurements say, and no more. The
-expected sizes with their sources: docs/reference/effects.md.
-"""
+_NEVER_LOOSENED = ("points", "datums", "base")
 
 SCALE_SIGMA = 1.0
 """1 σ of the natural logarithm of such a scale about 0, before the data."""
@@ -49,7 +43,7 @@ SHARP = 1e-5
 """A relative change of the evidence that is not worth another step."""
 
 
-def unexpected(found: Estimate, rows: Mixture) -> bool:
+def unexpected(found: Estimate, rows: RowBlocks) -> bool:
     """Whether residuals or parameters of a fit are larger than noise and tolerances say, for any kind or group."""
     state = found.state
     share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
@@ -69,7 +63,7 @@ def _strange(found: Estimate) -> bool:
     if unknowns.prior is not None:  # its errors of one group are those of the others, too
         mine = unknowns.free & np.isin(groups, loose)
         return _beyond(float(np.sum((found.whitening @ x[unknowns.free]) ** 2)), int(mine.sum()))
-    each = [unknowns.free & (groups == group) for group in loose if group not in ESTIMATED]
+    each = [unknowns.free & (groups == group) for group in loose if _prior_scales(group) is None]
     return any(_beyond(float(np.sum(x[mine] ** 2)), int(mine.sum())) for mine in each)
 
 
@@ -79,18 +73,24 @@ def loosenable(unknowns: Unknowns) -> tuple[str, ...]:
     names = unknowns.scaled_with
     there = dict.fromkeys(name for name, is_known in zip(names, known, strict=True) if is_known)
     flat = {name for name, is_flat in zip(names, unknowns.sigma >= 100.0, strict=True) if is_flat}
-    return tuple(name for name in there if name not in _NEVER_LOOSENED and name not in flat)
+    fixed = {*_NEVER_LOOSENED, *flat, *(group for group, kind in kinds().items() if kind.prior_scales is None)}
+    return tuple(name for name in there if name not in fixed)
 
 
-def estimated(unknowns: Unknowns) -> frozenset[str]:
-    """Which of `loosenable` belong to effects, whose size is estimated and not tested."""
+def estimated(unknowns: Unknowns) -> dict[str, tuple[float, float]]:
+    """Which of `loosenable` belong to effects, whose size is estimated and not tested: with the bounds of its scale."""
     if unknowns.prior is not None:
-        return frozenset()
-    pairs = zip(unknowns.scaled_with, unknowns.groups, unknowns.free, strict=True)
-    return frozenset(name for name, group, free in pairs if free and group in ESTIMATED)
+        return {}
+    free = (parameter for parameter, is_free in zip(unknowns.parameters, unknowns.free, strict=True) if is_free)
+    return {each.scaled_with: bounds for each in free if (bounds := _prior_scales(each.group))}
 
 
-def factors(found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> dict[Factor, float]:
+def _prior_scales(group: Group) -> tuple[float, float] | None:
+    kind = kinds().get(group)
+    return kind.prior_scales if kind else None
+
+
+def factors(found: Estimate, unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> dict[Factor, float]:
     """Noise and prior scales by the evidence of `rows`, linearised at `found`: those of effects as probable as can be
     (`tuned`), others only where they pay for it, one after another.
     """
@@ -140,7 +140,7 @@ class System:
     Its unknowns are those of the fit and what is held but doubted: what an older model did not know is no noise. groups
     (F,): for each its factor's place in `loose`, or −1. known (F, F): their covariance beforehand; change (F,): by how
     much each variance grows with its factor²; x (F,): where the fit is; all in tolerances. of_effects: factors that are
-    estimated within `SCALES`; closed: places in `loose` of which no unknown is left.
+    estimated, and within which bounds; closed: places in `loose` of which no unknown is left.
     """
 
     numbers: Mapping[Factor, Normal]
@@ -150,12 +150,12 @@ class System:
     known: Floats
     change: Floats
     x: Floats
-    of_effects: frozenset[Factor] = frozenset()
+    of_effects: Mapping[Factor, tuple[float, float]] = field(default_factory=dict)
     closed: frozenset[int] = frozenset()
     independent: bool = False
 
     @classmethod
-    def of(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
+    def of(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
         """The problem of `unknowns` linearised at `deviations` (P,) from their start."""
         about = np.flatnonzero(unknowns.free | unknowns.doubted)
         scale = unknowns.sigma[about]
@@ -177,7 +177,7 @@ class System:
             numbers=numbers,
             fixed=(*(Normal.of(*of(block)) for block in certain), _pins(unknowns, about)),
             loose=tuple((name, 0) for name in loose),
-            of_effects=frozenset((name, 0) for name in estimated(unknowns)),
+            of_effects={(name, 0): bounds for name, bounds in estimated(unknowns).items()},
             groups=np.array([place.get(names[at], -1) if unknowns.free[at] else -1 for at in about]),
             known=unknowns.known(about),
             change=unknowns.change[about],
@@ -234,7 +234,7 @@ class System:
         """By how much the evidence rises if `factor` is there, compared with its least scale; all logarithms then. But
         for it and noise that is larger than stated they stay as in `logs`.
         """
-        without = {**logs, factor: float(np.log(SCALES[0]))}
+        without = {**logs, factor: float(np.log(self.of_effects[factor][0]))}
         noise = {name: value for name, value in logs.items() if name in self.numbers and value > 0.0}
         fixed = {name: value for name, value in logs.items() if name not in noise}
         best, tuned = self._tuned({**noise, factor: 0.0}, (), fixed)
@@ -263,8 +263,8 @@ class System:
             return -value, -np.array([slopes[name] for name in names])
 
         start = np.array([*chosen.values(), *(self.guess(factor) for factor in more)])
-        scales = (float(np.log(SCALES[0])), float(np.log(SCALES[1])))
-        bounds = [scales if name in self.of_effects else (0.0, 12.0) for name in names]
+        scales = {name: (float(np.log(least)), float(np.log(most))) for name, (least, most) in self.of_effects.items()}
+        bounds = [scales.get(name, (0.0, 12.0)) for name in names]
         found = minimize(improbable, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": SHARP})
         return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
 
@@ -294,7 +294,7 @@ class System:
             widened = np.diag(known @ (np.outer(x, x) + covariance) @ known - known)
         own = np.exp(2.0 * tolerances) * self.change * widened
         slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
-        for factor in self.of_effects & logs.keys():
+        for factor in [each for each in self.of_effects if each in logs]:
             value -= 0.5 * (logs[factor] / SCALE_SIGMA) ** 2
             slopes[factor] -= logs[factor] / SCALE_SIGMA**2
         return float(value), slopes
@@ -354,13 +354,11 @@ def _root(square: Floats) -> Floats:
     return np.asarray(root, float)
 
 
-def _measures_length(rows: Mixture, certain: Sequence[Rows]) -> bool:
+def _measures_length(rows: RowBlocks, certain: Sequence[Rows]) -> bool:
     """Whether anything here is a length. Sockets and planes alone are not: a robot of no size would be in all of
     them at once, and nothing but the tolerances of its links keeps it from shrinking.
     """
-    return any(map(len, certain)) or any(
-        len(block) and not isinstance(block, SocketRows | PlaneRows) for block in rows.blocks
-    )
+    return any(map(len, certain)) or any(len(block) and block.has_length for block in rows.blocks)
 
 
 def _beyond(squares: float, count: float) -> bool:

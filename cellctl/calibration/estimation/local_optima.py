@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import Estimate, linearised
-from cellctl.calibration.estimation.tool_search import TOOL, Touched
+from cellctl.calibration.estimation.tool_search import Touched, tool_of
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 
 IMPROBABLE = 0.01
@@ -28,7 +28,7 @@ BEYOND = 16.3
 """A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""
 
 
-def tools(unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> list[State]:
+def tools(unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> list[State]:
     """Where tool and points may be: the start of `unknowns` with each tool that its touches run down to, the most
     probable first; as it is where there are no touches.
     """
@@ -36,10 +36,10 @@ def tools(unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> list[St
     if not len(touched.reach):
         return [unknowns.start]
     blocks = [*rows.blocks, *certain]
-    return sorted(touched.valleys(), key=lambda state: improbability(unknowns, state, blocks))
+    return sorted(touched.local_optima(), key=lambda state: improbability(unknowns, state, blocks))
 
 
-def undecided(found: Estimate, rows: Mixture, certain: Sequence[Rows], others: Sequence[State]) -> Estimate:
+def undecided(found: Estimate, rows: RowBlocks, certain: Sequence[Rows], others: Sequence[State]) -> Estimate:
     """`found`; said not to have converged, with a σ that reaches as far, where the rows make a tool of `others`
     hardly less probable, or are too few to find any.
     """
@@ -86,7 +86,7 @@ def _move(here: State, there: State) -> Floats:
 
 def _is_another(found: Estimate, moved: Floats) -> bool:
     """Whether the tool `moved` to (P,) lies outside what σ says of the one found."""
-    tool = [found.unknowns.names.index(name) for name in TOOL]
+    tool = tool_of(found.state)
     return bool(moved[tool] @ np.linalg.solve(found.covariance[np.ix_(tool, tool)], moved[tool]) > BEYOND)
 
 
@@ -108,7 +108,7 @@ def _too_few(touched: Touched) -> str:
 def _open(found: Estimate, rivals: Sequence[tuple[float, Floats]]) -> str:
     """That another tool is as good, in words."""
     odds, moved = max(rivals, key=lambda rival: rival[0])
-    away = float(np.linalg.norm(moved[[found.unknowns.names.index(name) for name in TOOL]]))
+    away = float(np.linalg.norm(moved[tool_of(found.state)]))
     as_good = "as probable" if odds > ALIKE else f"{odds:.2g} times as probable"
     return (
         f"the rows leave open which tool it is: one {away:.1f} mm from that found is {as_good}; touch from more sides"

@@ -19,12 +19,12 @@ def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
     With the errors e of the older model the new zeros come out wrong by A e_held + noise, their change by A e_held −
     e_zeros + noise; Σ_new holds A Σ_held Aᵀ + noise, and A Σ_held beside it.
     """
-    names = found.state.model.parameters
-    zeros = np.array([names.index(f"theta{joint}") for joint in range(1, found.state.model.n + 1)])
+    parameters = found.state.model.parameters
+    zeros = np.flatnonzero([parameter.group == "zeros" for parameter in parameters])
     change = found.state.model.deviations[zeros] - task.model.deviations[zeros]
     covariance = found.covariance[np.ix_(zeros, zeros)]
     if task.prior is not None:
-        held = np.flatnonzero(~found.unknowns.free[: len(names)] & (np.diag(task.prior) > 0.0))
+        held = np.flatnonzero(~found.unknowns.free[: len(parameters)] & (np.diag(task.prior) > 0.0))
         beside = found.covariance[np.ix_(zeros, held)]
         shared = beside @ _inverse(task.prior[np.ix_(held, held)]) @ task.prior[np.ix_(held, zeros)]
         covariance = covariance + task.prior[np.ix_(zeros, zeros)] - shared - shared.T

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration.estimation.datums import telling
+from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
-from cellctl.calibration.model.unknowns import PLACED, Group
-from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
-from cellctl.calibration.rows.planes import pole_of
+from cellctl.calibration.model.unknowns import PLACED
+from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Floats, SerialChain, pose
 
 STEPS = 4
@@ -30,23 +28,18 @@ PREFERRED = 0.25
 orientation hardly changes it is a loose one.
 """
 
-CENTRE_STEPS = 8
-
-CARRIED_MM = 30.0
-"""A part of the robot that is further from the tip than this shows from which side it touches."""
-
 
 def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group]) -> RobotModel:
     """`model` with those of base and tool that are `free` where the positions and poses among `blocks` want them."""
-    measured = [block for block in blocks if isinstance(block, PositionRows | PoseRows) and len(block)]
+    measured = [(block, xyz) for block in blocks if len(block) and (xyz := block.positions) is not None]
     if not measured or not free & PLACED:
         return model
-    q, xyz = np.concatenate([block.q for block in measured]), np.concatenate([block.xyz for block in measured])
+    q, xyz = np.concatenate([block.q for block, _ in measured]), np.concatenate([places for _, places in measured])
     chain = _placed(model.chain, q, xyz, free)
-    turned = [block for block in measured if isinstance(block, PoseRows)]
+    turned = [(block.q, turns) for block, _ in measured if (turns := block.orientations) is not None]
     if "tool" in free and turned:
-        turns = np.concatenate([block.poses[:, :3, :3] for block in turned])
-        chain = turned_tool(chain, np.concatenate([block.q for block in turned]), turns)
+        at, turns = (np.concatenate(part) for part in zip(*turned, strict=True))
+        chain = turned_tool(chain, at, turns)
     return replace(model, chain=chain)
 
 
@@ -87,36 +80,6 @@ def turned_tool(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
     flange = chain.forward_flange(q)[:, :3, :3]
     turn = Rotation.from_matrix(np.matmul(np.swapaxes(flange, -1, -2), measured)).mean().as_matrix()
     return chain.with_tool(pose(turn, chain.tool_now[:3, 3]))
-
-
-def sphere_centre(tips: Floats, reach: Any) -> Floats:
-    """Centre (3,) of the sphere of radius `reach` (N,), mm, whose surface the points `tips` (N, 3) lie nearest to.
-
-    From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from either side of the points along the
-    direction in which they spread least, as the linear problem does not know how curved a small cap is; Gauss–Newton on
-    the distances, the nearest wins. Fewer than four points give the nearest to the mean that they allow.
-    """
-    reach = np.broadcast_to(np.asarray(reach, float), len(tips))
-    mean = tips.mean(axis=0)
-    away = tips - mean
-    lines = np.concatenate([2.0 * away, np.ones((len(tips), 1))], axis=1)
-    linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=1e-6)[0][:3]
-    across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
-    found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]
-    return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
-
-
-def plane_pole(tips: Floats, reach: Floats, frames: Floats) -> Floats:
-    """Pole (3,), mm, of the plane from which `tips` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
-    which they spread least, its normal towards what carries the tips: the last of the robot's `frames` (N, K, 3), mm,
-    that is not where the tip is.
-    """
-    away, arms = tips - tips.mean(axis=0), frames - tips[:, None]
-    carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
-    normal = np.linalg.eigh(away.T @ away)[1][:, 0]
-    if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
-        normal = -normal
-    return pole_of(normal, float(np.median(tips @ normal - reach)))
 
 
 def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Group]) -> SerialChain:
@@ -176,26 +139,6 @@ def _left(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> float
 def _point(models: Sequence[RobotModel], blocks: Sequence[Measured], index: int) -> Floats:
     """Where the first block that saw point `index` sees it (3,); NaN where none did."""
     for block in blocks:
-        if isinstance(block, TouchRows | SocketRows | PlaneRows) and np.any(mine := telling(block, index)):
-            postures, model = block.postures.pick(mine), models[block.session]
-            tips = model.tip(postures)
-            if isinstance(block, PlaneRows):
-                return plane_pole(tips, block.reach[mine], model.chain.frames(postures.q)[..., :3, 3])
-            return tips.mean(axis=0) if isinstance(block, SocketRows) else sphere_centre(tips, block.reach[mine])
+        if np.any(mine := block.telling(index)):
+            return block.pick(mine).place(models[block.session])
     return np.full(3, np.nan)
-
-
-def _nearer_centre(points: Floats, reach: Floats, centre: Floats) -> Floats:
-    """Gauss–Newton on the points' distances from `centre` (3,), as long as they come nearer to `reach`."""
-    for _ in range(CENTRE_STEPS):
-        away = points - centre
-        distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-        tried = centre + np.linalg.lstsq(-away / distance[:, None], reach - distance, rcond=1e-6)[0]
-        if _off_surface(points, reach, tried) >= _off_surface(points, reach, centre):
-            break
-        centre = tried
-    return centre
-
-
-def _off_surface(points: Floats, reach: Floats, centre: Floats) -> float:
-    return float(np.sum((np.linalg.norm(points - centre, axis=1) - reach) ** 2))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self, final
 
 import numpy as np
@@ -11,14 +12,13 @@ import numpy as np
 from cellctl.calibration.effects import Effect
 from cellctl.calibration.estimation.datums import with_datums
 from cellctl.calibration.estimation.registration import fixed_points, on_instrument
+from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
-from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, Group, State, Tolerances, Unknowns
+from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
-from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, SpacingRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
-
-_TURNS = ("tool_a", "tool_b", "tool_c")
 
 
 @final
@@ -56,7 +56,7 @@ class Task:
     """
 
     model: RobotModel
-    rows: Mixture
+    rows: RowBlocks
     points: tuple[str, ...] = ()
     rough: Floats | None = None
     spacings: SpacingRows | None = None
@@ -72,7 +72,7 @@ class Task:
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
             raise ValueError("an older model is gone on from as it is: it climbs no ladder")
-        object.__setattr__(self, "rows", Mixture.of(self.rows))
+        object.__setattr__(self, "rows", RowBlocks.of(self.rows))
 
     @property
     def freed(self) -> frozenset[Group]:
@@ -89,8 +89,8 @@ class Task:
     @property
     def retooled(self) -> bool:
         """Whether an older model has a new tool that nothing but distances tells of, their zeros known."""
-        told = bool(self.rows.kinds - {TouchRows}) or bool(self.datums)
-        return self.partial and "tool" in self.freed and not told
+        told = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
+        return self.partial and "tool" in self.freed and told
 
     @property
     def registered(self) -> frozenset[Group]:
@@ -130,9 +130,10 @@ class Task:
     def unknowns(self, start: State) -> Unknowns:
         """All parameters about `start`, all free, with what is known of them."""
         names = [session.name for session in self.sessions[1:]]
-        taught = Unknowns.of(start, self._point_names, self.tolerances, sessions=names, datums=self.datums)
-        flat = Unknowns.of(start, self._point_names, self.tolerances, flat=PLACED, sessions=names, datums=self.datums)
-        seen = self._seen_by(taught, (PositionRows, PoseRows))
+        of = partial(Unknowns.of, start, self.points, self.tolerances)
+        taught = of(sessions=names, datums=self.datums, planes=self.planes)
+        flat = of(flat=PLACED, sessions=names, datums=self.datums, planes=self.planes)
+        seen = self._seen_by(taught, lambda block: block.of_instrument)
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))
             return replace(taught, sigma=np.where(unknown, flat.sigma, taught.sigma))
@@ -142,7 +143,7 @@ class Task:
         """Which parameters (P,) tie nominal to the measurement: points and datums always, base and tool to an
         instrument.
         """
-        instrument = self._seen_by(unknowns, (PositionRows, PoseRows))
+        instrument = self._seen_by(unknowns, lambda block: block.of_instrument)
         later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any older model
         placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
         return np.asarray(placed | unknowns.among(frozenset({"points", "datums"})))
@@ -156,17 +157,17 @@ class Task:
         assert known is not None
         return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
 
-    def start(self, rows: Mixture) -> State:
+    def start(self, rows: RowBlocks) -> State:
         """Where nominal begins, from the model and `rows` alone."""
         return self.fixed_by(self.placed(rows), rows)
 
-    def changed(self, rows: Mixture) -> State:
+    def changed(self, rows: RowBlocks) -> State:
         """Where what is identified begins, from the model and `rows` alone: base or tool that are new to an older model
         are where the rows want them.
         """
         return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
 
-    def fixed_by(self, models: Sequence[RobotModel], rows: Mixture) -> State:
+    def fixed_by(self, models: Sequence[RobotModel], rows: RowBlocks) -> State:
         """`models`, one for each session, with points where they roughly are, or where the models see them by `rows`,
         and with the zeros of lengths.
         """
@@ -179,14 +180,8 @@ class Task:
     @property
     def planes(self) -> frozenset[int]:
         """Which of the points are planes."""
-        touched = [block.point for block in self.rows.blocks if isinstance(block, PlaneRows)]
+        touched = [block.visited for block in self.rows.blocks if block.of_planes]
         return frozenset(int(index) for indices in touched for index in np.unique(indices))
-
-    @property
-    def _point_names(self) -> list[str]:
-        """What parameters of points are called after: the three of a plane are those of its pole."""
-        planes = self.planes
-        return [f"{name}_plane" if index in planes else name for index, name in enumerate(self.points)]
 
     def _somewhere(self) -> State:
         """A state of the right shape."""
@@ -194,17 +189,17 @@ class Task:
         own = [session.own for session in self.sessions[1:]]
         return State.of_sessions(models, own, np.zeros((len(self.points), 3)), np.zeros(len(self.datums)))
 
-    def _seen_by(self, unknowns: Unknowns, kinds: tuple[type, ...]) -> Bools:
-        """Which base and tool parameters (P,) act on rows of these kinds."""
+    def _seen_by(self, unknowns: Unknowns, such: Callable[[Measured], bool]) -> Bools:
+        """Which base and tool parameters (P,) act on `such` rows."""
         result = np.zeros(len(unknowns.names), bool)
-        for session in {block.session for block in self.rows.blocks if isinstance(block, kinds) and len(block)}:
+        for session in {block.session for block in self.rows.blocks if len(block) and such(block)}:
             result[unknowns.start.columns[session]] = True
         return result & unknowns.among(PLACED)
 
     def _unturned(self, unknowns: Unknowns) -> Bools:
         """The tool's turns (P,) where nothing measured them: a point has no orientation."""
-        turns = np.array([name.partition("@")[0] in _TURNS for name in unknowns.names])
-        return np.asarray(turns & ~self._seen_by(unknowns, (PoseRows,)))
+        turns = np.array([each.group == "tool" and each.turns for each in unknowns.parameters])
+        return np.asarray(turns & ~self._seen_by(unknowns, lambda block: block.orientations is not None))
 
     def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:
         """These unknowns as an older model knew them, but for what is to be found anew."""
@@ -228,7 +223,7 @@ class Task:
         sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
         return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
 
-    def placed(self, rows: Mixture, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
+    def placed(self, rows: RowBlocks, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
         """The robot in each session, those of base and tool near what its instrument says that nominal is tied to it
         by, that are in `anew`, or that are the session's own.
         """

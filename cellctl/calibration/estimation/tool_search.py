@@ -14,10 +14,8 @@ import numpy as np
 
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
-
-TOOL = ("tool_x", "tool_y", "tool_z")
 
 SHELLS_MM = (5.0, 15.0, 40.0, 100.0)
 DIRECTIONS = 16
@@ -65,7 +63,7 @@ class Touched:
     pair_sigma: Floats
 
     @classmethod
-    def of(cls, state: State, rows: Mixture, certain: Sequence[Rows]) -> Self:
+    def of(cls, state: State, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
         """What `rows`, and certified distances among `certain`, say of them."""
         shared = _sharing_the_tool(state)
         blocks = [block for block in rows.blocks if isinstance(block, TouchRows) and shared[block.session]]
@@ -73,7 +71,7 @@ class Touched:
         number = np.concatenate([np.zeros(0, int), *(block.point for block in blocks)]).astype(int)
         points, point = np.unique(number, return_inverse=True)
         pairs, mm, pair_sigma = _certified(certain, points)
-        tool = _tool_of(state)
+        tool = tool_of(state)
         return cls(
             state=state,
             tips=np.concatenate([np.zeros((0, 3)), *(model.tip(block.at) for model, block in seen)]),
@@ -97,7 +95,7 @@ class Touched:
         """How many distances there are too few to find them, and to check that by one at least."""
         return max(self.unknown + 1 - len(self.reach) - len(self.mm), 0)
 
-    def valleys(self) -> list[State]:
+    def local_optima(self) -> list[State]:
         """The state with each tool, and its points, that the touches run down to; those nearest to the rows first."""
         found, costs = self._searched()
         chosen: list[Floats] = []
@@ -111,7 +109,7 @@ class Touched:
     def _at(self, x: Floats) -> State:
         """The state with tool and points at x (F,), the tool as a change."""
         shift, state = np.zeros(len(self.state.model.parameters)), self.state
-        shift[_tool_of(state)] = x[:3]
+        shift[tool_of(state)] = x[:3]
         models = [
             model.with_deviations(model.deviations + shift) if mine else model
             for model, mine in zip(state.models, _sharing_the_tool(state), strict=True)
@@ -202,14 +200,15 @@ def _directions(count: int) -> Floats:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=1)
 
 
-def _tool_of(state: State) -> list[int]:
-    """Where a model has the tool's place among its parameters."""
-    return [state.model.parameters.index(name) for name in TOOL]
+def tool_of(state: State) -> list[int]:
+    """Where the first session's model has the tool's place among its parameters."""
+    parameters = enumerate(state.model.parameters)
+    return [place for place, each in parameters if each.group == "tool" and not each.turns]
 
 
 def _sharing_the_tool(state: State) -> Bools:
     """Which sessions have the first one's tool."""
-    tool = _tool_of(state)
+    tool = tool_of(state)
     return np.array([np.array_equal(columns[tool], state.columns[0][tool]) for columns in state.columns])
 
 

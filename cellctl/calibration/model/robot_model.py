@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration.effects import Effect, OwnTurns
+from cellctl.calibration.model.parameter import Parameter, of_chain
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.kinematics import Bools, Floats, SerialChain
 
@@ -37,20 +38,19 @@ class RobotModel:
         return self.chain.n
 
     @cached_property
-    def parameters(self) -> tuple[str, ...]:
+    def parameters(self) -> tuple[Parameter, ...]:
         """The chain's parameters, then the effects'."""
-        return self.chain.parameters + tuple(name for effect in self.effects for name in effect.parameters)
+        return of_chain(self.chain) + tuple(each for effect in self.effects for each in effect.parameters)
 
     @cached_property
-    def parameter_units(self) -> tuple[str, ...]:
-        """Unit of each parameter (P,): `mm`, `rad` or an effect's own."""
-        of_chain = tuple("rad" if turns else "mm" for turns in self.chain.parameter_turns)
-        return of_chain + tuple(unit for effect in self.effects for unit in effect.units)
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter (P,), as in files."""
+        return tuple(parameter.name for parameter in self.parameters)
 
     @cached_property
     def parameter_turns(self) -> Bools:
         """Which parameters (P,) are angles (rad)."""
-        return np.array([unit == "rad" for unit in self.parameter_units])
+        return np.array([parameter.turns for parameter in self.parameters])
 
     @cached_property
     def least(self) -> Floats:
@@ -64,18 +64,9 @@ class RobotModel:
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
         return np.concatenate([chain, self._amounts])
 
-    @cached_property
-    def expected_amounts(self) -> dict[str, tuple[str, float]]:
-        """Group and prior 1 σ of each effect's amounts, by name."""
-        return {
-            name: (effect.group, float(sigma))
-            for effect in self.effects
-            for name, sigma in zip(effect.parameters, effect.sigma, strict=True)
-        }
-
     def amount(self, name: str) -> float | None:
         """The value of parameter `name` as it is now; None where this model has none of that name."""
-        return float(self.deviations[self.parameters.index(name)]) if name in self.parameters else None
+        return float(self.deviations[self.names.index(name)]) if name in self.names else None
 
     def on(self, base: ArrayLike, tool: ArrayLike) -> Self:
         """This model with base and tool at poses (4, 4), mm, from which their deviations count."""
@@ -139,7 +130,7 @@ class RobotModel:
     @cached_property
     def _of_base(self) -> Any:
         """Places of the parameters that turn or move the base: they carry the shifts along."""
-        return np.flatnonzero([name.startswith("base_") for name in self.chain.parameters])
+        return np.flatnonzero([parameter.group == "base" for parameter in self.parameters])
 
     def _bent_pose(self, at: Postures) -> Floats:
         causes = self._causes(at)

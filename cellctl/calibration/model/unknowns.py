@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self, TypeAlias, final
+from functools import cached_property
+from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Effect, Harmonics
+from cellctl.calibration.model.parameter import FRAMES, Group, Parameter, of_datum, of_point
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.kinematics import Bools, Floats, SerialChain
-
-Group: TypeAlias = str
-"""Parameters that are freed or held together: base, tool, zeros, links, points, datums, or an effect's own group."""
 
 GEOMETRY = "geometry"
 """The name for all that a table of links holds: joint zeros and links."""
 
-PLACED: frozenset[Group] = frozenset({"base", "tool"})
+PLACED: frozenset[Group] = FRAMES
 """What ties a robot to an instrument."""
 
 
@@ -81,11 +78,11 @@ class State:
         datums: Floats | None = None,
     ) -> Self:
         """Several sessions; `own` names for each after the first which of base and tool it has to itself."""
-        names = models[0].parameters
-        columns, width = [np.arange(len(names))], len(names)
+        parameters = models[0].parameters
+        columns, width = [np.arange(len(parameters))], len(parameters)
         for groups in own:
-            mine = np.arange(len(names))
-            apart = [index for index, name in enumerate(names) if group_of(models[0], name) in groups & PLACED]
+            mine = np.arange(len(parameters))
+            apart = [index for index, parameter in enumerate(parameters) if parameter.group in groups & PLACED]
             mine[apart] = np.arange(width, width + len(apart))
             columns, width = [*columns, mine], width + len(apart)
         return cls(tuple(models), points, tuple(columns), np.zeros(0) if datums is None else datums)
@@ -129,15 +126,14 @@ class State:
 class Unknowns:
     """All parameters of a fit in one row: the model's, each further session's own, the points' x, y, z, the datums.
 
-    names, groups (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: where each is
+    parameters (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: where each is
     expected. prior (P, P): covariance in place of `sigma`, where more is known than that; those not free are then not
     certain either: what they are not known to carries over into everything that is found. pinned (H, P): combinations,
     in units of `sigma`, that stay where they start because nothing can see them; they are not certain by that.
     """
 
     start: State
-    names: tuple[str, ...]
-    groups: tuple[Group, ...]
+    parameters: tuple[Parameter, ...]
     sigma: Floats
     free: Bools
     prior: Floats | None = None
@@ -153,24 +149,35 @@ class Unknowns:
         flat: frozenset[Group] = frozenset(),
         sessions: Sequence[str] = (),
         datums: Sequence[str] = (),
+        planes: Collection[int] = (),
     ) -> Self:
         """Every parameter of `start`, all free. In groups named `flat`, nothing is known beforehand.
 
         sessions: names of those after the first: their own parameters are called `base_x@NAME`. Those of points are
-        called `NAME_x`, datums `NAME_zero`.
+        called `NAME_x`, datums `NAME_zero`. planes: which of the points are planes, whose three are those of the pole.
         """
         model = start.model
-        names = list(model.parameters) + [""] * (start.points_at - len(model.parameters))
+        expected = _expected(model, flat, tolerances)
+        robot: dict[int, tuple[Parameter, float]] = dict(enumerate(zip(model.parameters, expected, strict=True)))
         for columns, session in zip(start.columns[1:], sessions, strict=True):
-            for column, name in zip(columns, model.parameters, strict=True):
-                names[column] = names[column] or f"{name}@{session}"
-        sigma = [_sigma(model, name.partition("@")[0], flat, tolerances) for name in names]
-        groups = [group_of(model, name.partition("@")[0]) for name in names]
-        names += [f"{_told_apart(point)}_{axis}" for point in points for axis in "xyz"]
-        names += [f"{datum}_zero" for datum in datums]
-        sigma += [tolerances.flat_mm] * (start.points.size + start.datums.size)
-        groups += ["points"] * start.points.size + ["datums"] * start.datums.size
-        return cls(start, tuple(names), tuple(groups), np.array(sigma), np.ones(len(names), bool))
+            for column, parameter, sigma in zip(columns.tolist(), model.parameters, expected, strict=True):
+                robot.setdefault(column, (parameter.in_session(session), sigma))
+        parameters = [robot[column][0] for column in range(start.points_at)]
+        parameters += [each for at, name in enumerate(points) for each in of_point(name, plane=at in planes)]
+        parameters += [of_datum(name) for name in datums]
+        of_robot = [robot[column][1] for column in range(start.points_at)]
+        sigmas = np.append(of_robot, np.full(start.points.size + start.datums.size, tolerances.flat_mm))
+        return cls(start, tuple(parameters), sigmas, np.ones(len(parameters), bool))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter (P,), as in files."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Group of each parameter (P,)."""
+        return tuple(parameter.group for parameter in self.parameters)
 
     def only(self, groups: frozenset[Group]) -> Self:
         """These unknowns with none but `groups` free."""
@@ -196,18 +203,13 @@ class Unknowns:
 
     @property
     def scaled_with(self) -> tuple[str, ...]:
-        """What the prior of each parameter (P,) is scaled together with: its group; of harmonics its joint's band.
+        """What the prior of each parameter (P,) is scaled together with: its group; or its band, which is less.
 
         Where a prior model's covariance is given, groups are scaled as a whole.
         """
         if self.prior is not None:
             return self.groups
-        result = list(self.groups)
-        for model, columns in zip(self.start.models, self.start.columns, strict=True):
-            bands = {name: band for effect in model.effects for name, band in banded(effect)}
-            for column, name in zip(columns, model.parameters, strict=True):
-                result[column] = bands.get(name, result[column])
-        return tuple(result)
+        return tuple(parameter.scaled_with for parameter in self.parameters)
 
     @property
     def change(self) -> Floats:
@@ -268,33 +270,18 @@ class Unknowns:
         return replace(start, models=models, points=points, datums=start.datums + deviations[start.datums_at :])
 
 
-def banded(effect: Effect) -> list[tuple[str, str]]:
-    """The amounts of `effect` that do not all share one prior scale, each with the name of its own."""
-    return list(zip(effect.parameters, effect.bands, strict=True)) if isinstance(effect, Harmonics) else []
+def _expected(model: RobotModel, flat: frozenset[Group], tolerances: Tolerances) -> list[float]:
+    """Prior 1 σ of each parameter (P,) of a model: by the tolerances, and by what its effects expect."""
+    of_chain = model.parameters[: len(model.chain.parameters)]
+    of_effects = [float(sigma) for effect in model.effects for sigma in effect.sigma]
+    return [_sigma(parameter, flat, tolerances) for parameter in of_chain] + of_effects
 
 
-def group_of(model: RobotModel, name: str) -> Group:
-    """The group that parameter `name` of a model belongs to."""
-    if (known := model.expected_amounts.get(name)) is not None:
-        return known[0]
-    if name.startswith(("base_", "tool_")):
-        return name.partition("_")[0]
-    return "zeros" if re.fullmatch(r"theta\d+", name) else "links"
-
-
-def _told_apart(point: str) -> str:
-    """A point's name, of which `_x` makes no name of the robot's own: a sphere may well be called `tool`."""
-    return f"point {point}" if point in ("base", "tool") else point
-
-
-def _sigma(model: RobotModel, name: str, flat: frozenset[Group], tolerances: Tolerances) -> float:
-    if (known := model.expected_amounts.get(name)) is not None:
-        return known[1]
-    turns = bool(model.parameter_turns[model.parameters.index(name)])
-    if (group := group_of(model, name)) in flat:
-        return tolerances.flat_rad if turns else tolerances.flat_mm
-    if group == "tool":
-        return float(np.deg2rad(tolerances.tool_deg)) if turns else tolerances.tool_mm
-    if group == "zeros":
+def _sigma(parameter: Parameter, flat: frozenset[Group], tolerances: Tolerances) -> float:
+    if parameter.group in flat:
+        return tolerances.flat_rad if parameter.turns else tolerances.flat_mm
+    if parameter.group == "tool":
+        return float(np.deg2rad(tolerances.tool_deg)) if parameter.turns else tolerances.tool_mm
+    if parameter.group == "zeros":
         return float(np.deg2rad(tolerances.joint_zero_deg))
-    return float(np.deg2rad(tolerances.angle_deg)) if turns else tolerances.link_mm
+    return float(np.deg2rad(tolerances.angle_deg)) if parameter.turns else tolerances.link_mm

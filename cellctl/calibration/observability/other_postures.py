@@ -11,7 +11,7 @@ from cellctl.calibration.estimation.estimate import linearised
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
-from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, Rows, SocketRows, TouchRows
+from cellctl.calibration.rows import Measured, Rows, SocketRows
 from cellctl.kinematics import Bools, Floats
 
 ROWS = 60
@@ -25,8 +25,6 @@ BACK_MM = 1e-3
 """A tip this near to its point is there."""
 
 DAMPING_MM2 = 1.0
-ACROSS_MM = 300.0
-"""How far from its own place on each axis of space a touch on a plane is supposed to be elsewhere."""
 
 
 def thinned(block: Measured) -> Measured:
@@ -43,13 +41,9 @@ def moved(block: Measured, state: State, joints: Bools, by_rad: float) -> Measur
     """
     spread = np.random.default_rng(len(block)).uniform(-by_rad, by_rad, block.q.shape)
     q, model = block.q + np.where(joints, spread, 0.0), state.models[block.session]
-    if not isinstance(block, TouchRows | SocketRows | PlaneRows):
+    if (block.visited < 0).all():
         return _at(block, q, model)
-    tips = model.tip(block.postures)
-    if isinstance(block, TouchRows) and joints.all():
-        tips = _all_round(block, state)
-    if isinstance(block, PlaneRows) and joints.all():
-        tips = _all_over(block, state, tips)
+    tips = block.anywhere(state) if joints.all() else model.tip(block.postures)
     return brought(block, model, q, tips, np.ones(len(joints), bool) if joints.all() else ~joints)
 
 
@@ -93,8 +87,8 @@ def _away(block: Measured, model: RobotModel, q: Floats, tips: Floats) -> Floats
 
 
 def under(block: Measured, **conditions: Any) -> Measured:
-    """The rows under other conditions: `approach`, `warmer`, `payload`."""
-    return replace(block, at=replace(block.postures, **conditions))
+    """The rows under other conditions: `approach`, `delta_t`, `payload`."""
+    return block.changed(at=replace(block.postures, **conditions))
 
 
 def lines(unknowns: Unknowns, blocks: Any) -> Floats:
@@ -114,20 +108,4 @@ def _with(block: Measured, q: Floats) -> Postures:
 
 def _at(block: Measured, q: Floats, model: RobotModel) -> Measured:
     """The block at angles `q` (N, n), with poses as the model has them there."""
-    there = replace(block, at=_with(block, q))
-    return replace(there, poses=model.pose(there.postures)) if isinstance(there, PoseRows) else there
-
-
-def _all_round(block: TouchRows, state: State) -> Floats:
-    """Tips (N, 3) that touch each row's sphere from anywhere."""
-    normals = np.random.default_rng(len(block)).normal(size=(len(block), 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(state.points[block.point] + block.lengths(state)[:, None] * normals)
-
-
-def _all_over(block: PlaneRows, state: State, tips: Floats) -> Floats:
-    """Tips (N, 3) that touch each row's plane, up to `ACROSS_MM` beside `tips` (N, 3)."""
-    normal = block.normals(state)
-    beside = np.random.default_rng(len(block)).uniform(-ACROSS_MM, ACROSS_MM, tips.shape)
-    lift = np.sum(normal * beside, axis=1) + block.residual(state)[:, 0]
-    return np.asarray(tips + beside - lift[:, None] * normal)
+    return block.moved_to(_with(block, q), model)

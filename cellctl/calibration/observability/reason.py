@@ -11,11 +11,8 @@ import numpy as np
 
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.observability.other_postures import lines, thinned
-from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, SpacingRows
 from cellctl.kinematics import Floats, rotation_vector
-
-AT_POINTS = TouchRows | SocketRows
-"""Rows that are tied to a fixed point."""
 
 MOVED_RAD = 0.8
 """By how much joints are supposed to have moved."""
@@ -26,7 +23,7 @@ TURNS = 20_000
 
 @final
 @dataclass(frozen=True, eq=False)
-class Cause:
+class Reason:
     """words: `joint 3 never moves in these rows`. lines: how rows without this cause move with the free unknowns
     (K, F), in their σ per tolerance. of_frames: whether it only hides what is about base, tool or points.
     """
@@ -69,11 +66,12 @@ class Rowed:
     @property
     def lengthless(self) -> bool:
         """Whether nothing but sockets and planes was measured, and no distance between sockets is known."""
-        return self.spacings is None and all(isinstance(block, SocketRows | PlaneRows) for block in self.blocks)
+        return self.spacings is None and not any(block.has_length for block in self.blocks)
 
     def points(self) -> list[int]:
-        """The points that are visited."""
-        return sorted({int(point) for block in self.blocks if isinstance(block, AT_POINTS) for point in block.point})
+        """The points that are visited; planes are none."""
+        at = [block.visited for block in self.blocks if not block.of_planes]
+        return sorted({int(point) for points in at for point in points if point >= 0})
 
     @cached_property
     def turns(self) -> Floats:

@@ -10,10 +10,11 @@ import numpy as np
 import scipy.linalg
 
 from cellctl.calibration.estimation.estimate import Estimate
-from cellctl.calibration.model.unknowns import Group, Unknowns
-from cellctl.calibration.observability.parameter_words import alike, of_an_effect, of_the_arm, phrases
+from cellctl.calibration.model.parameter import FRAMES, Group, Parameter
+from cellctl.calibration.model.unknowns import Unknowns
+from cellctl.calibration.observability.parameter_words import alike, phrases
 from cellctl.calibration.observability.reason import Rowed
-from cellctl.calibration.observability.reasons import any_posture, causes
+from cellctl.calibration.observability.reasons import any_posture, reasons_for
 from cellctl.kinematics import Bools, Floats
 
 SHORT = 4
@@ -36,13 +37,13 @@ ANYWHERE = "no measurement of these kinds can tell these apart, or depends on th
 @final
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """What one cause hides. cause: `joint 3 never moves in these rows`. combinations: the parameters of each, by name;
-    the rows tell only what these do together. harmless: no row of these kinds could tell them apart, wherever it was
+    """What one cause hides. cause: `joint 3 never moves in these rows`. combinations: the parameters of each; the
+    rows tell only what these do together. harmless: no row of these kinds could tell them apart, wherever it was
     taken.
     """
 
     cause: str
-    combinations: tuple[tuple[str, ...], ...]
+    combinations: tuple[tuple[Parameter, ...], ...]
     harmless: bool = False
 
     def phrases(self, most: int | None = None) -> list[str]:
@@ -54,7 +55,7 @@ class Hidden:
         return {
             "cause": self.cause,
             "harmless": self.harmless,
-            "combinations": [list(parts) for parts in self.combinations],
+            "combinations": [[parameter.name for parameter in parts] for parts in self.combinations],
             "words": self.phrases(),
             "short": self.phrases(SHORT),
         }
@@ -90,11 +91,11 @@ def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowe
     owners = _owners(estimate.unknowns)[free]
     nothing = effect <= NOTHING * effect.max(initial=0.0)
     there = ~np.isin(owners, sorted(set(owners[nothing]) - set(owners[~nothing]) - {""}))
-    names = [estimate.unknowns.names[index] for index in free[there]]
+    parameters = [estimate.unknowns.parameters[index] for index in free[there]]
     _, singular, right = np.linalg.svd(triangle[:, there])
     rank = int(np.sum(singular >= SEEN))
-    combined = _sparse_combinations(right[rank:], effect[there], names)
-    strong = [_strong(names, each) for each in combined * _floored(effect[there])]
+    combined = _sparse_combinations(right[rank:], effect[there], parameters)
+    strong = [_strong(parameters, each) for each in combined * _floored(effect[there])]
     away = [Hidden(f"no row of the fit belongs to {owner}", ()) for owner in dict.fromkeys(owners[~there].tolist())]
     hidden = _by_cause(rows, _widened(combined, there), strong) if rows else []
     return Observability(rank, tuple(phrases(strong)), tuple(float(value) for value in singular), (*hidden, *away))
@@ -104,18 +105,15 @@ def _owners(unknowns: Unknowns) -> Any:
     """What each parameter (P,) belongs to besides the robot, in words: a session that has base or tool to itself, a
     fixed point, the zero of a length; empty for the robot's.
     """
-    apart = {name.partition("_")[0] for name in unknowns.names if "@" in name}
-    return np.array([_owner(*each, apart) for each in zip(unknowns.names, unknowns.groups, strict=True)])
+    apart = {parameter.group for parameter in unknowns.parameters if parameter.session}
+    return np.array([_owner(parameter, apart) for parameter in unknowns.parameters])
 
 
-def _owner(name: str, group: Group, apart: Collection[str]) -> str:
+def _owner(parameter: Parameter, apart: Collection[Group]) -> str:
     """apart: which of base and tool later sessions have to themselves, so that these of the first are its own."""
-    if group in ("points", "datums"):
-        owner, _, last = name.rpartition("_")
-        return f"the zero {owner}" if last == "zero" else owner
-    if "@" in name:
-        return f"session {name.partition('@')[2]}"
-    return "the first session" if group in apart and name.partition("_")[0] in apart else ""
+    if parameter.session:
+        return f"session {parameter.session}"
+    return parameter.owner or ("the first session" if parameter.group in apart else "")
 
 
 def _widened(combined: Floats, there: Bools) -> Floats:
@@ -125,23 +123,23 @@ def _widened(combined: Floats, there: Bools) -> Floats:
     return result
 
 
-def _by_cause(rows: Rowed, combined: Floats, names: list[tuple[str, ...]]) -> list[Hidden]:
+def _by_cause(rows: Rowed, combined: Floats, strong: list[tuple[Parameter, ...]]) -> list[Hidden]:
     """Each combination (U, F) under the first cause without which the rows would show it."""
     left = np.ones(len(combined), bool)
     least = np.maximum(SEEN, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
     found: list[Hidden] = []
-    for cause in causes(rows) if left.any() else ():
+    for cause in reasons_for(rows) if left.any() else ():
         mine = left & (_sizes(cause.lines(), combined) >= least)
         if cause.of_frames:
-            mine &= [not all(map(of_the_arm, parts)) for parts in names]
+            mine &= [not all(each.of_the_arm for each in parts) for parts in strong]
         left &= ~mine
-        found += [Hidden(cause.words, _picked(names, mine))] if mine.any() else []
+        found += [Hidden(cause.words, _picked(strong, mine))] if mine.any() else []
     found.sort(key=lambda hidden: -len(hidden.combinations))
     if left.any():
         untold = left & (_sizes(any_posture(rows), combined) >= least)
         never = left & ~untold
-        found += [Hidden(UNTOLD, _picked(names, untold))] if untold.any() else []
-        found += [Hidden(ANYWHERE, _picked(names, never), harmless=True)] if never.any() else []
+        found += [Hidden(UNTOLD, _picked(strong, untold))] if untold.any() else []
+        found += [Hidden(ANYWHERE, _picked(strong, never), harmless=True)] if never.any() else []
     return found
 
 
@@ -150,11 +148,11 @@ def _sizes(moves: Floats, combined: Floats) -> Floats:
     return np.asarray(np.linalg.norm(moves @ combined.T, axis=0))
 
 
-def _picked(names: list[tuple[str, ...]], which: Bools) -> tuple[tuple[str, ...], ...]:
-    return tuple(each for each, mine in zip(names, which, strict=True) if mine)
+def _picked(strong: list[tuple[Parameter, ...]], which: Bools) -> tuple[tuple[Parameter, ...], ...]:
+    return tuple(each for each, mine in zip(strong, which, strict=True) if mine)
 
 
-def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> Floats:
+def _sparse_combinations(unseen: Floats, effect: Floats, parameters: list[Parameter]) -> Floats:
     """The unseen subspace (U, F), in tolerances, in a basis of few parameters each.
 
     Pivoted QR picks U parameters that the subspace is about, by their shares of effect on the rows (F,); each basis
@@ -165,11 +163,17 @@ def _sparse_combinations(unseen: Floats, effect: Floats, names: list[str]) -> Fl
     if not len(unseen):
         return unseen
     shares = unseen * _floored(effect)
-    preference = np.array([100.0 if of_the_arm(name) else 10.0 if of_an_effect(name) else 1.0 for name in names])
+    preference = np.array([_preference(parameter) for parameter in parameters])
     _, _, pivots = scipy.linalg.qr(shares * preference, pivoting=True, mode="economic")
     chosen = np.sort(pivots[: len(unseen)])
     basis = np.linalg.lstsq(shares[:, chosen].T, np.eye(len(chosen)), rcond=None)[0].T @ unseen
     return np.asarray(basis / np.linalg.norm(basis, axis=1, keepdims=True))
+
+
+def _preference(parameter: Parameter) -> float:
+    if parameter.of_the_arm:
+        return 100.0
+    return 1.0 if parameter.group in {*FRAMES, "points", "datums"} else 10.0
 
 
 def _floored(effect: Floats) -> Floats:
@@ -177,6 +181,6 @@ def _floored(effect: Floats) -> Floats:
     return np.asarray(np.maximum(effect, 1e-12 * max(float(effect.max(initial=0.0)), 1e-300)))
 
 
-def _strong(names: list[str], shares: Floats) -> tuple[str, ...]:
+def _strong(parameters: list[Parameter], shares: Floats) -> tuple[Parameter, ...]:
     """The parameters with a tenth or more of the greatest share."""
-    return tuple(names[index] for index in np.flatnonzero(np.abs(shares) >= 0.1 * np.max(np.abs(shares))))
+    return tuple(parameters[index] for index in np.flatnonzero(np.abs(shares) >= 0.1 * np.max(np.abs(shares))))

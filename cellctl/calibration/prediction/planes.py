@@ -9,7 +9,6 @@ import numpy as np
 
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.rows import PlaneRows
 from cellctl.calibration.rows.planes import by_pole, planes_of
 from cellctl.kinematics import Floats
 
@@ -37,8 +36,8 @@ def plane_estimates(task: Task, found: Estimate) -> list[PlaneEstimate]:
 
 def _estimate(task: Task, found: Estimate, point: int) -> PlaneEstimate:
     state, pole = found.state, found.state.points[point]
-    touching = [block for block in task.rows.blocks if isinstance(block, PlaneRows)]
-    tips = [state.models[block.session].tip(block.postures)[block.point == point] for block in touching]
+    touching = [block for block in task.rows.blocks if block.of_planes]
+    tips = [state.models[block.session].tip(block.postures)[block.visited == point] for block in touching]
     middle = np.concatenate(tips).mean(axis=0)
     own = state.points_at + 3 * point + np.arange(3)
     covariance = found.covariance[np.ix_(own, own)]

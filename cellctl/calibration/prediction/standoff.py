@@ -12,10 +12,10 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import estimate
-from cellctl.calibration.estimation.registration import sphere_centre
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.rows import TouchRows
+from cellctl.calibration.rows.places import sphere_centre
 from cellctl.kinematics import Floats
 
 

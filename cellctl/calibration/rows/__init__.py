@@ -1,17 +1,13 @@
 """Kinds of measurement, each a block of rows: how far the model is from them, and how that changes.
 
-A block is of one kind and of one session; several of them make a `Mixture`.
+A block is of one kind and of one session; several of them make a `RowBlocks`.
 """
-
-from typing import TypeAlias
 
 from cellctl.calibration.rows.fixed_points import SocketRows, TouchRows
 from cellctl.calibration.rows.instrument import PoseRows, PositionRows
 from cellctl.calibration.rows.kind import Rows
+from cellctl.calibration.rows.kind import RowsAtJoints as Measured
 from cellctl.calibration.rows.planes import PlaneRows
 from cellctl.calibration.rows.spacings import SpacingRows
-
-Measured: TypeAlias = PositionRows | PoseRows | TouchRows | PlaneRows | SocketRows
-"""What is measured at a robot's joints."""
 
 __all__ = ["Measured", "PlaneRows", "PoseRows", "PositionRows", "Rows", "SocketRows", "SpacingRows", "TouchRows"]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
 
 import numpy as np
 
 from cellctl.calibration.model.postures import At
+from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows.kind import RowsAtJoints, with_points
+from cellctl.calibration.rows.places import sphere_centre
 from cellctl.kinematics import Floats
 
 
@@ -30,6 +32,13 @@ class TouchRows(RowsAtJoints):
     session: int = 0
     datum: Any = None
 
+    one: ClassVar[str] = "distance"
+    many: ClassVar[str] = "distances"
+    along_line: ClassVar[bool] = True
+    noun: ClassVar[str] = "sphere"
+    visits: ClassVar[str] = "touches"
+    visits_at_least: ClassVar[int] = 4
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.datum is None:
@@ -47,9 +56,7 @@ class TouchRows(RowsAtJoints):
 
     def jacobian(self, state: State) -> Floats:
         """(N, 1, P): the tip's motion along the line between, less the point's; 1 for the row's datum."""
-        model = self._model(state)
-        away = model.tip(self.postures) - state.points[self.point]
-        normal = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+        model, normal = self._model(state), self.normals(state)
         along = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
         result = with_points(along, -normal[:, None], self.point, state, self.session)
         unsure = np.flatnonzero(self.datum >= 0)
@@ -60,10 +67,25 @@ class TouchRows(RowsAtJoints):
         """Difference from the measured distance (N,), mm: of a touch, the distance to the sphere's surface."""
         return np.abs(self.residual(state)[:, 0])
 
-    def pick(self, which: Any) -> Self:
-        """The rows at an index array or mask."""
-        parts = {name: getattr(self, name)[which] for name in ("point", "reach", "sigma", "datum")}
-        return replace(self, at=self.postures.pick(which), **parts)
+    @property
+    def zeros(self) -> Any:
+        """Each row's datum (N,)."""
+        return self.datum
+
+    def place(self, model: RobotModel) -> Floats:
+        """The centre (3,), mm, of the sphere that the tips lie on."""
+        return sphere_centre(model.tip(self.postures), self.reach)
+
+    def normals(self, state: State) -> Floats:
+        """From each row's point to the tip (N, 3)."""
+        away = self._model(state).tip(self.postures) - state.points[self.point]
+        return np.asarray(away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9))
+
+    def anywhere(self, state: State) -> Floats:
+        """Tips (N, 3) that touch each row's sphere from anywhere."""
+        normals = np.random.default_rng(len(self)).normal(size=(len(self), 3))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray(state.points[self.point] + self.lengths(state)[:, None] * normals)
 
     def lengths(self, state: State) -> Floats:
         """The distances (N,) that were measured, mm: what was shown less the datums that `state` has."""
@@ -83,6 +105,13 @@ class SocketRows(RowsAtJoints):
     sigma: Floats
     session: int = 0
 
+    one: ClassVar[str] = "socket visit"
+    many: ClassVar[str] = "socket visits"
+    has_length: ClassVar[bool] = False
+    noun: ClassVar[str] = "socket"
+    visits: ClassVar[str] = "visits"
+    visits_at_least: ClassVar[int] = 2
+
     @property
     def quantities(self) -> tuple[str, ...]:
         """Three coordinates."""
@@ -101,7 +130,3 @@ class SocketRows(RowsAtJoints):
     def errors(self, state: State) -> Floats:
         """3-D distance (N,) from the socket, mm."""
         return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
-
-    def pick(self, which: Any) -> Self:
-        """The rows at an index array or mask."""
-        return replace(self, at=self.postures.pick(which), point=self.point[which], sigma=self.sigma[which])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.model.postures import At
+from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows.kind import RowsAtJoints
 from cellctl.kinematics import Floats, rotation_vector
@@ -23,10 +24,19 @@ class PositionRows(RowsAtJoints):
     sigma: Floats
     session: int = 0
 
+    one: ClassVar[str] = "position"
+    many: ClassVar[str] = "positions"
+    of_instrument: ClassVar[bool] = True
+
     @property
     def quantities(self) -> tuple[str, ...]:
         """Three coordinates."""
         return ("position",) * 3
+
+    @property
+    def positions(self) -> Floats:
+        """The measured points (N, 3), mm."""
+        return self.xyz
 
     def residual(self, state: State) -> Floats:
         """Model point minus measured point (N, 3), mm."""
@@ -40,10 +50,6 @@ class PositionRows(RowsAtJoints):
         """3-D distance (N,), mm."""
         return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
 
-    def pick(self, which: Any) -> Self:
-        """The rows at an index array or mask."""
-        return replace(self, at=self.postures.pick(which), xyz=self.xyz[which], sigma=self.sigma[which])
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,10 @@ class PoseRows(RowsAtJoints):
     sigma: Floats
     session: int = 0
 
+    one: ClassVar[str] = "pose"
+    many: ClassVar[str] = "poses"
+    of_instrument: ClassVar[bool] = True
+
     @property
     def quantities(self) -> tuple[str, ...]:
         """Three coordinates, three small turns."""
@@ -64,6 +74,20 @@ class PoseRows(RowsAtJoints):
     def xyz(self) -> Floats:
         """The measured positions (N, 3), mm."""
         return np.asarray(self.poses[:, :3, 3])
+
+    @property
+    def positions(self) -> Floats:
+        """The measured positions (N, 3), mm."""
+        return self.xyz
+
+    @property
+    def orientations(self) -> Floats:
+        """The measured rotations (N, 3, 3)."""
+        return np.asarray(self.poses[:, :3, :3])
+
+    def moved_to(self, postures: Postures, model: RobotModel) -> Self:
+        """Poses as the model has them at other postures: a turn of the tool is seen about where it is."""
+        return replace(self, at=postures, poses=model.pose(postures))
 
     def residual(self, state: State) -> Floats:
         """Model minus measured position, and the turn from measured to model, in the measuring frame (N, 6)."""
@@ -80,10 +104,6 @@ class PoseRows(RowsAtJoints):
     def errors(self, state: State) -> Floats:
         """3-D distance of the positions (N,), mm."""
         return np.asarray(np.linalg.norm(self.residual(state)[:, :3], axis=-1))
-
-    def pick(self, which: Any) -> Self:
-        """The rows at an index array or mask."""
-        return replace(self, at=self.postures.pick(which), poses=self.poses[which], sigma=self.sigma[which])
 
 
 def _left_jacobian_inverse(turns: Floats) -> Floats:

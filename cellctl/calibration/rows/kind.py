@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, Protocol, Self
+from abc import ABC, abstractmethod
+from dataclasses import fields, replace
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
-from cellctl.kinematics import Floats
+from cellctl.kinematics import Bools, Floats
 
 
 class Rows(Protocol):
@@ -49,12 +50,30 @@ class Rows(Protocol):
     def __len__(self) -> int: ...
 
 
-class RowsAtJoints:
-    """What the kinds measured at joint angles have in common."""
+class RowsAtJoints(ABC):
+    """A block of rows of one kind, measured at joint angles in one session: what kinds have in common, and the answers
+    that each gives about itself. A new kind is one class.
+
+    of_instrument: whether they are measured in an instrument's own frame, so that base and tool are registered by them.
+    of_planes: whether their fixed points are planes (`State.points` has the poles). has_length: whether a length is in
+    them, without which the robot's size is not seen. along_line: whether a row is one distance along a line
+    (`normals`). one, many: what such a row is called. noun, visits, visits_at_least: what their fixed points and the
+    rows at them are called, and how many rows find such a point and show that they agree.
+    """
 
     at: At
     sigma: Floats
     session: int
+
+    of_instrument: ClassVar[bool] = False
+    of_planes: ClassVar[bool] = False
+    has_length: ClassVar[bool] = True
+    along_line: ClassVar[bool] = False
+    one: ClassVar[str] = "row"
+    many: ClassVar[str] = "rows"
+    noun: ClassVar[str] = "point"
+    visits: ClassVar[str] = "rows"
+    visits_at_least: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", Postures.of(self.at))
@@ -69,12 +88,79 @@ class RowsAtJoints:
         """Model angles (N, n), rad."""
         return self.postures.q
 
+    @property
+    @abstractmethod
+    def quantities(self) -> tuple[str, ...]:
+        """See `Rows`."""
+
+    @abstractmethod
+    def residual(self, state: State) -> Floats:
+        """See `Rows`."""
+
+    @abstractmethod
+    def jacobian(self, state: State) -> Floats:
+        """See `Rows`."""
+
+    @abstractmethod
+    def errors(self, state: State) -> Floats:
+        """See `Rows`."""
+
+    @property
+    def positions(self) -> Floats | None:
+        """Tool centre points (N, 3), mm, that an instrument saw; None where it saw no such thing."""
+        return None
+
+    @property
+    def orientations(self) -> Floats | None:
+        """Rotations (N, 3, 3) of the tool that an instrument saw; None where it saw none."""
+        return None
+
+    @property
+    def visited(self) -> Any:
+        """Index of each row's fixed point (N,); −1: none."""
+        return getattr(self, "point", np.full(len(self), -1))
+
+    @property
+    def zeros(self) -> Any:
+        """Index of the datum that each row's length is counted from (N,); −1: a known one, or no length."""
+        return np.full(len(self), -1)
+
+    def telling(self, point: int) -> Bools:
+        """Which rows (N,) tell where the point of number `point` is, with no datum in between."""
+        return np.asarray((self.visited == point) & (self.zeros < 0))
+
+    def place(self, model: RobotModel) -> Floats:
+        """Where all these rows, of one fixed point, see it (3,), mm; of a plane its pole."""
+        return np.asarray(model.tip(self.postures).mean(axis=0))
+
+    def normals(self, state: State) -> Floats:
+        """The line (N, 3), unit vectors, along which each row is a distance; NaN where it is none."""
+        return np.full((len(self), 3), np.nan)
+
+    def anywhere(self, state: State) -> Floats:
+        """Tool centre points (N, 3), mm, at which each row would be measured alike, as far apart as can be."""
+        return self._model(state).tip(self.postures)
+
+    def moved_to(self, postures: Postures, model: RobotModel) -> Self:
+        """The same measurements at other postures of `model`."""
+        return self.changed(at=postures)
+
+    def pick(self, which: Any) -> Self:
+        """The rows at an index array or mask: every array of the kind, and its postures."""
+        names = [each.name for each in fields(self)]  # type: ignore[arg-type]  # every kind is a dataclass
+        arrays = [each for each in names if each not in ("at", "session")]
+        return self.changed(at=self.postures.pick(which), **{name: getattr(self, name)[which] for name in arrays})
+
+    def changed(self, **values: Any) -> Self:
+        """These rows with other values of some fields."""
+        return replace(self, **values)  # type: ignore[type-var]  # every kind is a dataclass
+
     def __len__(self) -> int:
         return len(self.sigma)
 
     def noisier(self, factors: Floats) -> Self:
         """The same rows with each of the k standard deviations times `factors` (k,)."""
-        return replace(self, sigma=self.sigma * factors)  # type: ignore[type-var]  # every kind is a dataclass
+        return self.changed(sigma=self.sigma * factors)
 
     def _model(self, state: State) -> RobotModel:
         return state.models[self.session]

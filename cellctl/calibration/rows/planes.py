@@ -7,18 +7,25 @@ plane with a side has one pole and every pole but 0 has one plane: a plane throu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
 
 import numpy as np
 
 from cellctl.calibration.model.postures import At
+from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows.kind import RowsAtJoints, with_points
 from cellctl.kinematics import Floats
 
 SCALE_MM = 1000.0
 """About how far planes are from the frame's origin: there, 1 mm of the pole is 1 mm of offset, or 1 mrad of tilt."""
+
+ACROSS_MM = 300.0
+"""How far from its own place on each axis of space a touch on a plane may be moved (`anywhere`)."""
+
+CARRIED_MM = 30.0
+"""A part of the robot that is further from the tip than this shows from which side it touches."""
 
 
 @final
@@ -35,6 +42,15 @@ class PlaneRows(RowsAtJoints):
     reach: Floats
     sigma: Floats
     session: int = 0
+
+    one: ClassVar[str] = "plane touch"
+    many: ClassVar[str] = "plane touches"
+    of_planes: ClassVar[bool] = True
+    has_length: ClassVar[bool] = False
+    along_line: ClassVar[bool] = True
+    noun: ClassVar[str] = "plane"
+    visits: ClassVar[str] = "touches"
+    visits_at_least: ClassVar[int] = 4
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -62,10 +78,17 @@ class PlaneRows(RowsAtJoints):
         """Each row's unit normal (N, 3), on the side that is touched."""
         return planes_of(state.points[self.point])[0]
 
-    def pick(self, which: Any) -> Self:
-        """The rows at an index array or mask."""
-        parts = {name: getattr(self, name)[which] for name in ("point", "reach", "sigma")}
-        return replace(self, at=self.postures.pick(which), **parts)
+    def place(self, model: RobotModel) -> Floats:
+        """The pole (3,), mm, of the plane that the tips lie on."""
+        tips = model.tip(self.postures)
+        return plane_pole(tips, self.reach, model.chain.frames(self.q)[..., :3, 3])
+
+    def anywhere(self, state: State) -> Floats:
+        """Tips (N, 3) that touch each row's plane, up to `ACROSS_MM` beside where they are."""
+        tips, normal = self._model(state).tip(self.postures), self.normals(state)
+        beside = np.random.default_rng(len(self)).uniform(-ACROSS_MM, ACROSS_MM, tips.shape)
+        lift = np.sum(normal * beside, axis=1) + self.residual(state)[:, 0]
+        return np.asarray(tips + beside - lift[:, None] * normal)
 
 
 def planes_of(poles: Floats) -> tuple[Floats, Floats]:
@@ -86,3 +109,16 @@ def by_pole(poles: Floats, points: Floats) -> Floats:
     normal = poles / length
     across = points - np.sum(normal * points, axis=-1, keepdims=True) * normal
     return np.asarray(across / length - 0.5 * (1.0 + (SCALE_MM / length) ** 2) * normal)
+
+
+def plane_pole(tips: Floats, reach: Floats, frames: Floats) -> Floats:
+    """Pole (3,), mm, of the plane from which `tips` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
+    which they spread least, its normal towards what carries the tips: the last of the robot's `frames` (N, K, 3), mm,
+    that is not where the tip is.
+    """
+    away, arms = tips - tips.mean(axis=0), frames - tips[:, None]
+    carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
+    normal = np.linalg.eigh(away.T @ away)[1][:, 0]
+    if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
+        normal = -normal
+    return pole_of(normal, float(np.median(tips @ normal - reach)))

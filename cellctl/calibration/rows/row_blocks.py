@@ -16,7 +16,7 @@ from cellctl.kinematics import Floats
 
 @final
 @dataclass(frozen=True, eq=False)
-class Mixture:
+class RowBlocks:
     """Blocks of rows, each of one kind and one session, some perhaps empty; M rows in all."""
 
     blocks: tuple[Measured, ...]
@@ -62,7 +62,7 @@ class Mixture:
         return tuple(quantity for block in self.blocks for quantity in block.quantities)
 
     @property
-    def kinds(self) -> frozenset[type]:
+    def kinds(self) -> frozenset[type[Measured]]:
         """Kinds of rows that there are."""
         return frozenset(type(block) for block in self.blocks if len(block))
 

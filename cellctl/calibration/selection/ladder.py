@@ -13,13 +13,14 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import EFFECTS, Effect, Harmonics, in_order
+from cellctl.calibration.effects import Effect, ResidualModel, in_order, kinds
 from cellctl.calibration.estimation.evidence import Factor
 from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.model.unknowns import GEOMETRY, Group
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.model.unknowns import GEOMETRY
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded
 from cellctl.calibration.selection.folds import end_folds, judging, random_folds
 from cellctl.calibration.selection.model_error import carried
@@ -73,7 +74,7 @@ class _Model:
         return "+".join(self.groups) or "registration"
 
 
-def climb(task: Task, rows: Mixture, progress: Progress = silent, *, outside: bool = False) -> Climbed:
+def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: bool = False) -> Climbed:
     """`task` with as many terms as `rows`, none of which is an outlier, support, and what was tried.
 
     outside: whether most predictions are wanted outside the measured joints.
@@ -111,7 +112,7 @@ def _step(before: _Model, tried: _Model) -> Step:
 
 
 def _ordered(groups: tuple[Group, ...]) -> tuple[Group, ...]:
-    return tuple(sorted(groups, key=lambda group: (GEOMETRY, *EFFECTS).index(group)))
+    return tuple(sorted(groups, key=lambda group: (GEOMETRY, *kinds()).index(group)))
 
 
 @final
@@ -121,13 +122,13 @@ class _Ladder:
 
     task: Task
     candidates: tuple[Effect, ...]
-    rows: Mixture
+    rows: RowBlocks
     folded: Folded
     groups: Any
     registering: Bools
 
     @classmethod
-    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: Mixture) -> Self:
+    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: RowBlocks) -> Self:
         """Linearised about the fit of geometry alone."""
         found = identify_kept(task, rows)[1].found
         whole = task.with_effects((*task.model.effects, *candidates))
@@ -164,8 +165,9 @@ class _Ladder:
         return replace(self.task.with_effects(in_order([*self.task.model.effects, *kept])), groups=None)
 
     def _with_what_shows(self, effect: Effect, model: _Model) -> Effect:
-        """Harmonics without the bands that are too small for any row to show, at their size, in the noise."""
-        if not isinstance(effect, Harmonics):
+        """A residual model without the bands that are too small for any row to show, at their size, in the noise."""
+        bands = dict.fromkeys(parameter.band for parameter in effect.parameters if parameter.band)
+        if not isinstance(effect, ResidualModel) or not bands:
             return effect
         system = self.folded.system
         squares = sum(np.diag(n.square) * np.exp(-2.0 * model.logs.get(f, 0.0)) for f, n in system.numbers.items())
@@ -173,11 +175,10 @@ class _Ladder:
         place = {name: number for number, (name, _) in enumerate(system.loose)}
         large = {
             band
-            for band in dict.fromkeys(effect.bands)
+            for band in bands
             if np.sum(shown[system.groups == place[band]]) * np.exp(2.0 * model.logs.get((band, 0), 0.0)) > SHOWN**2
         }
-        waves = dict.fromkeys(wave for wave, band in zip(effect.waves, effect.bands[::2], strict=True) if band in large)
-        return Harmonics(effect.joints, orders=(), ripple=tuple(waves), expected=effect.expected)
+        return effect.reduced(large)
 
     def weights(self, model: _Model) -> Weights:
         """Its noise and prior scales."""

@@ -7,17 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.effects import Discrepancy, in_order
+from cellctl.calibration.effects import Discrepancy, ResidualModel, in_order
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.evidence import Factor, System
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
-
-FUNCTIONS = frozenset({"harmonics", "discrepancy"})
-"""Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
 
 ROWS_AT_LEAST = 10
 
@@ -31,7 +28,7 @@ def without_functions(task: Task) -> Task:
     """`task` without harmonics and discrepancy; as it is where they belong to a prior model."""
     if task.prior is not None:
         return task
-    return task.with_effects(tuple(effect for effect in task.model.effects if effect.group not in FUNCTIONS))
+    return task.with_effects(tuple(effect for effect in task.model.effects if not isinstance(effect, ResidualModel)))
 
 
 def may_lack(task: Task) -> bool:
@@ -40,20 +37,20 @@ def may_lack(task: Task) -> bool:
     return task.prior is None and task.groups is None and not there
 
 
-def with_discrepancy(task: Task, rows: Mixture) -> Task:
+def with_discrepancy(task: Task, rows: RowBlocks) -> Task:
     """`task` whose model has a discrepancy over the postures of `rows`."""
     return task.with_effects(in_order([*task.model.effects, Discrepancy.over(rows.q)]))
 
 
 def discrepancy_scales(
-    found: Estimate, wider: Unknowns, rows: Mixture, certain: list[Rows], scales: dict[Factor, float]
+    found: Estimate, wider: Unknowns, rows: RowBlocks, certain: list[Rows], scales: dict[Factor, float]
 ) -> dict[Factor, float] | None:
     """Noise and prior scales with the discrepancy that `wider` has beside what was `found` with `scales`; None where
     the rows are hardly more probable with it.
     """
     system = System.of(wider, carried(found, wider), rows, certain)
     logs = {factor: float(np.log(value)) for factor, value in scales.items()}
-    gain, tuned = system.gain(("discrepancy", 0), logs)
+    gain, tuned = system.gain((Discrepancy.group, 0), logs)
     if gain < SHOWN:
         return None
     return {factor: float(np.exp(value)) for factor, value in tuned.items()}

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.rows import PlaneRows, SocketRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 
 
-def sampled(rows: Mixture, most: int) -> Any:
+def sampled(rows: RowBlocks, most: int) -> Any:
     """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: as many of each block, and
     within it of each point, as there are, up to what leaves enough for the others.
     """
@@ -23,9 +22,7 @@ def sampled(rows: Mixture, most: int) -> Any:
     shares = _shared([len(block) for block in rows.blocks], most)
     for (block, mine, _), share in zip(rows.parts(), shares, strict=True):
         order = rng.permutation(len(block))
-        point = np.zeros(len(block), int)
-        if isinstance(block, TouchRows | SocketRows | PlaneRows):
-            point = block.point[order]
+        point = block.visited[order]
         points, sizes = np.unique(point, return_counts=True)
         for each, own in zip(points, _shared(sizes, share), strict=True):
             chosen.append(mine.start + order[point == each][:own])

@@ -8,7 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import EFFECTS
+from cellctl.calibration.effects import functions, kinds
 from cellctl.calibration.estimation.estimate import Estimate, seen_at_start
 from cellctl.calibration.estimation.identify import Identification, certain, identify, rows_together
 from cellctl.calibration.estimation.moved import Placing, placing
@@ -19,9 +19,8 @@ from cellctl.calibration.observability.reason import Rowed
 from cellctl.calibration.observability.unobservable import Observability, observability
 from cellctl.calibration.prediction.measured_region import MeasuredRegion, informed
 from cellctl.calibration.prediction.shape import sigma_over_region
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import Step, climb
-from cellctl.calibration.selection.model_error import FUNCTIONS
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.calibration.verdict.proof import doubts, sigma_doubts
@@ -81,7 +80,7 @@ class FitResult:
     def n_parameters(self) -> int:
         """Free parameters, centres, base and tool among them; the coefficients of random functions are not."""
         unknowns = self.identification.identified.unknowns
-        return int((unknowns.free & ~unknowns.among(FUNCTIONS)).sum())
+        return int((unknowns.free & ~unknowns.among(functions())).sum())
 
     def summary(self) -> dict[str, Any]:
         """The figures as plain values for JSON; outliers are left to who knows the rows' lines."""
@@ -204,7 +203,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
     )
 
 
-def _baselines(task: Task, found: Identification, held_out: HeldOut, own: Mixture) -> tuple[Floats, Floats | None]:
+def _baselines(task: Task, found: Identification, held_out: HeldOut, own: RowBlocks) -> tuple[Floats, Floats | None]:
     """Errors, mm, of nominal and of a prior model on the held-out rows; where there are none, on those of the fit."""
     if held_out.nominal.size:
         return held_out.nominal, held_out.prior
@@ -221,9 +220,9 @@ def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
         yield part_of(progress, fold / count, (fold + 1) / count, f"fold {fold} of {folds}")
 
 
-def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
+def _observability(task: Task, found: Identification, own: RowBlocks) -> Observability:
     given = found.identified.unknowns
-    parameters = ~given.among(FUNCTIONS)  # coefficients of a random function are no parameters to be seen one by one
+    parameters = ~given.among(functions())  # coefficients of a random function are no parameters to be seen one by one
     unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
     rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
     seen = seen_at_start(unknowns, [*rows, *certain(task)])
@@ -256,5 +255,5 @@ def _model_name(found: Identification) -> str:
     free = {group for group, is_free in zip(unknowns.groups, unknowns.free, strict=True) if is_free}
     if free & {"links", "zeros"}:
         free = {"geometry" if group == "links" else group for group in free} - ({"zeros"} if "links" in free else set())
-    terms = [term for term in ("geometry", "zeros", *EFFECTS) if term in free]
+    terms = [term for term in ("geometry", "zeros", *kinds()) if term in free]
     return "+".join(terms) or "registration"

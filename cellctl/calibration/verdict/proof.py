@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from cellctl.calibration.estimation.identify import OVERDETERMINED, Identification
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.rows import Measured, PlaneRows, SocketRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows import Measured
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.verdict.split import Split
-
-_AtPoints: TypeAlias = type[TouchRows | PlaneRows | SocketRows]
-
-_AT_LEAST: dict[_AtPoints, tuple[str, str, int]] = {
-    TouchRows: ("sphere", "touches", 4),
-    PlaneRows: ("plane", "touches", 4),
-    SocketRows: ("socket", "visits", 2),
-}
-"""What each kind is at, what its rows are called, and how many of them find its place and show that they agree."""
 
 TOO_NOISY = 10.0
 PER_SEEN = 5
@@ -73,38 +64,35 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
     if rows.size < needed:
         each = -(-needed // int(rows.numbers.max(initial=1)))
         return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]
-    rare = [words for kind in _AT_LEAST for words in _rarely_visited(task, rows, held_out, kind)]
+    kinds = dict.fromkeys(type(block) for block in task.rows.blocks)
+    rare = [words for kind in kinds if kind.visits_at_least for words in _rarely_visited(task, rows, held_out, kind)]
     return [*rare, *_rarely_shown(task, rows, held_out), *_short_sessions(task, rows, held_out)]
 
 
-def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+def _short_sessions(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]:
     """Sessions that the fit never saw and that judge by hardly more numbers than tie them to the robot."""
     known = {block.session for block in rows.blocks if len(block)}
     found = []
     for number, session in enumerate(task.sessions):
-        sizes = [block.sigma.size for block in held_out.blocks if block.session == number and not _at_points(block)]
+        sizes = [block.sigma.size for block in held_out.blocks if block.session == number and (block.visited < 0).all()]
         needed = OVERDETERMINED * (9 if "tool" in session.own else 6)
         if number not in known and 0 < sum(sizes) < needed and session.own:
             found.append(f"session {session.name} has {sum(sizes)} numbers to judge by, {needed} at least")
     return found
 
 
-def _at_points(block: Measured) -> bool:
-    return isinstance(block, tuple(_AT_LEAST))
-
-
-def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: _AtPoints) -> list[str]:
+def _rarely_visited(task: Task, rows: RowBlocks, held_out: RowBlocks, kind: type[Measured]) -> list[str]:
     """Points that judge without their place being known well enough: by the fit, or, unknown to it, by what judges."""
-    noun, visits, least = _AT_LEAST[kind]
+    least = kind.visits_at_least
     of_fit, judging = _visits(task, rows, kind), _visits(task, held_out, kind)
     known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
     return [
-        f"{noun} {task.points[index]} has {known[index]} {visits} {where[index]}, {least} at least"
+        f"{kind.noun} {task.points[index]} has {known[index]} {kind.visits} {where[index]}, {least} at least"
         for index in np.flatnonzero((judging > 0) & (known < least))
     ]
 
 
-def _rarely_shown(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+def _rarely_shown(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]:
     """Instruments that judge without their zero being known well enough: besides its points, the lengths of each have
     to find it, and to show that they agree.
     """
@@ -117,20 +105,16 @@ def _rarely_shown(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
     ]
 
 
-def _shown(task: Task, rows: Mixture) -> tuple[Any, Any]:
+def _shown(task: Task, rows: RowBlocks) -> tuple[Any, Any]:
     """How many lengths each instrument of unknown zero (D,) has, and how many it takes, with the points they go to."""
-    pairs = [
-        np.column_stack([block.datum, block.point])[block.datum >= 0]
-        for block in rows.blocks
-        if isinstance(block, TouchRows)
-    ]
+    pairs = [np.column_stack([block.zeros, block.visited])[block.zeros >= 0] for block in rows.blocks]
     shown = np.concatenate([np.zeros((0, 2), int), *pairs]).astype(int)
     points = np.bincount(np.unique(shown, axis=0)[:, 0], minlength=len(task.datums))
     return np.bincount(shown[:, 0], minlength=len(task.datums)), 3 * points + 1 + 1  # one zero, one that can disagree
 
 
-def _visits(task: Task, rows: Mixture, kind: _AtPoints) -> Any:
+def _visits(task: Task, rows: RowBlocks, kind: type[Measured]) -> Any:
     """How many rows of `kind` each point (S,) has."""
-    points = [block.point for block in rows.blocks if isinstance(block, kind)]
+    points = [block.visited for block in rows.blocks if isinstance(block, kind)]
     visited = np.concatenate([np.zeros(0, int), *points]).astype(int)
     return np.bincount(visited, minlength=len(task.points))

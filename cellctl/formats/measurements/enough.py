@@ -32,18 +32,16 @@ def _refuse_one_place(measured: Measurements) -> None:
     """An instrument that sees the tool in one place, whatever the joints, cannot tell how the robot stands."""
     import numpy as np
 
-    from cellctl.calibration import PoseRows, PositionRows
-
     task = measured.task
     if "base" not in task.registered:
         return
     for number, session in enumerate(task.sessions):
-        blocks = [block for block in task.rows.blocks if isinstance(block, PositionRows | PoseRows)]
-        mine = [block for block in blocks if block.session == number and len(block)]
+        blocks = [block for block in task.rows.blocks if block.session == number and len(block)]
+        mine = [(block, places) for block in blocks if (places := block.positions) is not None]
         if not mine:
             continue
-        xyz = np.concatenate([block.xyz for block in mine])
-        sigma = np.concatenate([block.sigma[:, :3] for block in mine])
+        xyz = np.concatenate([places for _, places in mine])
+        sigma = np.concatenate([block.sigma[:, :3] for block, _ in mine])
         if len(xyz) > 1 and np.all(np.abs(xyz - np.median(xyz, axis=0)) <= SCATTERED * sigma):
             where = f" of session '{session.name}'" if session.name else ""
             what = f"X, Y, Z{where} are the same place in all {len(xyz)} rows, though the joints differ"

@@ -74,8 +74,8 @@ class Measurements:
         blocks = self.task.rows.blocks
         number = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
         point, datum = (
-            np.concatenate([np.broadcast_to(getattr(block, name, 0), len(block)) for block in blocks])
-            for name in ("point", "datum")
+            np.concatenate([np.zeros(0, int), *each])
+            for each in zip(*((b.visited, b.zeros) for b in blocks), strict=True)
         )
         return posture_numbers(np.column_stack([self.readings, number, point, datum]))
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration import Measured, PlaneRows, SocketRows, TouchRows
+from cellctl.calibration import Measured, Parameter
 from cellctl.calibration.prediction.shape import shape_columns
 from cellctl.kinematics import Floats
 from cellctl.planning.like_rows import rows_like
@@ -14,7 +14,6 @@ from cellctl.planning.next_rows import Advice, next_rows
 from cellctl.report.fit.region import RegionSigma
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import MINUS, decimals, fixed
-from cellctl.report.symbols import symbol
 
 Section = dict[str, Any]
 
@@ -54,7 +53,9 @@ def advice(story: FitStory, region: RegionSigma) -> Section | None:
         "candidates": len(columns),
         "session": story.sessions[blocks[0].session] if len(story.task.sessions) > 1 else "",
         "sides": any(row["sides"] for row in rows),
-        "touches": any(isinstance(block, TouchRows) for block in blocks),
+        "touches": any(
+            bool((block.visited >= 0).any()) and block.along_line and not block.of_planes for block in blocks
+        ),
     }
 
 
@@ -83,7 +84,7 @@ def _row(story: FitStory, row: Measured, advised: Advice, place: int) -> Section
         "readings": [f"{value:.1f}".replace("-", MINUS) for value in readings],
         "sides": "".join("+" if side > 0 else MINUS for side in sides[0] * signs) if sides is not None else "",
         "sigma": _alike(advised.sigma_mm[place + 1], advised),
-        "narrows": narrows(story.found.unknowns.names, advised.narrowed[place]),
+        "narrows": narrows(story.found.unknowns.parameters, advised.narrowed[place]),
     }
 
 
@@ -93,16 +94,15 @@ def _alike(sigma: float, advised: Advice) -> str:
 
 
 def _what(story: FitStory, row: Measured) -> str:
-    if isinstance(row, TouchRows | SocketRows | PlaneRows):
-        return str(story.task.points[int(row.point[0])])
-    return ""
+    point = int(row.visited[0])
+    return str(story.task.points[point]) if point >= 0 else ""
 
 
-def narrows(names: tuple[str, ...], narrowed: Floats) -> str:
+def narrows(parameters: tuple[Parameter, ...], narrowed: Floats) -> str:
     """The parameters (P,) whose σ falls the most, with by how much: `θ4 by 31 %, tool Z by 12 %`."""
     order = np.argsort(narrowed, kind="stable")[:_NAMED]
     named = [
-        f"{symbol(names[at])} by {100.0 * (1.0 - narrowed[at]):.0f}\N{NO-BREAK SPACE}%"
+        f"{parameters[at].label} by {100.0 * (1.0 - narrowed[at]):.0f}\N{NO-BREAK SPACE}%"
         for at in order
         if narrowed[at] <= _NARROWED
     ]

@@ -7,12 +7,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from cellctl.calibration import FUNCTIONS
+from cellctl.calibration import functions
 from cellctl.kinematics import Floats
 from cellctl.report.drawing import DIVERGING, svg_of
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import MINUS
-from cellctl.report.symbols import symbol
 
 STRONG = 0.9
 """From this correlation on a pair is named."""
@@ -30,9 +29,9 @@ def correlation(story: FitStory) -> tuple[list[str], Floats]:
     """
     unknowns, covariance = story.found.unknowns, story.found.covariance
     places = np.arange(len(unknowns.names)) >= story.found.state.points_at
-    free = np.flatnonzero(unknowns.free & ~unknowns.among(FUNCTIONS) & ~places & (np.diag(covariance) > 0.0))
+    free = np.flatnonzero(unknowns.free & ~unknowns.among(functions()) & ~places & (np.diag(covariance) > 0.0))
     sigma = np.sqrt(np.diag(covariance)[free])
-    return [symbol(unknowns.names[index]) for index in free], covariance[np.ix_(free, free)] / np.outer(sigma, sigma)
+    return [unknowns.parameters[index].label for index in free], covariance[np.ix_(free, free)] / np.outer(sigma, sigma)
 
 
 def strongest(symbols: list[str], matrix: Floats) -> list[str]:

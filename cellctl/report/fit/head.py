@@ -4,22 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from cellctl.calibration import ErrorFigures, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration import ErrorFigures, Measured
 from cellctl.calibration.estimation.evidence import estimated
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import fixed, with_sigma
 from cellctl.report.words import mean_with_uncertainty
 
 Section = dict[str, Any]
-
-_SINGULAR = {
-    PositionRows: "position",
-    PoseRows: "pose",
-    TouchRows: "distance",
-    PlaneRows: "plane touch",
-    SocketRows: "socket visit",
-}
-_KINDS = {**{kind: f"{noun}s" for kind, noun in _SINGULAR.items()}, PlaneRows: "plane touches"}
 
 
 def head(story: FitStory) -> Section:
@@ -108,10 +99,10 @@ def _widened(story: FitStory) -> str:
 
 
 def _counted(story: FitStory) -> list[str]:
-    counts: dict[type, int] = {}
+    counts: dict[type[Measured], int] = {}
     for block in story.task.rows.blocks:
         counts[type(block)] = counts.get(type(block), 0) + len(block)
-    return [f"{count} {(_KINDS if count > 1 else _SINGULAR)[kind]}" for kind, count in counts.items() if count]
+    return [f"{count} {kind.many if count > 1 else kind.one}" for kind, count in counts.items() if count]
 
 
 def ladder(story: FitStory) -> list[Section]:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cellctl.calibration import PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.kinematics import Floats
 from cellctl.report.fit.story import FitStory
 
@@ -58,13 +57,13 @@ def _greatest_turn(turns: Floats) -> float:
 
 def _length(story: FitStory) -> Iterator[str]:
     kinds = story.task.rows.kinds
-    if kinds & {PositionRows, PoseRows} or story.task.spacings is not None:
+    if any(kind.of_instrument for kind in kinds) or story.task.spacings is not None:
         return
-    if kinds == {PlaneRows}:
+    if all(kind.of_planes for kind in kinds):
         yield "No length was measured: the robot's scale is its table's. Touch a sphere, or measure a distance."
-    elif kinds <= {SocketRows, PlaneRows}:
+    elif not any(kind.has_length for kind in kinds):
         yield "No length was measured: the robot's scale is its table's. Certify a distance between two sockets."
-    elif kinds == {TouchRows} or kinds == {TouchRows, SocketRows}:
+    elif not any(kind.of_planes for kind in kinds):
         yield (
             "No distance between points is certified: the robot's scale hangs on the size of the spheres. "
             "Certify a distance between two of them."
@@ -74,14 +73,14 @@ def _length(story: FitStory) -> Iterator[str]:
 def _rarely_visited(story: FitStory) -> Iterator[str]:
     blocks = story.task.rows.pick(story.used).blocks
     for block in blocks:
-        if not isinstance(block, TouchRows | PlaneRows) or not len(block):
+        if not block.along_line:
             continue
-        counts = np.bincount(block.point, minlength=len(story.task.points))
+        counts = np.bincount(block.visited[block.visited >= 0], minlength=len(story.task.points))
         rare = [name for name, count in zip(story.task.points, counts, strict=True) if 0 < count < _PER_POINT]
         if rare:
             yield f"Fewer than {_PER_POINT} touches on {', '.join(rare)}: its place takes up three of them."
     kinds = story.task.rows.kinds
-    if kinds <= {TouchRows, SocketRows, PlaneRows} and len(story.task.points) == 1:
+    if not any(kind.of_instrument for kind in kinds) and len(story.task.points) == 1:
         yield f"All rows are at {story.task.points[0]}: a second place, far off, shows what one cannot."
 
 

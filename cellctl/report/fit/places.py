@@ -72,12 +72,12 @@ def _counts(story: FitStory, column: str, count: int) -> Any:
 def placements(story: FitStory) -> list[Section]:
     """Base and tool of each session, where they were found and not known: pose, σ of place and of turn."""
     found, anew = story.found, found_anew(story) & story.found.unknowns.free
-    names = story.found.state.model.parameters
+    parameters = story.found.state.model.parameters
     rows, shown = [], set()
     for number, model in enumerate(found.state.models):
         columns = found.state.columns[number]
         for frame, pose in (("base", model.chain.base_now), ("tool", model.chain.tool_now)):
-            own = [column for column, name in zip(columns, names, strict=True) if name.partition("_")[0] == frame]
+            own = [column for column, each in zip(columns, parameters, strict=True) if each.group == frame]
             if anew[own].any() and tuple(own) not in shown:
                 shown.add(tuple(own))
                 session = story.sessions[number] if len(found.state.models) > 1 else ""

@@ -50,7 +50,7 @@ def by_joint(story: FitStory, rows: Residuals) -> Section:
 
 def by_place(story: FitStory, rows: Residuals) -> Section:
     """Where in space: maps of spheres for distances, views of the volume for points."""
-    on_spheres = rows.distances & ~np.isin(rows.point, list(story.task.planes))
+    on_spheres = rows.distances & (rows.point >= 0) & ~np.isin(rows.point, list(story.task.planes))
     touches = rows.pick(on_spheres)
     mapped = bool(len(touches)) and len(np.unique(touches.point)) <= SPHERES
     others = rows.pick(~on_spheres) if mapped else rows

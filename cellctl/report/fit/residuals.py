@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration import Estimate, Measured, Mixture, PlaneRows, PoseRows, State, TouchRows
+from cellctl.calibration import Estimate, Measured, RowBlocks, State
 from cellctl.calibration.verdict.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.report.fit.story import FitStory
@@ -46,7 +46,7 @@ class Residuals:
     turned: Floats
     joined: Floats
     scaled: Floats
-    chance: Floats
+    p_value: Floats
 
     @classmethod
     def of(cls, story: FitStory) -> Self:
@@ -66,9 +66,9 @@ class Residuals:
         columns = {name: np.concatenate([part[name] for part in parts], axis=_axis(name)) for name in parts[0]}
         index = np.concatenate([in_fit, held_out])
         judged = np.isin(index, held_out)
-        chance = np.concatenate([np.full(len(in_fit), np.nan), _chances(story, held_out)])
+        p_value = np.concatenate([np.full(len(in_fit), np.nan), _chances(story, held_out)])
         wild = np.isin(index, [*left_out, *story.result.unforeseen]) & ~np.isin(index, story.used)
-        result = cls(index=index, held_out=judged, outlying=wild, chance=chance, **columns)
+        result = cls(index=index, held_out=judged, outlying=wild, p_value=p_value, **columns)
         return result.pick(np.argsort(index, kind="stable"))
 
     def pick(self, which: Any) -> Self:
@@ -99,7 +99,7 @@ def _axis(name: str) -> int:
     return 1 if name in ("signed", "joined") else 0
 
 
-def _settles(story: FitStory, rows: Mixture) -> bool:
+def _settles(story: FitStory, rows: RowBlocks) -> bool:
     """Whether something about held-out `rows` had to be found from themselves: their numbers were then not foreseen."""
     used = story.task.rows.pick(story.used)
     return bool(unseen_by(story.task, story.found.unknowns, used, rows).any())
@@ -147,18 +147,17 @@ def _block(block: Measured, states: tuple[State, State], sure: _Sure | None) -> 
     vectors = [_vectors(block, state) for state in states]
     ways = model.chain.tool_jacobian(block.q)[:, :3]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1.0)
-    distance = isinstance(block, TouchRows | PlaneRows)
     none = np.full((len(block), 3), np.nan)
     return {
         "session": np.full(len(block), block.session),
-        "point": getattr(block, "point", np.full(len(block), -1)),
+        "point": block.visited,
         "tips": tips,
         "at_base": tips @ (back := inverse_pose(model.chain.base_now))[:3, :3].T + back[:3, 3],
         "before": vectors[0],
         "after": vectors[1],
-        "signed": np.stack([block.residual(state)[:, 0] if distance else none[:, 0] for state in states]),
-        "normals": _normals(block, states[1]) if isinstance(block, TouchRows | PlaneRows) else none,
-        "turned": block.residual(states[1])[:, 3:] if isinstance(block, PoseRows) else none,
+        "signed": np.stack([block.residual(state)[:, 0] if block.along_line else none[:, 0] for state in states]),
+        "normals": block.normals(states[1]),
+        "turned": block.residual(states[1])[:, 3:] if block.orientations is not None else none,
         "joined": np.stack([np.einsum("nr,nrj->nj", vector, ways) for vector in vectors]),
         "scaled": _scaled(block, states[1], sure),
     }
@@ -166,14 +165,7 @@ def _block(block: Measured, states: tuple[State, State], sure: _Sure | None) -> 
 
 def _vectors(block: Measured, state: State) -> Floats:
     residual = block.residual(state)
-    return residual * _normals(block, state) if isinstance(block, TouchRows | PlaneRows) else residual[:, :3]
-
-
-def _normals(block: TouchRows | PlaneRows, state: State) -> Floats:
-    if isinstance(block, PlaneRows):
-        return block.normals(state)
-    away = state.models[block.session].tip(block.postures) - state.points[block.point]
-    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))
+    return residual * block.normals(state) if block.along_line else residual[:, :3]
 
 
 def _scaled(block: Measured, state: State, sure: _Sure | None) -> Floats:
@@ -188,5 +180,5 @@ def _scaled(block: Measured, state: State, sure: _Sure | None) -> Floats:
 def _chances(story: FitStory, held_out: Any) -> Floats:
     if not len(held_out):
         return np.zeros(0)
-    rows: Mixture = story.task.rows.pick(held_out)
-    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).chance
+    rows: RowBlocks = story.task.rows.pick(held_out)
+    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).p_value

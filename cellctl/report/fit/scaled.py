@@ -51,12 +51,12 @@ def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
 
     axes.plot([0, 100], [0, 100], color=INK, linewidth=0.6)
     foreseen = np.linspace(0.0, 1.0, 101)
-    for label, chance, colour in (
+    for label, p_value, colour in (
         ("numbers of the fit", 2.0 * norm.sf(np.abs(fit)), ACCENT),
-        ("held-out rows", rows.chance[np.isfinite(rows.chance)], HELD_OUT),
+        ("held-out rows", rows.p_value[np.isfinite(rows.p_value)], HELD_OUT),
     ):
-        if chance.size:
-            found = np.searchsorted(np.sort(1.0 - chance), foreseen, side="right") / chance.size
+        if p_value.size:
+            found = np.searchsorted(np.sort(1.0 - p_value), foreseen, side="right") / p_value.size
             axes.plot(100.0 * foreseen, 100.0 * found, color=colour, linewidth=1.4, label=label)
     axes.axvline(95.0, color="#bbbbbb", linewidth=0.6, linestyle="--")
     axes.set(xlabel="region foreseen to hold, %", ylabel="found to hold, %", xlim=(0, 100), ylim=(0, 101))
@@ -66,8 +66,8 @@ def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
 def coverage(rows: Residuals) -> tuple[float | None, float | None]:
     """Share of the fit's numbers within ±1.96 σ, and of held-out rows in their 95 % region; None without any."""
     fit, _ = scaled_numbers(rows)
-    chance = rows.chance[np.isfinite(rows.chance)]
+    p_value = rows.p_value[np.isfinite(rows.p_value)]
     return (
         float(np.mean(np.abs(fit) <= 1.96)) if fit.size else None,
-        float(np.mean(chance >= 0.05)) if chance.size else None,
+        float(np.mean(p_value >= 0.05)) if p_value.size else None,
     )

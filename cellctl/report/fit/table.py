@@ -7,12 +7,11 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration import FUNCTIONS, Unknowns
+from cellctl.calibration import Parameter, Unknowns, functions, kinds
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import DASH, MINUS, fixed, significant, with_sigma
 from cellctl.report.parameters import table_value
-from cellctl.report.symbols import shown_unit, symbol
 
 LONG = 20
 """A group of more parameters than this is folded away until somebody asks for it."""
@@ -22,10 +21,6 @@ _TITLES = {
     "tool": "Tool",
     "zeros": "Joint zeros",
     "links": "Links",
-    "deflection": "Bending of the tool",
-    "compliance": "Joints under weight",
-    "backlash": "Play",
-    "growth": "Growth with temperature",
 }
 
 
@@ -91,43 +86,43 @@ def groups(story: FitStory) -> list[Group]:
     unknowns = story.found.unknowns
     shown = (
         unknowns.free
-        & ~unknowns.among(FUNCTIONS)
+        & ~unknowns.among(functions())
         & ~found_anew(story)
         & (np.arange(len(unknowns.names)) < unknowns.robot)
     )
-    kinds = dict.fromkeys(unknowns.groups[index] for index in np.flatnonzero(shown))
-    lines = {kind: [int(index) for index in np.flatnonzero(shown) if unknowns.groups[index] == kind] for kind in kinds}
-    ordered = sorted(kinds, key=lambda kind: list(_TITLES).index(kind) if kind in _TITLES else len(_TITLES))
-    return [
-        Group(_TITLES.get(kind, kind), tuple(_line(story, int(index)) for index in lines[kind])) for kind in ordered
-    ]
+    lines: dict[str, list[int]] = {}
+    for index in np.flatnonzero(shown).tolist():
+        lines.setdefault(unknowns.groups[index], []).append(index)
+    titles = _TITLES | {group: kind.title for group, kind in kinds().items()}
+    ordered = [group for group in titles if group in lines]
+    return [Group(titles[group], tuple(_line(story, index) for index in lines[group])) for group in ordered]
 
 
 def coefficients(story: FitStory) -> dict[str, int]:
     """How many coefficients each random function has."""
     groups = story.found.unknowns.groups
-    return {group: groups.count(group) for group in sorted(FUNCTIONS & set(groups))}
+    return {group: groups.count(group) for group in sorted(functions() & set(groups))}
 
 
 def held(story: FitStory) -> list[str]:
     """The robot's parameters that were held."""
     unknowns = story.found.unknowns
-    return [symbol(unknowns.names[index]) for index in np.flatnonzero(~unknowns.free) if index < unknowns.robot]
+    return [unknowns.parameters[index].label for index in np.flatnonzero(~unknowns.free) if index < unknowns.robot]
 
 
 def _line(story: FitStory, index: int) -> Line:
     found, model = story.found, story.found.state.model
-    name = found.unknowns.names[index]
-    unit, factor = shown_unit(model.parameter_units[index])
-    before = _before(story, name)
+    parameter = found.unknowns.parameters[index]
+    factor = parameter.unit.factor
+    before = _before(story, parameter)
     change = (float(model.deviations[index]) - before) * factor
     sigma = float(np.sqrt(max(found.covariance[index, index], 0.0))) * factor
     before_it = float(known_before(story)[index]) * factor
     tolerance = float(_sigma(story.result.identification.nominal.unknowns)[index]) * factor
     return Line(
-        symbol=symbol(name),
-        unit=unit,
-        nominal=f"{table_value(story.robot, name) + before * factor:.8g}".replace("-", MINUS),
+        symbol=parameter.label,
+        unit=parameter.unit.shown,
+        nominal=f"{table_value(story.robot, parameter) + before * factor:.8g}".replace("-", MINUS),
         deviation=with_sigma(change, sigma),
         tolerance=significant(tolerance),
         in_tolerances=_times(change, tolerance),
@@ -137,9 +132,9 @@ def _line(story: FitStory, index: int) -> Line:
     )
 
 
-def _before(story: FitStory, name: str) -> float:
+def _before(story: FitStory, parameter: Parameter) -> float:
     """What the model that was gone on from already had of this parameter, in its own unit."""
-    return story.task.model.amount(name) or 0.0
+    return story.task.model.amount(parameter.name) or 0.0
 
 
 def _times(change: float, sigma: float) -> str:

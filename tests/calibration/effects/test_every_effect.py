@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
+from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import (
     Backlash,
     Discrepancy,
     Effect,
-    Growth,
     Harmonics,
     JointCompliance,
     OwnTurns,
+    ThermalExpansion,
     ToolDeflection,
 )
 from cellctl.calibration.model.postures import Postures
@@ -22,7 +23,7 @@ MAKERS = {
     "compliance": lambda chain: JointCompliance.of(chain, load_known=True),
     "harmonics": lambda chain: Harmonics(chain.n),
     "backlash": lambda chain: Backlash(chain.n),
-    "growth": lambda chain: Growth.of(chain),
+    "growth": lambda chain: ThermalExpansion.of(chain),
     "discrepancy": lambda chain: Discrepancy(np.linspace(-1.0, 1.0, 4)[:, None] + np.zeros(chain.n)),
 }
 
@@ -49,8 +50,9 @@ def parts(effect, arm, at):
 
 
 def test_every_amount_has_a_name_a_unit_and_an_expected_size(effect):
-    assert len(effect.parameters) == len(effect.units) == effect.sigma.size > 0
-    assert len(set(effect.parameters)) == len(effect.parameters)
+    assert len(effect.parameters) == effect.sigma.size > 0
+    assert all(each.unit.name and each.label for each in effect.parameters)
+    assert len(set(names_of(effect))) == len(effect.parameters)
     assert np.all((effect.sigma > 0) & np.isfinite(effect.sigma))
 
 
@@ -76,7 +78,7 @@ def test_where_a_robot_stands_does_not_change_what_is_modelled(effect, arm):
 
 
 def test_two_effects_of_a_robot_never_share_a_name(arm):
-    names = [name for make in MAKERS.values() for name in make(arm.chain()).parameters]
+    names = [name for make in MAKERS.values() for name in names_of(make(arm.chain()))]
     assert len(set(names)) == len(names)
     assert not set(names) & set(arm.chain().parameters)
 

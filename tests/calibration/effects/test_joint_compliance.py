@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import JointCompliance
@@ -10,8 +11,8 @@ from cellctl.kinematics import Link, SerialChain
 
 
 def amounts(effect, **values):
-    assert set(values) <= set(effect.parameters)
-    return np.array([values.get(name, 0.0) for name in effect.parameters])
+    assert set(values) <= set(names_of(effect))
+    return np.array([values.get(name, 0.0) for name in names_of(effect)])
 
 
 def test_the_hand_built_arm_and_the_chain_are_the_same_robot(arm, rng):
@@ -72,7 +73,7 @@ def test_a_known_payload_turns_each_joint_by_its_moment_over_the_stiffness(arm, 
     payload, stiffness = rng.uniform(0, 10, 20), rng.uniform(1e3, 1e5, arm.n)
     effect = JointCompliance.of(chain, load_known=True)
     expected = arm.moments(q, [(arm.n - 1, arm.tip, payload)]) / stiffness
-    per_nm = {name: 1.0 / stiffness[int(name[-1]) - 1] for name in effect.parameters if "load" in name}
+    per_nm = {name: 1.0 / stiffness[int(name[-1]) - 1] for name in names_of(effect) if "load" in name}
     turned = effect.turns(chain, Postures(q, payload=payload)) @ amounts(effect, **per_nm)
     assert_allclose(turned, expected, atol=1e-15)
 
@@ -80,7 +81,7 @@ def test_a_known_payload_turns_each_joint_by_its_moment_over_the_stiffness(arm, 
 def test_rows_that_do_not_say_their_payload_carry_none(six_joints):
     chain = six_joints.chain()
     effect = JointCompliance.of(chain, load_known=True)
-    loads = [name.startswith("compliance_load") for name in effect.parameters]
+    loads = [name.startswith("compliance_load") for name in names_of(effect)]
     assert sum(loads) == 5
     assert not effect.turns(chain, Postures(np.ones((3, 6))))[..., loads].any()
 
@@ -92,7 +93,7 @@ def test_a_joint_that_never_leans_has_no_amounts():
 
 
 def test_an_upright_first_joint_has_none_and_all_others_have_two_for_each_link_they_carry(six_joints):
-    names = JointCompliance.of(six_joints.chain()).parameters
+    names = names_of(JointCompliance.of(six_joints.chain()))
     assert len(names) == 2 * (5 + 4 + 3 + 2 + 1)
     assert not any(name.startswith("compliance1_") for name in names)
     assert names[:3] == ("compliance2_2x", "compliance2_2y", "compliance2_3x")
@@ -101,19 +102,19 @@ def test_an_upright_first_joint_has_none_and_all_others_have_two_for_each_link_t
 
 def test_a_joint_that_is_upright_only_at_some_postures_keeps_its_amounts():
     wrist_over_shoulder = SerialChain.from_links("dh-craig", [Link(), Link(alpha=-np.pi / 2), Link(alpha=np.pi / 2)])
-    names = JointCompliance.of(wrist_over_shoulder).parameters
+    names = names_of(JointCompliance.of(wrist_over_shoulder))
     assert "compliance3_3x" in names
     assert "compliance1_1x" not in names
 
 
 def test_links_further_out_are_expected_to_weigh_less(six_joints):
     effect = JointCompliance.of(six_joints.chain())
-    expected = dict(zip(effect.parameters, effect.sigma, strict=True))
+    expected = dict(zip(names_of(effect), effect.sigma, strict=True))
     assert expected["compliance2_2x"] == expected["compliance5_5y"] > expected["compliance2_3x"]
     assert expected["compliance2_6y"] > 0.0
 
 
 def test_a_first_joint_that_is_upright_but_for_rounding_has_no_amounts():
     rounded = SerialChain.from_links("dh-craig", [Link(alpha=3e-7), Link(alpha=1.5707963, a=100.0)])
-    names = JointCompliance.of(rounded).parameters
+    names = names_of(JointCompliance.of(rounded))
     assert names == ("compliance2_2x", "compliance2_2y")

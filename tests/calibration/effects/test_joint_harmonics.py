@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Harmonics
@@ -15,8 +16,8 @@ def wobble(six_joints, angles, joint, **values):
     q = np.full((angles.size, 6), 0.7)
     q[:, joint - 1] = angles
     effect = Harmonics(6)
-    amounts = np.array([values.get(name.removeprefix(f"harmonic{joint}_"), 0.0) for name in effect.parameters])
-    amounts *= [name.startswith(f"harmonic{joint}_") for name in effect.parameters]
+    amounts = np.array([values.get(name.removeprefix(f"harmonic{joint}_"), 0.0) for name in names_of(effect)])
+    amounts *= [name.startswith(f"harmonic{joint}_") for name in names_of(effect)]
     turned = effect.turns(six_joints.chain(), Postures(q)).total(amounts, 6)
     assert not np.delete(turned, joint - 1, axis=1).any()
     return turned[:, joint - 1]
@@ -61,12 +62,12 @@ def test_four_waves_and_the_joint_zero_can_be_told_apart_over_a_turn(six_joints)
 
 def test_a_single_wave_of_one_joint_can_be_named_beside_the_orders_of_all(six_joints):
     effect = Harmonics(6, orders=(1, 2), ripple=((4, 17), (1, 2)))
-    assert effect.parameters[:4] == ("harmonic1_s1", "harmonic1_c1", "harmonic1_s2", "harmonic1_c2")
-    assert effect.parameters[-2:] == ("harmonic4_s17", "harmonic4_c17")
+    assert names_of(effect)[:4] == ("harmonic1_s1", "harmonic1_c1", "harmonic1_s2", "harmonic1_c2")
+    assert names_of(effect)[-2:] == ("harmonic4_s17", "harmonic4_c17")
     assert len(effect.parameters) == 26
     q = np.zeros((TURN.size, 6))
     q[:, 3] = TURN
-    amounts = np.array([2e-4 * (name == "harmonic4_s17") for name in effect.parameters])
+    amounts = np.array([2e-4 * (name == "harmonic4_s17") for name in names_of(effect)])
     turned = effect.turns(six_joints.chain(), Postures(q)).total(amounts, 6)
     assert_allclose(turned[:, 3], 2e-4 * np.sin(17 * TURN), atol=1e-15)
     assert not np.delete(turned, 3, axis=1).any()
@@ -78,7 +79,7 @@ def test_every_joint_has_48_waves_and_each_octave_of_them_is_expected_to_do_one_
     bands = [[1, 2], [3, 4, 5], list(range(6, 12)), list(range(12, 24)), list(range(24, 49))]
     for joint, orders in [(joint, orders) for joint in range(1, 7) for orders in bands]:
         names = [f"harmonic{joint}_{part}{order}" for order in orders for part in "sc"]
-        mine = [effect.parameters.index(name) for name in names]
+        mine = [names_of(effect).index(name) for name in names]
         (band,) = {effect.bands[place] for place in mine}
         assert effect.bands.count(band) == len(mine)
         # the mean square of a wave over a turn is half its amplitude's: E Σ (s² + c²) / 2 = 2e-4²
@@ -102,7 +103,7 @@ def test_where_a_joint_was_not_measured_the_variance_of_its_fast_waves_is_the_pr
         q = np.zeros((angles.size, 6))
         q[:, 2] = angles
         names = [f"harmonic3_{part}{order}" for order in orders for part in "sc"]
-        mine = [effect.parameters.index(name) for name in names]
+        mine = [names_of(effect).index(name) for name in names]
         return effect.turns(chain, Postures(q)).dense(6)[:, 2, mine] * effect.sigma[mine]
 
     def variances(angles, orders):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import JointCompliance, ToolDeflection
@@ -39,14 +40,14 @@ def test_a_known_payload_turns_each_joint_by_its_moment_over_the_stiffness(arm, 
     payload, stiffness = rng.uniform(0, 10, 20), rng.uniform(1e3, 1e5, arm.n)
     effect = JointCompliance.of(chain, load_known=True, down=down)
     per_nm = {f"compliance_load{joint + 1}": 1.0 / stiffness[joint] for joint in range(arm.n)}
-    amounts = np.array([per_nm.get(name, 0.0) for name in effect.parameters])
+    amounts = np.array([per_nm.get(name, 0.0) for name in names_of(effect)])
     expected = hung.moments(q, [(arm.n - 1, arm.tip, payload)]) / stiffness
     assert_allclose(effect.turns(chain, Postures(q, payload=payload)) @ amounts, expected, atol=1e-15)
 
 
 def test_the_first_joint_bears_weight_on_a_wall_or_a_slope_and_none_under_a_ceiling(six_joints):
     chain = six_joints.chain()
-    bearing = {down: "compliance1_6y" in JointCompliance.of(chain, down=down).parameters for down in (WALL, SLOPE)}
+    bearing = {down: "compliance1_6y" in names_of(JointCompliance.of(chain, down=down)) for down in (WALL, SLOPE)}
     assert bearing == {WALL: True, SLOPE: True}
     assert JointCompliance.of(chain, down=CEILING).upright == {1}
     assert len(JointCompliance.of(chain, down=WALL).parameters) == 2 * (6 + 5 + 4 + 3 + 2 + 1)

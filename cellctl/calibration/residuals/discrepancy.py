@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
+from cellctl.calibration.effects.effect import STORED, EffectInputs
+from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.residual_model import ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_MM = 0.1
@@ -28,11 +31,12 @@ CENTRES = 64
 MOST = 1000
 ALIKE_RAD = 0.05
 _JITTER = 1e-6
+_PHRASE = Phrase("discrepancy", "discrepancy")
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Discrepancy:
+class Discrepancy(ResidualModel):
     """A Gaussian process δ(q) on each axis of the robot's base frame, squared exponential in the joint angles.
 
     centres (M, n): postures, rad, at which it is expanded (Nyström): δ = Σ φ_m(q) κ_m with κ ~ N(0, expected²), mm.
@@ -41,11 +45,13 @@ class Discrepancy:
     """
 
     centres: Floats
-    length_rad: float = LENGTHS_RAD[0]
+    length_rad: float = field(default=LENGTHS_RAD[0], metadata={STORED: "length"})
     expected: float = EXPECTED_MM
     _root: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if self.length_rad <= 0.0:
+            raise ValueError("the length of a discrepancy is above 0")
         square = self._kernel(self.centres) + _JITTER * np.eye(len(self.centres))
         object.__setattr__(self, "_root", np.linalg.cholesky(square))
 
@@ -59,38 +65,45 @@ class Discrepancy:
                 return cls(_spread(q), length)
         return cls(_spread(q), LENGTHS_RAD[-1])
 
-    @property
-    def group(self) -> str:
-        """`discrepancy`."""
-        return "discrepancy"
+    group: ClassVar[Group] = "discrepancy"
+    title: ClassVar[str] = "Discrepancy"
+    chosen: ClassVar = "never"
+
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self:
+        """Over the postures of the rows."""
+        return cls.over(setup.at.q)
 
     @cached_property
-    def parameters(self) -> tuple[str, ...]:
-        """Three for each centre."""
-        return tuple(f"discrepancy{m + 1}_{axis}" for m in range(len(self.centres)) for axis in "xyz")
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """mm."""
-        return ("mm",) * len(self.parameters)
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Three for each centre, mm."""
+        return tuple(
+            Parameter(f"discrepancy{m + 1}_{axis}", MM, self.group, f"discrepancy{m + 1} {axis.upper()}", _PHRASE)
+            for m in range(len(self.centres))
+            for axis in "xyz"
+        )
 
     @property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, mm."""
         return np.full(len(self.parameters), self.expected)
 
-    @property
-    def least(self) -> Floats:
-        """−inf."""
-        return np.full(len(self.parameters), -np.inf)
-
-    def turns(self, nominal: SerialChain, at: Postures) -> None:
-        """None: it shifts the tool."""
+    def suits(self, joints: int) -> bool:
+        """Whether its postures are those of so many joints."""
+        return bool(self.centres.shape[1] == joints)
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
         """Ψ (N, 3, 3M): φ of each centre, on each axis."""
         basis = self._basis(at.q)
         return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, 3 * basis.shape[1]))
+
+    def variance(self, at: Postures) -> Floats:
+        """What the centres leave open (N,), mm² on each axis."""
+        return self.expected**2 * self.remainder(at.q)
+
+    def outside(self, at: Postures) -> Floats:
+        """The share (N,) of its variance that the centres leave."""
+        return self.remainder(at.q)
 
     def remainder(self, q: Floats) -> Floats:
         """The share (N,) of the prior variance at q (N, n), rad, that the centres leave: 0 at them, 1 far away."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias, final
+from typing import ClassVar, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import OwnTurns
+from cellctl.calibration.effects.effect import EffectInputs, OwnTurns
+from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.residual_model import ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 2e-4
@@ -23,10 +26,16 @@ BANDS = ((1, 2), (3, 5), (6, 11), (12, 23), (24, 48))
 Wave: TypeAlias = tuple[int, int]
 """A joint, from 1, and how many waves it makes per turn."""
 
+_PHRASES = (
+    Phrase.of("once-per-turn error", "joint"),
+    Phrase.of("twice-per-turn error", "joint", 1),
+    Phrase.of("ripple", "joint", 2),
+)
+
 
 @final
 @dataclass(frozen=True)
-class Harmonics:
+class Harmonics(ResidualModel):
     """Each joint's error as waves of its own angle: Σ s_m sin mq + c_m (cos mq − 1).
 
     joints: how many. orders: waves per turn of every joint. ripple: further waves as (joint from 1, waves per turn), in
@@ -53,15 +62,31 @@ class Harmonics:
         regular = tuple((j + 1, m) for j in range(self.joints) for m in self.orders)
         return tuple(dict.fromkeys(regular + self.ripple))
 
-    @property
-    def group(self) -> str:
-        """`harmonics`."""
-        return "harmonics"
+    group: ClassVar[Group] = "harmonics"
+    title: ClassVar[str] = "Harmonics"
+
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self:
+        """Of every joint."""
+        return cls(setup.chain.n)
 
     @cached_property
-    def parameters(self) -> tuple[str, ...]:
-        """Sine and cosine of each wave."""
-        return tuple(f"harmonic{j}_{part}{m}" for j, m in self.waves for part in "sc")
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Sine and cosine of each wave, rad."""
+        return tuple(
+            Parameter(
+                f"harmonic{j}_{part}{m}",
+                RAD,
+                self.group,
+                f"A{j} {function} {m}q",
+                _PHRASES[min(m, 3) - 1],
+                str(j),
+                j,
+                band=band,
+            )
+            for (j, m), band in zip(self.waves, self.bands[::2], strict=True)
+            for part, function in (("s", "sin"), ("c", "cos"))
+        )
 
     @cached_property
     def bands(self) -> tuple[str, ...]:
@@ -69,21 +94,17 @@ class Harmonics:
         named = {m: f"{low}–{high}" for low, high in BANDS for m in range(low, high + 1)}
         return tuple(f"harmonics of joint {j}, {named.get(m, m)} per turn" for j, m in self.waves for _ in "sc")
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Rad."""
-        return ("rad",) * len(self.parameters)
-
     @cached_property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, rad."""
         counts = {band: self.bands.count(band) for band in dict.fromkeys(self.bands)}
         return np.array([self.expected * np.sqrt(2.0 / counts[band]) for band in self.bands])
 
-    @property
-    def least(self) -> Floats:
-        """−inf: waves have any phase."""
-        return np.full(len(self.parameters), -np.inf)
+    def reduced(self, bands: Collection[str]) -> Self:
+        """The waves of these bands alone."""
+        pairs = zip(self.waves, self.bands[::2], strict=True)
+        waves = dict.fromkeys(wave for wave, band in pairs if band in bands)
+        return replace(self, orders=(), ripple=tuple(waves))
 
     def turns(self, nominal: SerialChain, at: Postures) -> OwnTurns:
         """Each wave turns its own joint."""
@@ -91,6 +112,3 @@ class Harmonics:
         phase = at.q[:, joints - 1] * orders
         values = np.stack([np.sin(phase), np.cos(phase) - 1.0], axis=-1).reshape(len(at), 2 * len(joints))
         return OwnTurns(np.repeat(joints - 1, 2), values)
-
-    def shifts(self, nominal: SerialChain, at: Postures) -> None:
-        """None: joints turn, and carry the tool with them."""

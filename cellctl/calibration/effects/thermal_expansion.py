@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self, final
+from functools import cached_property
+from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
+from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_PER_K = 2e-5
 """Between steel, 1.2e-5, and aluminium, 2.3e-5."""
 
+PER_K = Unit("1/K", "µm/(m·K)", 1e6)
+_PHRASE = Phrase.of("growth", "link")
+
 
 @final
-@dataclass(frozen=True, slots=True)
-class Growth:
+@dataclass(frozen=True)
+class ThermalExpansion(Effect):
     """Each link's linear growth with temperature.
 
     joints: how many. points: links (from 1) of no length, as in a spherical wrist, which have no amount; `of` finds
     them. `growth{i}`, 1/K: of link i, from the origin of the frame behind joint i to that behind joint
     i + 1 (the last: to the flange; the first: from the base's origin, as the pedestal grows with it). All alike, they
     scale the robot about its base's origin. The tool is not counted: it has a temperature of its own.
-    needs: rows whose temperature is known, and differs; where `warmer` is None nothing grows.
+    needs: rows whose temperature is known, and differs; where `delta_t` is None nothing grows.
     """
 
     joints: int
@@ -37,40 +43,35 @@ class Growth:
         lengths = np.linalg.norm(_link_vectors(standing, np.zeros((1, nominal.n)))[0], axis=-1)
         return cls(nominal.n, frozenset((np.flatnonzero(lengths < 1e-6) + 1).tolist()))
 
-    @property
-    def group(self) -> str:
-        """`growth`."""
-        return "growth"
+    group: ClassVar[Group] = "growth"
+    title: ClassVar[str] = "Growth with temperature"
+    needs: ClassVar[str] = "a column temperature with different values"
+    missing: ClassVar = (("delta_t", "no column temperature: predicted for 20 °C"),)
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """One for each link that has a length."""
-        return tuple(f"growth{i + 1}" for i in self._grown)
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        """Where the temperature changes."""
+        return cls.of(setup.chain) if varies(setup.at.delta_t) else None
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """1/K."""
-        return ("1/K",) * len(self._grown)
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One for each link that has a length, 1/K."""
+        return tuple(
+            Parameter(f"growth{i}", PER_K, self.group, f"link {i} growth", _PHRASE, str(i), i)
+            for i in (each + 1 for each in self._grown)
+        )
 
     @property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, 1/K."""
         return np.full(len(self._grown), self.expected)
 
-    @property
-    def least(self) -> Floats:
-        """−inf: a controller, or the instrument's own scale, may make up for more than the link grows."""
-        return np.full(len(self._grown), -np.inf)
-
-    def turns(self, nominal: SerialChain, at: Postures) -> None:
-        """None: lengths grow, joints stay."""
-
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
-        """Ψ (N, 3, K): each link's vector, mm, times how much warmer it is, K."""
-        if at.warmer is None:
+        """Ψ (N, 3, K): each link's vector, mm, times the temperature difference, K."""
+        if at.delta_t is None:
             return np.zeros((len(at), 3, len(self._grown)))
         links = _link_vectors(nominal, at.q)[:, self._grown]
-        return np.asarray(np.swapaxes(links * at.warmer[:, None, None], 1, 2))
+        return np.asarray(np.swapaxes(links * at.delta_t[:, None, None], 1, 2))
 
     @property
     def _grown(self) -> list[int]:

@@ -1,0 +1,1 @@
+"""Residual models: random functions of the posture for what no other effect explains."""

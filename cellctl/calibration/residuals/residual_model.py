@@ -1,0 +1,35 @@
+"""What a residual model is asked besides what every effect is: what it leaves open, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Self
+
+import numpy as np
+
+from cellctl.calibration.effects.effect import Effect
+from cellctl.calibration.model.postures import Postures
+from cellctl.kinematics import Floats
+
+
+class ResidualModel(Effect):
+    """A random function of the posture, as a sum of given functions: its amounts are their coefficients.
+
+    It is estimated together with everything else of a model (decision 28): `of_inputs` chooses the functions, the
+    estimator fits the amounts, `turns` and `shifts` say how they move the tool. The amounts are no parameters that mean
+    something one by one: they are left out of lists of parameters, and of the search for outliers.
+    """
+
+    __slots__ = ()
+
+    def variance(self, at: Postures) -> Floats:
+        """What the amounts leave open of the function at each posture (N,): mm² of the tool's place on each axis."""
+        return np.zeros(len(at))
+
+    def outside(self, at: Postures) -> Floats:
+        """How far each posture (N,) is outside the measured region: the share of the variance that is left, 0 to 1."""
+        return np.zeros(len(at))
+
+    def reduced(self, bands: Collection[str]) -> Self:
+        """The same without the amounts whose band (`Parameter.band`) is not among `bands`."""
+        return self

@@ -1,0 +1,44 @@
+"""Where a fixed point is, from the tool centre points that were measured at it: the start of a fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellctl.kinematics import Floats
+
+CENTRE_STEPS = 8
+
+
+def sphere_centre(tips: Floats, reach: Any) -> Floats:
+    """Centre (3,) of the sphere of radius `reach` (N,), mm, whose surface the points `tips` (N, 3) lie nearest to.
+
+    From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from either side of the points along the
+    direction in which they spread least, as the linear problem does not know how curved a small cap is; Gauss–Newton on
+    the distances, the nearest wins. Fewer than four points give the nearest to the mean that they allow.
+    """
+    reach = np.broadcast_to(np.asarray(reach, float), len(tips))
+    mean = tips.mean(axis=0)
+    away = tips - mean
+    lines = np.concatenate([2.0 * away, np.ones((len(tips), 1))], axis=1)
+    linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=1e-6)[0][:3]
+    across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
+    found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]
+    return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
+
+
+def _nearer_centre(points: Floats, reach: Floats, centre: Floats) -> Floats:
+    """Gauss–Newton on the points' distances from `centre` (3,), as long as they come nearer to `reach`."""
+    for _ in range(CENTRE_STEPS):
+        away = points - centre
+        distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        tried = centre + np.linalg.lstsq(-away / distance[:, None], reach - distance, rcond=1e-6)[0]
+        if _off_surface(points, reach, tried) >= _off_surface(points, reach, centre):
+            break
+        centre = tried
+    return centre
+
+
+def _off_surface(points: Floats, reach: Floats, centre: Floats) -> float:
+    return float(np.sum((np.linalg.norm(points - centre, axis=1) - reach) ** 2))

@@ -1,0 +1,132 @@
+"""A new effect is a class and a line of the tuple: fit, model file, prediction and report know it without an edit."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import elbow_arm
+import numpy as np
+import pytest
+import yaml
+from elbow_arm import csv_text, joints_and_places
+
+from cellctl.calibration import Effect, Parameter, Split, Unit, effects, fit
+from cellctl.calibration.effects import EFFECTS
+from cellctl.calibration.model.parameter import Phrase
+from cellctl.calibration.model.postures import varies
+from cellctl.cli.predict import predict
+from cellctl.files import InputError
+from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
+from cellctl.report.fit import FitStory, write_fit_page
+
+ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
+PER_K = np.array([0.004, -0.002, 0.012])
+"""By which the tool of these tests moves in the flange's frame, mm/K."""
+
+
+@dataclass(frozen=True)
+class ToolInTheHeat(Effect):
+    """The tool's shift with temperature along the flange's axes, mm/K."""
+
+    expected: float = 0.01
+
+    group: ClassVar = "tool_heat"
+    title: ClassVar = "Tool in the heat"
+    needs: ClassVar = "a column temperature with different values"
+    missing: ClassVar = (("delta_t", "no column temperature: the tool is taken to be at 20 °C"),)
+
+    @classmethod
+    def of_inputs(cls, setup):
+        return cls() if varies(setup.at.delta_t) else None
+
+    @property
+    def parameters(self):
+        unit, phrase = Unit("mm/K", "µm/K", 1e3), Phrase("heat of the tool along {}", "heat of the tool along {}")
+        return tuple(
+            Parameter(f"tool_heat_{axis}", unit, self.group, f"tool heat {axis.upper()}", phrase, axis.upper())
+            for axis in "xyz"
+        )
+
+    @property
+    def sigma(self):
+        return np.full(3, self.expected)
+
+    def shifts(self, nominal, at):
+        delta_t = np.zeros(len(at)) if at.delta_t is None else at.delta_t
+        return nominal.forward_flange(at.q)[:, :3, :3] * delta_t[:, None, None]
+
+
+@pytest.fixture(autouse=True)
+def with_one_effect_more(monkeypatch):
+    monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, ToolInTheHeat))
+
+
+def data(warm: bool = True) -> DataSet:
+    rng = np.random.default_rng(4)
+    readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (120, 3))
+    temperature = rng.uniform(15.0, 35.0, 120)
+    flange = ROBOT.chain().forward_flange(ROBOT.joint_map().model(readings))[:, :3, :3]
+    places = elbow_arm.ElbowArm().tip(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
+    head, *lines = csv_text(joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))).splitlines()
+    if warm:
+        head = f"{head},temperature"
+        lines = [f"{line},{degrees:.3f}" for line, degrees in zip(lines, temperature, strict=True)]
+    return DataSet.parse("\n".join([head, *lines]), "data.csv")
+
+
+def fitted(model: str):
+    measured = measurements(ROBOT, data(), model=model)
+    split = Split.by_column(np.arange(120) >= 90)
+    return measured, split, fit(measured.task, split)
+
+
+@pytest.fixture
+def found():
+    return fitted("geometry+tool_heat")
+
+
+def test_it_is_found_by_name_with_the_amounts_that_are_there(found):
+    _, _, result = found
+    model = result.identification.identified.state.model
+    assert result.model == "geometry+tool_heat"
+    assert [model.amount(f"tool_heat_{axis}") for axis in "xyz"] == pytest.approx(PER_K, abs=0.001)
+    assert result.test.rms < 0.1 * result.nominal.rms
+
+
+def test_auto_tries_it_and_keeps_it():
+    assert "tool_heat" in fitted("auto")[2].model.split("+")
+
+
+def test_rows_that_cannot_show_it_are_refused_with_what_it_needs():
+    with pytest.raises(InputError, match="a column temperature with different values"):
+        measurements(ROBOT, data(warm=False), model="geometry+tool_heat")
+
+
+def test_a_model_file_holds_it_and_predicts_with_it(found, tmp_path, capsys):
+    measured, _, result = found
+    file, joints = tmp_path / "model.json", tmp_path / "joints.csv"
+    ModelFile.of(ROBOT, measured, result).save(file)
+    again = ModelFile.load(file)
+    assert again.text() == file.read_text()
+    at = measured.task.rows.only.postures
+    identified = result.identification.identified.state.model
+    np.testing.assert_allclose(again.predict(measured.readings, at).poses, identified.pose(at), atol=1e-9)
+    joints.write_text("A1,A2,A3\n10,20,30\n")
+    predict(file, joints)
+    assert "the tool is taken to be at 20 °C" in capsys.readouterr().err
+
+
+def test_a_report_has_its_title_its_labels_and_its_unit(found, tmp_path):
+    measured, split, result = found
+    page = tmp_path / "page.html"
+    write_fit_page(page, FitStory.of(measured, result, split, fit_report(measured, result), {}))
+    for words in ("Tool in the heat", "tool heat Z", "µm/K"):
+        assert words in page.read_text()
+
+
+def test_what_rows_do_not_show_of_it_is_named_in_its_own_words():
+    from cellctl.calibration import PositionRows, RobotModel, Task
+
+    rows = measurements(ROBOT, data(), model="geometry").task.rows.only
+    bare = PositionRows(rows.q, rows.xyz, rows.sigma)
+    seen = fit(Task(RobotModel(ROBOT.chain(), (ToolInTheHeat(),)), bare), Split(np.arange(120), ())).observability
+    assert any("heat of the tool along X, Y, Z" in phrase for phrase in seen.unseen)
