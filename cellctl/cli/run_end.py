@@ -46,7 +46,7 @@ def exit_of(outcome: Outcome) -> Exit:
     return Exit.GOOD if better else Exit.NOT_BETTER
 
 
-def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
+def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
@@ -55,14 +55,14 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
             for line in result.lines:
                 print(line)
             print(f"Run folder: {folder}")
-        if said := table_line(state, folder, only_unproved=True):
-            print(f"cellctl: {said}", file=sys.stderr)
+        if pushed := table_line(state, folder, only_unproved=True):
+            print(f"cellctl: {pushed}", file=sys.stderr)
         return
     lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]
     lines += [f"    {trouble}" for trouble in outcome.troubles]
     lines.append(f"    {_where_the_robot_is(outcome)}")
-    if said := table_line(state, folder):
-        lines.append(f"    {said}")
+    if pushed := table_line(state, folder):
+        lines.append(f"    {pushed}")
     lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
 

@@ -121,8 +121,8 @@ def _far_out(measured: Measurements, result: FitResult, row: int) -> str:
 
 def _unforeseen(measured: Measurements, result: FitResult, row: int) -> str:
     place = result.unforeseen.index(row)
-    error, foreseen = result.unforeseen_mm[place], result.foreseen_mm[place]
-    return f"held out: error {error:.3f} mm, predicted {foreseen:.3f} mm (1 σ): an outlier, counted in the figures"
+    error, predicted = result.unforeseen_mm[place], result.foreseen_mm[place]
+    return f"held out: error {error:.3f} mm, predicted {predicted:.3f} mm (1 σ): an outlier, counted in the figures"
 
 
 def _error(measured: Measurements, result: FitResult, row: int) -> float:

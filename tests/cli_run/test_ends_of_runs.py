@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.run_end import say_end
+from cellctl.cli.run_end import show_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Outcome, State
@@ -79,7 +79,7 @@ def said_at_the_end(
 ) -> str:
     uncertain = isinstance(error, DeviceUncertain)
     outcome = Outcome(State.UNCERTAIN if uncertain else State.FAILED, error, (), None, 1.0, moved, held)
-    say_end(outcome, result_of(run, outcome, 1.0), run, quiet=False)
+    show_end(outcome, result_of(run, outcome, 1.0), run, quiet=False)
     return capsys.readouterr().err
 
 
