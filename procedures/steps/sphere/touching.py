@@ -161,5 +161,6 @@ async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
     await context.write_artefact("dataset.csv", found.data)
     await context.write_artefact("model.json", found.model)
-    await context.record(found.verdict)
+    for row in (*found.rows, found.verdict):
+        await context.record(row)
     return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)
