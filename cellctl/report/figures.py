@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cellctl.formats.measurements.kinds import NOUNS
 from cellctl.report.numbers import fixed
 from cellctl.report.words import mean_with_uncertainty
 
@@ -24,11 +25,9 @@ def error_line(
     }
 
 
-def fit_lines(figures: Mapping[str, Any], rows: str = "rows") -> list[Line]:
-    """The lines of a fit, from its JSON: held-out rows, nominal robot where a prior model was updated, rows of the fit.
-
-    rows: what its rows are called.
-    """
+def fit_lines(figures: Mapping[str, Any]) -> list[Line]:
+    """The lines of a fit, from its JSON: held-out rows, nominal robot where a prior model was updated, rows of the fit."""
+    rows = NOUNS.get(figures.get("measure", ""), "rows")
     count, prior, lines = int(figures.get("n_test") or 0), figures.get("prior"), []
     if count:
         lines.append(

@@ -181,7 +181,7 @@ def test_verdict_and_figures_stand_at_the_top_with_their_uncertainty(full_html, 
     test = campaign.verdict["model"]["test"]
     count = campaign.verdict["model"]["n_test"]
     spread = np.sqrt((test["rms"] ** 2 - test["mean"] ** 2) / (count - 1))
-    found = re.search(rf"held-out rows {count} \S+ ± \S+ \S+ \S+ ([\d.]+) ± ([\d.]+)", text)
+    found = re.search(rf"held-out touches {count} \S+ ± \S+ \S+ \S+ ([\d.]+) ± ([\d.]+)", text)
     assert found
     assert float(found[1]) == pytest.approx(test["mean"], abs=spread)
     assert float(found[2]) == pytest.approx(spread, rel=0.05)

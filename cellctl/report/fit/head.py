@@ -21,7 +21,7 @@ def head(story: FitStory) -> Section:
         "model": result.model,
         "verdict": result.verdict,
         "sentence": str(story.said.get("sentence") or ""),
-        "lines": fit_lines(result.summary()),
+        "lines": fit_lines({**result.summary(), "measure": story.said.get("measure", "")}),
         "converged": story.found.converged,
         "ended": story.found.ended,
         "judged": _judged(story),

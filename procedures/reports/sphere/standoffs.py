@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,18 +24,30 @@ def build(run: Run) -> Mapping[str, Any]:
     if after.errors.size:
         each = one_by_one("targets", after.numbers, after.errors, after.sigma, "error")
     return {
+        "sentences": list(_sentences(rows[0].sphere, len(run.state.recorded(LocateRow)), before, after)),
         "picture": before_and_after("standoff", before.errors, after.errors, "stand-off error"),
         "each": each,
-        "sphere": rows[0].sphere,
-        "counts": (len(before.errors), len(after.errors)),
-        "predicted": significant(after.predicted_sigma),
-        "found": significant(after.found_sigma),
-        "ratio": significant(after.found_sigma / after.predicted_sigma) if after.predicted_sigma else "",
-        "within": percent(after.within_two_sigma),
-        "of_nominal": significant(before.found_sigma) if before.predicted.any() else "",
-        "located": len(run.state.recorded(LocateRow)),
         "centre": _centre(proof) if proof else None,
     }
+
+
+def _sentences(sphere: str, located: int, before: StandOffErrors, after: StandOffErrors) -> Iterator[str]:
+    yield f"Sphere {sphere} was not used for calibration."
+    if located:
+        yield f"{located} touches located its centre with the model under test."
+    yield "The error is the travel to contact less the stand-off."
+    yield (
+        f"{len(before.errors)} targets with nominal joints, {len(after.errors)} with the controller's table in force."
+    )
+    if after.errors.size:
+        found, predicted = after.found_sigma, after.predicted_sigma
+        yield (
+            f"After: found {significant(found)} mm RMS where {significant(predicted)} mm was predicted "
+            f"(ratio {significant(found / predicted)}); {percent(after.within_two_sigma)} lie within 2 σ."
+        )
+    if before.predicted.any():
+        off = significant(before.found_sigma)
+        yield f"Before: the identified model predicted each error of the nominal robot to {off} mm RMS."
 
 
 def _centre(proof: ProofRow) -> tuple[str, str, str]:
@@ -71,14 +83,7 @@ SECTION = ReportSection(
         ),
     ),
     template="""\
-<p>Sphere {{ sphere }} was not used for calibration.
-{% if located %}{{ located }} touches located its centre with the model under test.{% endif %}
-The error is the travel to contact less the stand-off. {{ counts[0] }} targets with nominal joints,
-{{ counts[1] }} with the controller's table in force.
-{% if counts[1] %}After: found {{ found }} mm RMS where {{ predicted }} mm was predicted (ratio {{ ratio }});
-{{ within }} lie within 2 σ.{% endif %}
-{% if of_nominal %}Before: the identified model predicted each error of the nominal robot
-to {{ of_nominal }} mm RMS.{% endif %}</p>
+<p>{{ sentences | join(" ") }}</p>
 {% if centre %}
 <p>The two models place the centre {{ centre[0] }} mm apart. The touches that located it are off by
 {{ centre[1] }} mm RMS by the nominal robot, {{ centre[2] }} mm RMS by the identified one.</p>

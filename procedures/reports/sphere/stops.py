@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from cellctl.formats import ModelFile
 from cellctl.report import ReportSection, Run
 from cellctl.report.numbers import fixed
 from procedures.reports.sphere.run_pictures import over_travel_picture
-from procedures.steps.sphere.rows import SphereVerdict, TouchRow
+from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
 
 _FATES = ("late", "lost", "skipped")
 
@@ -21,13 +21,18 @@ def build(run: Run) -> Mapping[str, Any]:
     rows, verdict = run.state.recorded(TouchRow), run.state.last(SphereVerdict)
     return {
         "picture": _picture(run.model, rows) if run.model else "",
-        "count": len(rows),
-        "mean": fixed(verdict.stops.overtravel_mean_mm) if verdict else "",
-        "greatest": fixed(verdict.stops.overtravel_max_mm) if verdict else "",
-        "cycles": max(row.stop_cycles for row in rows),
-        "telegrams": ", ".join(f"{fate} {sum(getattr(row, fate) for row in rows)}" for fate in _FATES),
-        "repeated": sum(row.attempt > 1 for row in rows),
+        "texts": list(_texts(rows, verdict.stops if verdict else None)),
     }
+
+
+def _texts(rows: Sequence[TouchRow], stops: StopFigures | None) -> Iterator[str]:
+    yield f"{len(rows)} touches"
+    if stops is not None:
+        mean, greatest = fixed(stops.overtravel_mean_mm), fixed(stops.overtravel_max_mm)
+        yield f"over-travel from contact to rest {mean} mm mean, {greatest} mm at most"
+    yield f"stopped within {max(row.stop_cycles for row in rows)} cycles of the contact"
+    yield "telegrams " + ", ".join(f"{fate} {sum(getattr(row, fate) for row in rows)}" for fate in _FATES)
+    yield f"touches that needed a second attempt: {sum(row.attempt > 1 for row in rows)}"
 
 
 def _picture(model: ModelFile, rows: Sequence[TouchRow]) -> str:
@@ -46,10 +51,7 @@ SECTION = ReportSection(
     needs=(TouchRow,),
     build=build,
     template="""\
-<p>{{ count }} touches;
-{% if mean %}over-travel from contact to rest {{ mean }} mm mean, {{ greatest }} mm at most;{% endif %}
-stopped within {{ cycles }} cycles of the contact; telegrams {{ telegrams }};
-touches that needed a second attempt: {{ repeated }}.</p>
+<p>{{ texts | join("; ") }}.</p>
 {% if picture %}
 <figure>{{ picture | safe }}</figure>
 {% endif %}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,9 @@ def build(run: Run) -> Mapping[str, Any] | None:
         return None
     every = Residuals.of_row(stored)
     rows = every.pick(every.fitted | every.held_out)
-    count, greatest = _outside(run, rows)
     return {
         "spheres": [_of_sphere(rows.pick(rows.point == name)) for name in sorted(set(rows.point.tolist()))],
-        "left_out": len(every) - len(rows),
-        "outside": count,
-        "greatest": greatest,
+        "sentences": [*_outside(run, rows), *_left_out(len(every) - len(rows))],
     }
 
 
@@ -42,12 +39,21 @@ def _of_sphere(rows: Residuals) -> dict[str, Any]:
     }
 
 
-def _outside(run: Run, rows: Residuals) -> tuple[int, str]:
-    """How many held-out touches lie outside the measured joint region, and the greatest error among them, mm."""
-    if run.model is None:
-        return 0, ""
-    outside = rows.held_out & ~run.model.inside(rows.readings)
-    return int(outside.sum()), fixed(float(np.abs(rows.signed_after[outside]).max(initial=0.0)))
+def _outside(run: Run, rows: Residuals) -> Iterator[str]:
+    """How many held-out touches lie outside the measured joint region, and the greatest error among them."""
+    outside = rows.held_out & ~run.model.inside(rows.readings) if run.model else np.zeros(len(rows), bool)
+    if outside.any():
+        greatest = fixed(float(np.abs(rows.signed_after[outside]).max()))
+        yield (
+            f"{outside.sum()} held-out {'touch lies' if outside.sum() == 1 else 'touches lie'} outside the measured "
+            f"joint region, where the model extrapolates; greatest error there {greatest} mm."
+        )
+
+
+def _left_out(count: int) -> Iterator[str]:
+    if count:
+        words = "touch left out of the fit is" if count == 1 else "touches left out of the fit are"
+        yield f"{count} {words} not counted here; see the section on rows left out."
 
 
 SECTION = ReportSection(
@@ -59,10 +65,7 @@ SECTION = ReportSection(
     template="""\
 <p>Distance of the tip's centre from the sphere's surface, with the tip radius taken off. Before: nominal robot, with
 only the sphere centres fitted.
-{% if outside %}{{ outside }} held-out {{ "touch lies" if outside == 1 else "touches lie" }} outside the measured joint
-region, where the model extrapolates; greatest error there {{ greatest }} mm.{% endif %}
-{% if left_out %}{{ left_out }} {{ "touch" if left_out == 1 else "touches" }} left out of the fit
-{{ "is" if left_out == 1 else "are" }} not counted here; see the section on rows left out.{% endif %}</p>
+{{ sentences | join(" ") }}</p>
 <table class="figures">
 <thead>
 <tr><th rowspan="2">|residual|, mm</th><th colspan="2">touches</th><th colspan="3">before</th>
