@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from cellctl.cli.ends import SHOWN
 from cellctl.devices.cell import Cell
 
 
@@ -11,5 +12,6 @@ def say_warnings(cell: Cell) -> None:
     """Say what in the cell file is allowed and probably not meant; nothing where all is well."""
     count = len(cell.warnings)
     if count:
-        text = "\n".join(map(str, cell.warnings))
+        more = [f"… and {count - SHOWN} more"] if count > SHOWN else []
+        text = "\n".join([*map(str, cell.warnings[:SHOWN]), *more])
         print(f"cellctl: {count} warning{'s' * (count > 1)}\n{text}", file=sys.stderr)

@@ -2,27 +2,48 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from cellctl.cli import arguments
+
+if TYPE_CHECKING:
+    from cellctl.files import Problem
+
 
 def check(
-    procedure: Annotated[Path, typer.Argument(help="Procedure file.")],
-    cell: Annotated[Path | None, typer.Option(help="Cell file instead of the one that the procedure names.")] = None,
-    set_: Annotated[list[str] | None, typer.Option("--set", help="A parameter, name=value.")] = None,
+    procedure: arguments.Procedure,
+    cell: arguments.OtherCell = None,
+    set_: arguments.Settings = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Name all mistakes in a procedure and its cell, each with file, line and cure; move nothing.
 
     Warnings, too: what is allowed and probably not meant. They leave the exit code as it is.
 
-    Example: cellctl check procedures/sphere_selfcal.yaml
+    Example: cellctl check sphere_selfcal
     """
     from cellctl.cli.cell_warnings import say_warnings
+    from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.files import InputError
     from cellctl.operations.campaign import load_campaign
 
-    campaign = load_campaign(procedure, cell, set_ or [])
+    refuse_outputs({"--json": json_}, [procedure, cell])
+    try:
+        campaign = load_campaign(procedure, cell, set_ or [])
+    except InputError as error:
+        write_json({"procedure": str(procedure), "mistakes": _listed(error.problems)}, json_)
+        raise
     say_warnings(campaign.cell)
-    devices = ", ".join(sorted(campaign.cell.addresses))
-    typer.echo(f"{procedure}: no mistakes found (cell '{campaign.cell.name}': {devices}).")
+    devices = sorted(campaign.cell.addresses)
+    if json_ != "-":
+        typer.echo(f"{procedure}: no mistakes found (cell '{campaign.cell.name}': {', '.join(devices)}).")
+    found: dict[str, Any] = {"mistakes": [], "warnings": _listed(campaign.cell.warnings)}
+    write_json({"procedure": str(procedure), "cell": campaign.cell.name, "devices": devices, **found}, json_)
+
+
+def _listed(problems: Iterable[Problem]) -> list[dict[str, Any]]:
+    return [asdict(problem) for problem in problems]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.files import Problem
     from cellctl.formats import ModelFile, TableFile
@@ -21,11 +23,9 @@ def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
     targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: a posture near by.")],
     method: Annotated[str, typer.Option(help="Compensation method: pseudo-target.")] = "pseudo-target",
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the table here instead of stdout.")] = None,
+    out: arguments.Out = None,
     serial: Annotated[str | None, typer.Option(help="The controller's serial; needed where no run names it.")] = None,
-    json_: Annotated[
-        str | None, typer.Option("--json", help="Write figures of the table as JSON to this file; - for stdout.")
-    ] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Compensate targets: joints with which the identified robot is there, as a table for `cellctl table push`.
 

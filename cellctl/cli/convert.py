@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, final
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.formats.description import RobotDescription
     from cellctl.kinematics import Convention
@@ -36,31 +38,34 @@ _CONVENTIONS: dict[Form, Convention] = {Form.MDH: "mdh-hayati", Form.CRAIG: "dh-
 
 
 def convert(
-    robot: Annotated[Path, typer.Argument(help="Robot file (.yaml), model (.json), .urdf, or DH table (.csv).")],
+    robot: arguments.AnyRobot,
     to: Annotated[Form, typer.Option(help="Form: a robot file in that convention, a URDF, or a DH table.")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write here instead of stdout.")] = None,
+    out: arguments.Out = None,
     tip: Annotated[str | None, typer.Option(help="The URDF's link at which the chain ends.")] = None,
     table: Annotated[Table | None, typer.Option(help="Convention of the DH table read or written.")] = None,
     repeatability: Annotated[float | None, typer.Option(help="1 σ, 3-D, mm: where the source does not say.")] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Write a robot, nominal or identified, in another form: the same tool at the same joint readings.
 
     Of a model, its identified geometry (base and tool included); what bends, warms or lags has no place in these forms.
     A URDF's joint is the controller's reading, in radians.
 
-    Example: cellctl convert procedures/robots/kr5_r1400.yaml --to urdf -o kr5.urdf
+    Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
     """
-    from cellctl.cli.outputs import refuse_outputs, to_stdout
+    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
 
     if table is not None and to is not Form.DH_CSV and robot.suffix.lower() != ".csv":
         raise typer.BadParameter("--table is for a DH table (.csv), and none is read or written here")
-    refuse_outputs({"--out": out}, [robot])
+    refuse_json_on_stdout(json_, out, "the robot")
+    refuse_outputs({"--out": out, "--json": json_}, [robot])
     text = _text(_read(robot, tip, table, repeatability), to, table, str(robot))
     if out:
         write_atomically(out, text)
     else:
         to_stdout(text)
+    write_json({"robot": str(robot), "form": to.value, "file": str(out) if out else None}, json_)
 
 
 def _read(path: Path, tip: str | None, table: Table | None, repeatability: float | None) -> RobotDescription:

@@ -5,11 +5,19 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import typer
+
+if TYPE_CHECKING:
+    from cellctl.files.problems import InputError
+
+NOTHING_MOVED = "nothing was moved"
+SHOWN = 20
+"""Mistakes that are shown; of more only the number."""
 
 
 @final
@@ -27,6 +35,22 @@ class Exit(IntEnum):
 @final
 class Interrupted(Exception):
     """The operator pressed Ctrl-C."""
+
+
+@contextmanager
+def adding(words: str) -> Iterator[None]:
+    """Add `words` ("nothing was moved") to a mistake, or a device that cannot be reached, in a verb that can move.
+
+    Where nothing could have moved, nothing is said of it.
+    """
+    from cellctl.devices.errors import DeviceUnreachable
+    from cellctl.files.problems import InputError
+
+    try:
+        yield
+    except (InputError, DeviceUnreachable) as error:
+        error.add_note(words)
+        raise
 
 
 def exit_code_of(call: Callable[[], object]) -> int:
@@ -53,18 +77,31 @@ def _ended_by(error: Exception) -> int:
 
     match error:
         case InputError():
-            count = len(error.problems)
-            return _said(f"{count} mistake{'s' * (count > 1)}, nothing was moved\n{error}", Exit.BAD_INPUT)
+            return _said(_mistakes(error), Exit.BAD_INPUT)
         case DeviceUncertain():
             return _said(str(error), Exit.UNCERTAIN)
         case DeviceUnreachable():
-            return _said(f"{error}\n    nothing was moved", Exit.DEVICE_FAILED)
+            return _said("\n    ".join([str(error), *_notes(error)]), Exit.DEVICE_FAILED)
         case DeviceError():
             return _said(str(error), Exit.DEVICE_FAILED)
         case JournalError():
             return _said(str(error), Exit.BAD_INPUT)
         case _:
             return _other(error)
+
+
+def _mistakes(error: InputError) -> str:
+    """How many there are, and the first of them."""
+    count = len(error.problems)
+    lines = [", ".join([f"{count} mistake{'s' * (count > 1)}", *_notes(error)])]
+    lines += [str(problem) for problem in error.problems[:SHOWN]]
+    if count > SHOWN:
+        lines.append(f"… and {count - SHOWN} more")
+    return "\n".join([*lines, *([f"    {error.note}"] if error.note else [])])
+
+
+def _notes(error: Exception) -> list[str]:
+    return list(getattr(error, "__notes__", ()))
 
 
 def _other(error: Exception) -> int:

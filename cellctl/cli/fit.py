@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
+from cellctl.cli import arguments
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
 from cellctl.cli.outputs import Unwritten, refuse_outputs
-from cellctl.files import Document, InputError, load_yaml
+from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
     from cellctl.formats import Measurements, ModelFile, RobotFile
@@ -23,7 +24,7 @@ NO_CHECK = "--no-check skips this check and fits anyway: do not use such a model
 
 
 def fit(
-    robot: Annotated[Path, typer.Argument(help="Robot file: nominal link table, joints, base, tool.")],
+    robot: arguments.Robot,
     data: Annotated[Path, typer.Argument(help="Data set, CSV (docs/reference/data-sets.md).")],
     measure: Annotated[
         str | None, typer.Option(help="Use rows of one kind: position|pose|sphere|plane|socket|distance. Default: all.")
@@ -53,18 +54,16 @@ def fit(
     column: Annotated[str | None, typer.Option(help="The column that says fit or test: set.")] = None,
     by: Annotated[str | None, typer.Option(help="Hold out each value of this column in turn: session.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is held out at random.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Write the model to this file.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model to this file.")] = None,
     page: Annotated[Path | None, typer.Option("--report", help="Write pictures and figures to this HTML file.")] = None,
-    json_: Annotated[
-        str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")
-    ] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Identify a robot from measurements and say how good it was and is, on held-out rows.
 
     Ends with 0 where the identified robot is better than nominal (and holds against the prior model), 1 where it is
     not, 2 where the input is wrong.
 
-    Example: cellctl fit procedures/robots/ur10.yaml ur10.csv --column set --out model.json
+    Example: cellctl fit ur10 ur10.csv --column set --out model.json
 
     Same robot, instrument moved: cellctl fit robot.yaml ten.csv --prior model.json --out moved.json
 
@@ -136,7 +135,14 @@ class _Files:
         loaders: list[Callable[[], Any]] = [lambda: _robot(robot), lambda: DataSet.load(data)]
         loaders.append(lambda: load_artefact(artefact) if artefact else None)
         loaders.append(lambda: ModelFile.load(prior) if prior else None)
-        (document, robot_file), rows, points, older = _all_of(loaders)
+        try:
+            (document, robot_file), rows, points, older = _all_of(loaders)
+        except InputError as error:
+            if _is_robot(data):
+                what = f"is taken for the robot file, and the data set {data} is a robot file: they are swapped"
+                cure = f"cellctl fit {data} {robot}"
+                raise InputError(Problem(str(robot), 0, 0, what, cure)) from error
+            raise
         hashes = {"data_sha256": rows.sha256}
         if points:
             hashes["artefact_sha256"] = sha256_of(points.model_dump())
@@ -151,6 +157,15 @@ def _robot(path: Path) -> tuple[Document, RobotFile]:
 
     document = load_yaml(path)
     return document, RobotFile.from_document(document)
+
+
+def _is_robot(path: Path) -> bool:
+    """Whether a file holds a robot, whatever mistakes are in it."""
+    try:
+        content = load_yaml(path).data
+    except InputError:
+        return False
+    return isinstance(content, dict) and {"convention", "joints"} <= content.keys()
 
 
 def _name(path: Path) -> str:

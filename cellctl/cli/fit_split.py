@@ -40,6 +40,9 @@ def _split(measured: Measurements, judging: Judging) -> Split:
             cure = "add it, with fit or test in each row"
             raise InputError(option("column", "the data set has no column set", cure))
         return Split.by_column(np.array([name == "test" for name in measured.sets]))
+    if judging.folds is not None and judging.folds > rows:
+        what = f"{judging.folds} folds, but the data set has {rows} usable rows"
+        raise InputError(option("folds", what, f"{rows} or fewer"))
     return Split.folds(rows, min(judging.folds or DEFAULT_FOLDS, len(set(postures))), judging.seed, postures)
 
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from cellctl.cli.ends import SHOWN
+
 if TYPE_CHECKING:
     from rich.console import Console
 
 _COMPARED = {"nominal": "nominal", "prior": "prior model", "test": "identified"}
-_SHOWN = 20
 _WIDTH = 80
 _CAUSES = 5
 _LETTERS = 160
@@ -33,10 +34,10 @@ def name_rows(report: dict[str, Any]) -> None:
     """Every row that was not used, or held out and wild, on stderr, by line; the JSON has them all."""
     named = [f"line {row['line']}: not used: {row['reason']}" for row in [*report["rejected"], *report["outliers"]]]
     named += [f"line {row['line']}: {row['reason']}" for row in report["test_outliers"]]
-    for words in named[:_SHOWN]:
+    for words in named[:SHOWN]:
         typer.echo(words, err=True)
-    if len(named) > _SHOWN:
-        typer.echo(f"… and {len(named) - _SHOWN} more such rows (--json names them all)", err=True)
+    if len(named) > SHOWN:
+        typer.echo(f"… and {len(named) - SHOWN} more such rows (--json names them all)", err=True)
 
 
 def _figures(console: Console, report: dict[str, Any]) -> None:

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cellctl.cli import arguments
+from cellctl.cli.ends import SHOWN
+
 if TYPE_CHECKING:
     from cellctl.pendant_import import Imported
 
@@ -16,8 +19,8 @@ def import_data(
     positions: Annotated[
         Path | None, typer.Argument(help="Table of measured X, Y, Z. Left out: the joint table holds them too.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the data set here instead of stdout.")] = None,
-    robot: Annotated[Path | None, typer.Option(help="Robot file: checks number and limits of the joints.")] = None,
+    out: arguments.Out = None,
+    robot: arguments.RobotOption = None,
     decimal: Annotated[
         str | None, typer.Option(help="Decimal sign, where the numbers leave it open: comma|point.")
     ] = None,
@@ -33,24 +36,22 @@ def import_data(
     repeats: Annotated[
         bool, typer.Option("--repeats", help="Several measurements of a point are several rows.")
     ] = False,
-    json_: Annotated[
-        str | None, typer.Option("--json", help="Write what was decided and left out as JSON; - for stdout.")
-    ] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Make a data set of a joint list and a table of positions, for an instrument that is wired to nothing.
 
     Nothing is guessed: what was decided, and every row that is in no pair, is said on stderr; what the files leave
     open (1,234; mm or m; which rows belong together) is refused, with the option that answers it.
 
-    Example: cellctl import messung.dat positions.csv --robot procedures/robots/kr5_r1400.yaml -o data.csv
+    Example: cellctl import messung.dat positions.csv --robot kr5_r1400 -o data.csv
     """
-    from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
+    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
     from cellctl.formats import RobotFile
     from cellctl.formats.dataset import text_of
     from cellctl.pendant_import import choices, imported
 
-    _refuse(out, json_)
+    refuse_json_on_stdout(json_, out, "the data set")
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
     given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation}
     answers = choices(given, columns or (), repeats=repeats)
@@ -65,16 +66,11 @@ def import_data(
     write_json({"rows": len(result.records), "decided": list(result.decided), "left_out": left}, json_)
 
 
-def _refuse(out: Path | None, json_: str | None) -> None:
-    from cellctl.files import InputError, Problem
-
-    if json_ == "-" and out is None:
-        raise InputError(Problem("--json", 0, 0, "the data set itself goes to stdout", "give -o DATA.csv too"))
-
-
 def _words(result: Imported, out: Path | None) -> str:
     count = len(result.records)
     lines = [f"{out or 'data set'}: {count} row{'s' * (count != 1)}", *(f"  {each}" for each in result.decided)]
     if result.left_out:
-        lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out)]
+        lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out[:SHOWN])]
+    if len(result.left_out) > SHOWN:
+        lines.append(f"  … and {len(result.left_out) - SHOWN} more (--json names them all)")
     return "\n".join(lines)

@@ -7,25 +7,30 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
 
 
 def krl(
-    cell: Annotated[Path, typer.Argument(help="Cell file.")],
+    cell: arguments.Cell,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")],
     device: Annotated[str | None, typer.Option(help="The device, where several have a controller to load.")] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Write what a person loads on the controller: programs, channel, Ethernet configuration, RSI context, README.txt.
 
     Opens no device. README.txt says where each file goes, and what nobody has tried on a real controller yet.
 
-    Example: cellctl krl procedures/cells/sphere_cell.yaml -o krc
+    Example: cellctl krl sphere_cell -o krc
     """
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
 
+    refuse_outputs({"--json": json_}, [cell])
     drivers = DriverRegistry()
     loaded = Cell.load(cell, drivers)
     made = _made(loaded, drivers, device)
@@ -34,8 +39,10 @@ def krl(
     out.mkdir(parents=True, exist_ok=True)
     for name, text in made.items():
         (out / name).write_bytes(text.replace("\n", "\r\n").encode())
-    typer.echo(f"{len(made)} files in {out}: {', '.join(made)}")
-    typer.echo(f"Not tried on a real controller: read {out / 'README.txt'} before you load them.")
+    if json_ != "-":
+        typer.echo(f"{len(made)} files in {out}: {', '.join(made)}")
+        typer.echo(f"Not tried on a real controller: read {out / 'README.txt'} before you load them.")
+    write_json({"folder": str(out), "files": list(made)}, json_)
 
 
 def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, str]:

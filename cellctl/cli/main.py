@@ -8,12 +8,14 @@ def main() -> None:
     try:  # the imports take a while, and Ctrl-C does not wait for them
         import signal
 
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         from cellctl.cli import ends, streams
         from cellctl.cli.verbs import app
 
         streams.prepare()
         code = ends.exit_code_of(lambda: app(standalone_mode=False))
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: nothing is left to be aborted
+        for number in (signal.SIGINT, signal.SIGTERM):  # it is over: nothing is left to be aborted
+            signal.signal(number, signal.SIG_IGN)
     except KeyboardInterrupt:
         print("cellctl: aborted by the operator", file=sys.stderr)
         code = 130

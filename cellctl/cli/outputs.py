@@ -31,6 +31,12 @@ def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[
         raise InputError(problems)
 
 
+def refuse_json_on_stdout(json_: str | None, out: Path | None, what: str) -> None:
+    """Raise InputError where both the JSON and `what`, the verb's own output, would go to stdout."""
+    if json_ == "-" and out is None:
+        raise InputError(Problem("--json", 0, 0, f"{what} itself goes to stdout", "give -o FILE too"))
+
+
 @final
 class Unwritten:
     """Outputs that could not be written after all (a disk that filled up): told when the others are, and the result."""

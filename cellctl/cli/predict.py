@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.calibration import Postures
     from cellctl.formats import ModelFile
@@ -16,7 +18,8 @@ if TYPE_CHECKING:
 def predict(
     model: Annotated[Path, typer.Argument(help="Model file, as `cellctl fit --out` writes it.")],
     joints: Annotated[Path, typer.Argument(help="CSV with A1…An (deg) or q1…qn (rad); other columns do not matter.")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the CSV here instead of stdout.")] = None,
+    out: arguments.Out = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Predict the tool centre point at each row's joints: position, orientation and 1 σ (3-D, mm).
 
@@ -27,13 +30,14 @@ def predict(
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
-    from cellctl.cli.outputs import refuse_outputs, to_stdout
+    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import InputError, Problem, write_atomically
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.columns import Sieve, joint_readings
     from cellctl.formats.measurements import Conditions
 
-    refuse_outputs({"--out": out}, [model, joints])
+    refuse_json_on_stdout(json_, out, "the CSV")
+    refuse_outputs({"--out": out, "--json": json_}, [model, joints])
     identified, data = ModelFile.load(model), DataSet.load(joints)
     sieve = Sieve(data)
     readings = joint_readings(sieve, identified.robot)
@@ -46,6 +50,7 @@ def predict(
         write_atomically(out, text)
     else:
         to_stdout(text)
+    write_json({"rows": len(readings), "outside_region": extrapolated, "file": str(out) if out else None}, json_)
     if extrapolated:
         seen = f"{extrapolated} of {len(readings)} rows lie outside the joints of the fit (seen = 0)"
         typer.echo(f"cellctl: {seen}: their σ is wider by what the model may be wrong by there", err=True)

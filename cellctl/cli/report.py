@@ -7,21 +7,30 @@ from typing import Annotated
 
 import typer
 
+from cellctl.cli import arguments
+
 
 def report(
-    run: Annotated[Path, typer.Argument(help="Run folder, or its name in the folder of runs.")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write here instead of report.html in the run folder.")
+    run: arguments.Run,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", "--output", help="Write here, not to report.html in the run folder."),
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
+    runs: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
 ) -> None:
     """Build a run's report anew: one HTML page, from its journal, data set, model and table.
 
     Example: cellctl report sphere_selfcal-20261121T192433Z -o report.html
     """
-    from cellctl.cli.outputs import refuse_outputs
+    from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.report import FILE_NAME, write_report
 
     place = run if run.exists() else runs / run
-    refuse_outputs({"--output": output}, [place, *(file for file in place.glob("*") if file.name != FILE_NAME)])
-    typer.echo(write_report(place, output))
+    refuse_outputs(
+        {"--out": out, "--json": json_}, [place, *(file for file in place.glob("*") if file.name != FILE_NAME)]
+    )
+    written = write_report(place, out)
+    if json_ != "-":
+        typer.echo(written)
+    write_json({"run": place.name, "file": str(written)}, json_)

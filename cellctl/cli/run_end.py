@@ -51,7 +51,9 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
         if not quiet:
-            print("\n".join([result.sentence or "Finished.", *result.lines]))
+            _print_verdict(result.verdict, result.sentence or "Finished.")
+            for line in result.lines:
+                print(line)
             print(f"Run folder: {folder}")
         if said := table_line(state, folder, only_unproved=True):
             print(f"cellctl: {said}", file=sys.stderr)
@@ -63,6 +65,14 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
         lines.append(f"    {said}")
     lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
+
+
+def _print_verdict(verdict: str | None, sentence: str) -> None:
+    """The verdict on stdout, in its colour on a terminal."""
+    from rich.console import Console
+
+    style = {"better": "bold green", "no better": "bold yellow", "worse": "bold red"}.get(verdict or "", "")
+    Console(highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
 
 
 def _where_the_robot_is(outcome: Outcome) -> str:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.journal import RunState
 
@@ -15,10 +17,8 @@ _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
 
 
 def runs(
-    folder: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
-    json_: Annotated[
-        str | None, typer.Option("--json", help="Write the list as JSON to this file; - for stdout.")
-    ] = None,
+    folder: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
 ) -> None:
     """List the runs, newest first: when, what, how it ended.
 
@@ -35,21 +35,21 @@ def runs(
             found.append(_summary(journal.parent, fold(read_journal(journal))))
         except JournalError as error:
             found.append({"run": journal.parent.name, "state": "unreadable", "sentence": error.what})
-    if json_:
-        write_json({"runs": found}, json_)
+    write_json({"runs": found}, json_)
+    if json_ == "-":
         return
     if not found:
-        typer.echo(f"No runs in {folder}. `cellctl run procedures/sphere_selfcal.yaml` makes one.")
+        typer.echo(f"No runs in {folder}. `cellctl run sphere_selfcal` makes one.")
         return
     for line in _aligned([_COLUMNS, *([str(row.get(key) or "-") for key in _KEYS] for row in found)]):
         typer.echo(line)
 
 
 def show(
-    run: Annotated[Path, typer.Argument(help="Run folder, or its name in the folder of runs.")],
-    folder: Annotated[Path, typer.Option("--runs", help="Folder of the runs.")] = Path("runs"),
+    run: arguments.Run,
+    folder: arguments.Runs = Path("runs"),
     events: Annotated[bool, typer.Option(help="Show every event.")] = False,
-    json_: Annotated[str | None, typer.Option("--json", help="Write it as JSON to this file; - for stdout.")] = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Show one run: what was run, on which devices, each step's end, the verdict.
 
@@ -63,8 +63,8 @@ def show(
     entries = list(read_journal(place))
     state = fold(entries)
     summary = _summary(place, state)
-    if json_:
-        write_json(summary, json_)
+    write_json(summary, json_)
+    if json_ == "-":
         return
     for line in _lines(summary, state):
         typer.echo(line)

@@ -9,24 +9,28 @@ from typing import Annotated, Literal
 
 import typer
 
+from cellctl.cli import arguments
+
 
 def sim(
-    cell: Annotated[Path, typer.Argument(help="Cell file with a `simulate:` section.")],
+    cell: arguments.Cell,
     clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="How its time runs.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Which robot: the seed of all its errors.", min=0)] = None,
+    seed: arguments.Seed = None,
     ready: Annotated[Path | None, typer.Option(help="Write device addresses here once all listen.")] = None,
 ) -> None:
     """Run a cell's simulators until Ctrl-C.
 
-    Example: cellctl sim procedures/cells/sphere_cell.yaml --clock realtime --ready /tmp/ready.json
+    Example: cellctl sim sphere_cell --clock realtime --ready /tmp/ready.json
     """
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
     from cellctl.files import InputError
     from cellctl.operations.simulated import simulator_command
+    from cellctl.operations.system import require_cells
 
     refuse_outputs({"--ready": ready}, [cell])
+    require_cells()
     loaded = Cell.load(cell, DriverRegistry())
     if not loaded.simulated:
         cure = "add it, or run against the real cell"

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from cellctl.cli.ends import Exit
+from cellctl.cli import arguments
+from cellctl.cli.ends import Exit, adding
 from cellctl.cli.outputs import refuse_outputs
 
 if TYPE_CHECKING:
@@ -20,19 +21,22 @@ Result = TypeVar("Result")
 app = typer.Typer(no_args_is_help=True, help="The controller's compensation table: push, show, verify, rollback.")
 
 _Table = Annotated[Path, typer.Argument(help="Table file, as `cellctl compensate` or a run writes it.")]
-_Cell = Annotated[Path, typer.Option(help="Cell file.")]
-_Seed = Annotated[int | None, typer.Option(help="Which simulated robot.", min=0)]
 _State = Annotated[Path | None, typer.Option(help="A simulated cell's memory: a file that it reads and writes.")]
-_Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
 
 
 @app.command()
-def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json = None) -> None:
+def push(
+    table: _Table,
+    cell: arguments.CellOption,
+    seed: arguments.Seed = None,
+    state: _State = None,
+    json_: arguments.Json = None,
+) -> None:
     """Put a table into force: refuse what is not for this robot, stage, read back, compare, activate at once.
 
     The table before stays in force until the very end, and can be had back with rollback.
 
-    Example: cellctl table push table.json --cell procedures/cells/sphere_cell.yaml
+    Example: cellctl table push table.json --cell sphere_cell
     """
     from cellctl.formats import TableFile
     from cellctl.operations.table_cell import TableCell, push_checked
@@ -44,7 +48,8 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
     async def work(store: TableStore, who: Any) -> dict[str, Any]:
         return await push_checked(store, who, file, table, place)
 
-    result = _on(place, work)
+    with adding("nothing was written"):
+        result = _on(place, work)
     if place.cell.simulated and state is None:
         typer.echo("cellctl: the simulated controller has forgotten it again: --state FILE is its memory", err=True)
     _say(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
@@ -53,10 +58,10 @@ def push(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, j
 @app.command()
 def show(
     table: Annotated[Path | None, typer.Argument(help="Table file.")] = None,
-    cell: Annotated[Path | None, typer.Option(help="Cell file: show what its controller has.")] = None,
-    seed: _Seed = None,
+    cell: arguments.ShownCell = None,
+    seed: arguments.Seed = None,
     state: _State = None,
-    json_: _Json = None,
+    json_: arguments.Json = None,
 ) -> None:
     """Show a table file, or what tables a cell's controller has (in force, the one before, a staged one).
 
@@ -82,12 +87,18 @@ def show(
 
 
 @app.command()
-def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json = None) -> None:
+def verify(
+    table: _Table,
+    cell: arguments.CellOption,
+    seed: arguments.Seed = None,
+    state: _State = None,
+    json_: arguments.Json = None,
+) -> None:
     """Is this very table in force? Reads every row from the controller and compares it with the file, digit by digit.
 
     Ends with 0 where it is, 1 where it is not.
 
-    Example: cellctl table verify table.json --cell procedures/cells/sphere_cell.yaml
+    Example: cellctl table verify table.json --cell sphere_cell
     """
     from cellctl.formats import TableFile
     from cellctl.operations.table import controller_table, differences
@@ -114,10 +125,12 @@ def verify(table: _Table, cell: _Cell, seed: _Seed = None, state: _State = None,
 
 
 @app.command()
-def rollback(cell: _Cell, seed: _Seed = None, state: _State = None, json_: _Json = None) -> None:
+def rollback(
+    cell: arguments.CellOption, seed: arguments.Seed = None, state: _State = None, json_: arguments.Json = None
+) -> None:
     """Put the table before into force again (or none, where there was none); a second rollback undoes it.
 
-    Example: cellctl table rollback --cell procedures/cells/sphere_cell.yaml
+    Example: cellctl table rollback --cell sphere_cell
     """
     from cellctl.cli.table_words import state_words
     from cellctl.operations.table_cell import TableCell, state_of

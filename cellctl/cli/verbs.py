@@ -18,6 +18,7 @@ from cellctl.cli.ends import Interrupted
 from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
+from cellctl.cli.operate import abort, confirm, continue_, pause, status
 from cellctl.cli.predict import predict
 from cellctl.cli.report import report
 from cellctl.cli.run import run
@@ -32,6 +33,11 @@ for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: threads of linear
 @final
 class _Verbs(TyperGroup):
     """The verbs. Ctrl-C ends them by `Interrupted`; of a KeyboardInterrupt Typer would make an end without a word."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        names = [name for name in super().list_commands(ctx) if name != "table"]
+        names.insert(names.index("compensate") + 1, "table")
+        return names
 
     def make_context(self, *args: Any, **more: Any) -> Any:
         with _interruptible():
@@ -77,8 +83,26 @@ def _options(
         os.environ["CELLCTL_DEBUG"] = "1"
 
 
-_VERBS: tuple[Callable[..., None], ...] = (run, check, krl, sim, fit, predict, compensate, convert, runs, show, report)
-for _verb in _VERBS:
-    app.command(_verb.__name__)(_verb)
-app.command("import")(import_data)
+_VERBS: dict[str, Callable[..., None]] = {
+    "check": check,
+    "run": run,
+    "status": status,
+    "pause": pause,
+    "continue": continue_,
+    "confirm": confirm,
+    "abort": abort,
+    "show": show,
+    "runs": runs,
+    "report": report,
+    "import": import_data,
+    "fit": fit,
+    "predict": predict,
+    "compensate": compensate,
+    "convert": convert,
+    "krl": krl,
+    "sim": sim,
+}
+"""In the order of work, as the help lists them; `table` comes after `compensate`."""
+for _name, _verb in _VERBS.items():
+    app.command(_name)(_verb)
 app.add_typer(table, name="table")

@@ -1,6 +1,7 @@
 """What a device can do, where it is, and what can go wrong: the seam between campaigns and drivers."""
 
 from cellctl.devices.addresses import Address
+from cellctl.devices.conditions import Conditions
 from cellctl.devices.driver import DriverDescription
 from cellctl.devices.errors import (
     DeviceError,
@@ -33,6 +34,7 @@ from cellctl.devices.tables import CompensatedRobot, ControllerTable, TableInfo,
 __all__ = [
     "Address",
     "CompensatedRobot",
+    "Conditions",
     "Contact",
     "ContactProbe",
     "ControllerTable",

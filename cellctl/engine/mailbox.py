@@ -1,50 +1,80 @@
-"""What an operator can say to a running campaign, from any thread or signal handler of its loop."""
+"""What operators ask of a running campaign, on its way to the engine."""
 
 from __future__ import annotations
 
-import asyncio
+import getpass
+import socket
 from collections.abc import Callable
-from typing import final
+from dataclasses import dataclass
+from typing import Literal, Self, final
+
+ActionName = Literal["pause", "resume", "abort", "confirm"]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """Who acts: a user, on a host, by means of `via` (`cli`, `terminal`, `SIGINT`, `console`)."""
+
+    name: str
+    host: str
+    via: str
+
+    @classmethod
+    def here(cls, via: str) -> Self:
+        """The user of this process."""
+        return cls(getpass.getuser(), socket.gethostname(), via)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One thing that an operator asks for. `text`: the reason; `id`: of the file that brought it, empty without one."""
+
+    name: ActionName
+    who: Operator
+    text: str = ""
+    id: str = ""
 
 
 @final
 class Mailbox:
-    """Pause, resume, abort: taken at the next step's border, abort at once."""
+    """Takes operators' actions for the engine. Use it from the engine's loop and its signal handlers.
 
-    def __init__(self) -> None:
-        self._may_run = asyncio.Event()
-        self._may_run.set()
-        self._on_abort: Callable[[], object] | None = None
-        self.aborted = False
-        self.why_aborted = ""
+    Actions wait until an engine takes them. `confirm_all`: every `confirm` step is confirmed at once, by this operator.
+    """
 
-    def pause(self) -> None:
+    def __init__(self, confirm_all: Operator | None = None) -> None:
+        self.confirm_all = confirm_all
+        self._waiting: list[Action] = []
+        self._take: Callable[[Action], object] | None = None
+
+    def pause(self, who: Operator | None = None) -> None:
         """Stop before the next step."""
-        self._may_run.clear()
+        self.post(Action("pause", who or Operator.here("program")))
 
-    def resume(self) -> None:
+    def resume(self, who: Operator | None = None) -> None:
         """Go on after a pause."""
-        self._may_run.set()
+        self.post(Action("resume", who or Operator.here("program")))
 
-    def abort(self, why: str = "aborted by the operator") -> None:
+    def abort(self, why: str = "aborted by the operator", who: Operator | None = None) -> None:
         """End the campaign: cancel what runs, clean up; `why`, for who reads of it. A second abort changes nothing."""
-        if not self.aborted:
-            self.aborted, self.why_aborted = True, why
-            self._may_run.set()
-            if self._on_abort:
-                self._on_abort()
+        self.post(Action("abort", who or Operator.here("program"), why))
 
-    @property
-    def paused(self) -> bool:
-        """Is a pause asked for?"""
-        return not self._may_run.is_set()
+    def confirm(self, who: Operator | None = None) -> None:
+        """Confirm what the run waits for."""
+        self.post(Action("confirm", who or Operator.here("program")))
 
-    async def may_run(self) -> None:
-        """Wait while paused."""
-        await self._may_run.wait()
+    def post(self, action: Action) -> None:
+        """Hand an action to the engine, or keep it until one asks."""
+        if self._take:
+            self._take(action)
+        else:
+            self._waiting.append(action)
 
-    def when_aborted(self, callback: Callable[[], object] | None) -> None:
-        """Call `callback` once at an abort; at once where it has been said already."""
-        self._on_abort = callback
-        if self.aborted and callback:
-            callback()
+    def taken_by(self, take: Callable[[Action], object]) -> None:
+        """From here on `take` gets every action; those that waited, at once."""
+        self._take = take
+        waiting, self._waiting = self._waiting, []
+        for action in waiting:
+            take(action)

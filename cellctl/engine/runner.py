@@ -3,55 +3,52 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AbstractAsyncContextManager, suppress
+from collections.abc import Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, final
 
 from cellctl.clock import Clock
 from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, SearchingRobot
+from cellctl.engine.cleaning import CLEANUP_SECONDS, stop_and_close
 from cellctl.engine.context import AfterConnect, Context, Surround
+from cellctl.engine.control import BY_OPERATOR, Control
+from cellctl.engine.interlocks import Interlocks, StoppedByInterlock
 from cellctl.engine.mailbox import Mailbox
+from cellctl.engine.mailbox_folder import MailboxFolder
 from cellctl.engine.outcome import Outcome
+from cellctl.engine.recorder import Recorder
 from cellctl.engine.states import State, checked
+from cellctl.engine.waiting import ended, error_of
 from cellctl.engine.watcher import NobodyWatching, Watcher
+from cellctl.files import InputError
 from cellctl.journal import (
     DevicesConnected,
     Journal,
-    JournalError,
-    KnownEvent,
     RunEnded,
     RunState,
-    Said,
     StateChanged,
     StepEnded,
-    StepFailure,
     StepStarted,
 )
 from cellctl.journal import Outcome as StepOutcome
 from cellctl.procedure import (
     Action,
     AnyStepKind,
+    Confirm,
+    If,
     Loop,
     OnResume,
     Procedure,
     Step,
     StepRegistry,
+    UnresolvedReference,
     inputs_of,
     resolve,
     step_path,
 )
 from cellctl.records import VerdictRow
-
-_STOP_SECONDS = 10.0
-"""How long one device may take to come to its safe state, in the cell's time."""
-
-_CLOSE_WALL_SECONDS = 30.0
-"""How long letting go of a device may take. Wall time: ports and processes of this host know no other."""
-
-_CLEANUP_SECONDS = 30.0
-"""How long a clean-up step may take that does not say so itself."""
 
 
 class Aborted(Exception):
@@ -87,51 +84,75 @@ class Engine:
     ) -> None:
         self._plan = plan
         self._run = run
-        self._journal = journal
-        self._mailbox = mailbox
-        self._watcher = watcher or NobodyWatching()
         self._clock: Clock = run.clock
+        self._recorder = Recorder(journal, record or RunState(), watcher or NobodyWatching(), run.clock)
+        self._record = self._recorder.state
+        self._mailbox = mailbox
+        self._control = Control(mailbox, self._recorder)
+        self._interlocks = Interlocks(plan.procedure, plan.devices, run.clock, self._control.interlock_changed)
+        self._control.interlocks = self._interlocks
         self._connected: list[Device] = []
         self._answered: set[str] = set()
         self._stopped: set[str] = set()
         self._moved = False
-        self._record = record or RunState()
         self._done = dict(self._record.finished)
-        self._journal_error: JournalError | None = None
         self.state = State.IDLE
 
     async def run(self, after_connect: AfterConnect | None = None) -> Outcome:
-        """Connect, run the steps, clean up. Never raises: what went wrong is in the outcome.
+        """Connect, run the steps, clean up. What went wrong is in the outcome.
 
-        `after_connect` is awaited once every device answers, before the first step.
+        `after_connect` is awaited once every device answers, before the first step. Raises CancelledError, after the
+        clean-up and the journal's last event, where the caller was cancelled; nothing else.
         """
         began = self._clock.now()
         self._enter(State.CHECKING, "")
-        work = asyncio.create_task(self._work(after_connect), name="campaign")
-        self._mailbox.when_aborted(work.cancel)
-        error = await _end_of(work)
-        self._mailbox.when_aborted(None)
-        if self._mailbox.aborted and isinstance(error, asyncio.CancelledError):
-            error = Aborted(self._mailbox.why_aborted)
-        troubles = await _shielded(self._clean_up(error))
+        async with MailboxFolder(self._run.run_folder).emptied_into(self._mailbox):
+            self._mailbox.taken_by(self._control.take)
+            error, troubles, cancelled = await self._worked(after_connect)
         end = self._end_state(error, troubles)
         self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
         verdict = self._record.last(VerdictRow)
-        self._append(RunEnded(end.value, verdict.verdict if verdict else "", str(error or "")))
+        self._recorder.append(RunEnded(end.value, verdict.verdict if verdict else "", str(error or "")))
+        self._mailbox.taken_by(lambda _: None)
         seconds = self._clock.now() - began
-        error = error or self._journal_error
+        if cancelled:
+            raise asyncio.CancelledError
+        error = error or self._recorder.error
         return Outcome(end, error, tuple(troubles), verdict, seconds, self._moved, self._held())
+
+    async def _worked(self, after_connect: AfterConnect | None) -> tuple[BaseException | None, list[str], bool]:
+        """The work and its clean-up: what ended the work, what failed in the clean-up, was the caller cancelled."""
+        work = asyncio.create_task(self._work(after_connect), name="campaign")
+        self._control.cancel = work.cancel
+        if self._control.aborted:
+            work.cancel()
+        cancelled = await ended(work, on_cancel=work.cancel)
+        self._control.ending = True
+        error = error_of(work)
+        if isinstance(error, asyncio.CancelledError):
+            error = Aborted(self._control.aborted or "aborted: the program that runs it was cancelled")
+        cleaning = asyncio.create_task(self._clean_up(error), name="clean-up")
+        cancelled |= await ended(cleaning)
+        return error, cleaning.result(), cancelled
 
     async def _work(self, after_connect: AfterConnect | None) -> None:
         self._enter(State.CONNECTING, "")
         identities = await self._connect()
-        self._append(DevicesConnected({i.device: asdict(i) for i in identities}))
+        self._recorder.append(DevicesConnected({i.device: asdict(i) for i in identities}))
         for device in self._connected:
-            self._said("", f"{device.name}: {(await device.health()).text}")
+            self._recorder.said("", f"{device.name}: {(await device.health()).text}")
         if after_connect:
             await after_connect()
+        self._interlocks.install()
         self._enter(State.RUNNING, "")
-        await self._actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
+        await self._interlocks.look()
+        watching = asyncio.create_task(self._interlocks.watch(), name="interlocks")
+        try:
+            await self._actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
+        finally:
+            watching.cancel()
+            with suppress(asyncio.CancelledError):
+                await watching
 
     async def _connect(self) -> tuple[Identity, ...]:
         """Connect all devices at once; one error names every one that failed."""
@@ -152,41 +173,82 @@ class Engine:
 
     async def _actions(self, actions: tuple[Action, ...], scope: dict[str, Any], outer: str) -> None:
         for action in actions:
-            if isinstance(action, Step):
-                scope[action.id] = await self._step(action, scope, step_path(outer, action.id))
-            else:
-                await self._loop(action, scope, outer)
+            path = step_path(outer, action.id)
+            match action:
+                case Step():
+                    scope[action.id] = await self._step(action, scope, path)
+                case Loop():
+                    await self._loop(action, scope, outer)
+                case If():
+                    branch = action.then if self._decided(action, scope, path) else action.otherwise
+                    await self._actions(branch, dict(scope), path)
+                case Confirm():
+                    await self._confirm(action, path)
 
     async def _loop(self, loop: Loop, scope: dict[str, Any], outer: str) -> None:
         values = resolve(loop.for_each, scope)
         path = step_path(outer, loop.id)
         for index, value in enumerate(values):
-            self._show(partial(_pass_begins, path, index, len(values)))
+            self._recorder.show(partial(_pass_begins, path, index, len(values)))
             inner = {**scope, loop.variable: value}
             await self._actions(loop.steps, inner, step_path(outer, loop.id, index))
-        self._show(partial(_pass_begins, path, len(values), len(values)))
+        self._recorder.show(partial(_pass_begins, path, len(values), len(values)))
+
+    def _decided(self, action: If, scope: Mapping[str, Any], path: str) -> bool:
+        """What the `if` is decided to, once for the whole run: a resumed run takes the branch that it took before."""
+        if path in self._done:
+            return bool(self._done[path]["value"])
+        assert action.expression is not None
+        try:
+            value = action.expression.value(scope)
+        except (UnresolvedReference, ValueError) as error:
+            raise InputError(self._plan.procedure.document.problem((*action.at, "if"), str(error))) from error
+        attempt = self._record.next_attempt(path)
+        self._recorder.append(StepStarted(path, attempt, False, "if"))
+        self._recorder.append(StepEnded(path, attempt, StepOutcome.DONE, {"value": value}))
+        return value
+
+    async def _confirm(self, action: Confirm, path: str) -> None:
+        async def confirmed() -> dict[str, Any]:
+            self._recorder.said(path, action.text)
+            with self._clock.standing():
+                return asdict(await self._control.confirmation())
+
+        if path in self._done and action.on_resume is OnResume.SKIP:
+            return
+        while True:
+            await self._at_border()
+            started = StepStarted(path, self._record.next_attempt(path), False, "confirm")
+            with suppress(StoppedByInterlock):
+                async with self._interlocks.stoppable():
+                    await self._recorder.attempt(started, action.timeout_s, confirmed)
+                return
 
     async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
         """Do one step, with its retries; or take its result where it is done. Raises what its last attempt raised."""
         if path in self._done and step.on_resume is OnResume.SKIP:
             result: dict[str, Any] | None = self._done[path]
             return result
-        await self._at_border()
         kind = self._plan.registry.find(step.do)
         inputs = inputs_of(self._plan.procedure, step, kind, scope)
-        self._moved = self._moved or kind.moves
         retryable = tuple(kind.retryable()[name] for name in step.retry.on)
-        for tried in range(1, step.retry.attempts + 1):
+        failed = 0
+        while True:
+            await self._at_border()
+            self._moved = self._moved or kind.moves
             try:
-                return await self._attempt(kind, inputs, step, path)
+                async with self._interlocks.stoppable():
+                    return await self._attempt(kind, inputs, step, path, step.timeout_s)
+            except StoppedByInterlock:
+                self._recorder.said(path, "stopped by an interlock; it is done again when the run goes on")
             except retryable as error:
-                if tried == step.retry.attempts:
+                failed += 1
+                if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person has to look first
                     raise
-                self._said(path, f"attempt {tried} of {step.retry.attempts} failed, trying again: {error}")
-        raise AssertionError("a step is tried at least once")
+                self._recorder.said(path, f"attempt {failed} of {step.retry.attempts} failed, trying again: {error}")
 
     async def _attempt(
-        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None = None
+        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None
     ) -> dict[str, Any] | None:
         attempt = self._record.next_attempt(path)
         context = Context(
@@ -195,25 +257,29 @@ class Engine:
             run=self._run,
             needs=frozenset(kind.needs),
             journal=self._record,
-            append=self._append,
+            append=self._recorder.append,
         )
-        self._append(StepStarted(path, attempt, kind.moves, step.do))
-        try:
-            async with self._clock.timeout(step.timeout_s or limit):
-                result = kind.dump_result(await kind(context, inputs))
-        except BaseException as error:
-            self._append(_failed(path, attempt, error), final=True)
-            if isinstance(error, TimeoutError) and not str(error):
-                raise TimeoutError(f"{path}: not done within {step.timeout_s or limit:g} s") from error
-            raise
-        self._append(StepEnded(path, attempt, StepOutcome.DONE, result))
-        return result
+
+        async def done() -> dict[str, Any] | None:
+            return kind.dump_result(await kind(context, inputs))
+
+        return await self._recorder.attempt(StepStarted(path, attempt, kind.moves, step.do), limit, done)
 
     async def _at_border(self) -> None:
-        if self._mailbox.paused:
-            self._enter(State.PAUSED, "by the operator")
-            await self._mailbox.may_run()
-            self._enter(State.RUNNING, "by the operator")
+        """Between two steps: look at the interlocks, and wait while something keeps the run from going on."""
+        await self._interlocks.look()
+        if self._control.aborted:
+            await asyncio.sleep(0)  # the cancellation arrives here, before the next step begins
+        reason = self._control.held_by()
+        if not reason:
+            return
+        self._enter(State.PAUSED, reason)
+        while self._control.held_by():
+            # Waiting for a person alone, a simulated cell's time stands still; broken interlocks need it to go on.
+            with nullcontext() if self._interlocks.broken else self._clock.standing():
+                await self._control.change()
+            await self._interlocks.look()
+        self._enter(State.RUNNING, BY_OPERATOR if reason == BY_OPERATOR else "the interlocks hold again")
 
     async def _clean_up(self, error: BaseException | None) -> list[str]:
         """Try every clean-up step and stop and close every device; what failed, in words."""
@@ -221,16 +287,9 @@ class Engine:
         troubles: list[str] = []
         reached = self._run.devices.keys() if self._connected else set()
         for step in self._plan.procedure.cleanup:
-            if isinstance(step, Step) and self._plan.registry.find(step.do).needs.keys() <= reached:
+            if self._plan.registry.find(step.do).needs.keys() <= reached:
                 troubles += await self._clean_step(step)
-        for device in self._connected:
-            safe = f"{device.name} could not be brought to its safe state"
-            failed = await _tried(device.stop, self._clock.timeout(_STOP_SECONDS), safe)
-            troubles += failed
-            if not failed:
-                self._stopped.add(device.name)
-            free = f"{device.name} could not be let go of"
-            troubles += await _tried(device.close, asyncio.timeout(_CLOSE_WALL_SECONDS), free)
+        troubles += await stop_and_close(self._connected, self._clock, self._stopped)
         return list(dict.fromkeys(troubles))
 
     async def _clean_step(self, step: Step) -> list[str]:
@@ -238,7 +297,7 @@ class Engine:
         try:
             kind = self._plan.registry.find(step.do)
             inputs = inputs_of(self._plan.procedure, step, kind, self._plan.parameters)
-            await self._attempt(kind, inputs, step, path, _CLEANUP_SECONDS)
+            await self._attempt(kind, inputs, step, path, step.timeout_s or CLEANUP_SECONDS)
         except Exception as failure:
             return [f"clean-up step '{step.id}' failed: {failure}"]
         return []
@@ -253,76 +312,12 @@ class Engine:
             return State.UNCERTAIN
         if isinstance(error, Aborted):
             return State.ABORTED
-        return State.FAILED if error or self._journal_error else State.FINISHED
+        return State.FAILED if error or self._recorder.error else State.FINISHED
 
     def _enter(self, state: State, reason: str) -> None:
         before, self.state = self.state, checked(self.state, state)
-        self._append(StateChanged(before.value, state.value, reason), final=state != State.RUNNING)
-
-    def _show(self, tell: Callable[[Watcher], None]) -> None:
-        """Tell who looks on. A display that fails (its terminal is gone) is not asked again, and ends no campaign."""
-        try:
-            tell(self._watcher)
-        except Exception:
-            self._watcher = NobodyWatching()
-
-    def _said(self, path: str, text: str) -> None:
-        self._append(Said(text, path))
-
-    def _append(self, event: KnownEvent, *, final: bool = False) -> None:
-        """Commit an event. A journal that cannot be written ends the run: nothing more is done that it would not hold.
-
-        With `final`, or once that has happened, the failure is kept for the outcome instead of raised.
-        """
-        if self._journal_error is None:
-            try:
-                self._record.apply(self._journal.append(event))
-            except JournalError as error:
-                self._journal_error = error
-                if not final:
-                    raise
-        self._show(lambda watcher: watcher.event(event))
-
-
-def _failed(path: str, attempt: int, error: BaseException) -> StepEnded:
-    outcomes = {asyncio.CancelledError: StepOutcome.CANCELLED, TimeoutError: StepOutcome.TIMED_OUT}
-    failure = StepFailure(type(error).__name__, str(error), getattr(error, "cure", ""))
-    return StepEnded(path, attempt, outcomes.get(type(error), StepOutcome.FAILED), None, failure)
-
-
-async def _tried(
-    action: Callable[[], Awaitable[None]], bound: AbstractAsyncContextManager[object], otherwise: str
-) -> list[str]:
-    """Do one action of the clean-up within `bound`; what came of it where it failed, begun by `otherwise`."""
-    try:
-        async with bound:
-            await action()
-    except Exception as failure:
-        return [f"{otherwise}: {str(failure) or type(failure).__name__}"]
-    return []
+        self._recorder.append(StateChanged(before.value, state.value, reason), final=state != State.RUNNING)
 
 
 def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:
     watcher.loop(path, index, count)
-
-
-async def _end_of(task: asyncio.Task[None]) -> BaseException | None:
-    """Wait for `task`, whatever it raises; cancelling the waiter cancels it and waits on."""
-    while True:
-        try:
-            await asyncio.shield(task)
-        except BaseException as error:
-            if task.done():
-                return error
-            task.cancel()
-        else:
-            return None
-
-
-async def _shielded(work: Any) -> list[str]:
-    """Run `work` to its end, whatever cancels the waiter."""
-    task: asyncio.Task[list[str]] = asyncio.ensure_future(work)
-    while not task.done():
-        with suppress(asyncio.CancelledError):
-            await asyncio.shield(task)
-    return task.result()

@@ -33,7 +33,7 @@ class Problem:
 
 @final
 class InputError(Exception):
-    """What the user gave cannot be used; nothing was moved or written. The command line ends with exit code 2.
+    """What the user gave cannot be used; nothing was written. The command line ends with exit code 2.
 
     note: what is to be said once of all problems together.
     """

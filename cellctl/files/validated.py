@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from cellctl.files.plain_words import plain_words
 from cellctl.files.problems import InputError, Problem
 from cellctl.files.strict_yaml import Document, Path
 
@@ -73,7 +74,7 @@ def _words(detail: Any, path: Path, model: type[BaseModel] | None) -> tuple[str,
         case _:
             given = detail["input"]
             shown = f" (here: {given!r})" if not isinstance(given, dict | list) else ""
-            return f"{name}: {detail['msg']}{shown}", ""
+            return f"{name}: {plain_words(detail)}{shown}", ""
 
 
 def _field_names(model: type[BaseModel] | None) -> set[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
+from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats.measurements import Measurements, nominal_model
 from cellctl.formats.model_checks import GREATEST, check_covariance, check_postures, check_sigmas, of_this_format
 from cellctl.formats.robot import Number, RobotFile
@@ -36,6 +36,8 @@ FORMAT: Literal["cellctl model 1"] = "cellctl model 1"
 
 REGION_MARGIN_DEG = 2.0
 """A reading this far outside those of the fit still counts as seen."""
+
+_CURE = "give a file that `cellctl fit --out` wrote"
 
 
 @final
@@ -237,24 +239,15 @@ class ModelFile(BaseModel):
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a model file. Raises InputError where it is none."""
+        content = read_json(path, "model file", _CURE)
         try:
-            model = cls.model_validate(of_this_format(json.loads(path.read_bytes()), FORMAT))
+            model = cls.model_validate(of_this_format(content, FORMAT))
             model.robot_model()
             check_sigmas(model.covariance, [parameter.sigma for parameter in model.parameters])
-        except OSError as error:
-            raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
         except ValidationError as error:
-            places = {
-                ".".join(str(part) for part in detail["loc"]): detail["msg"].removeprefix("Value error, ")
-                for detail in error.errors()
-            }
-            problems = [
-                Problem(str(path), 0, 0, f"is no model file: {at or 'content'}: {why}") for at, why in places.items()
-            ]
-            raise InputError(problems[:5]) from error
+            raise InputError(content_problems(error, path, "model file", _CURE)) from error
         except (ValueError, RecursionError) as error:
-            what = f"is no model file: {error}"
-            raise InputError(Problem(str(path), 0, 0, what, "give a file that `cellctl fit --out` wrote")) from error
+            raise InputError(Problem(str(path), 0, 0, f"is no model file: {error}", _CURE)) from error
         return model
 
     def text(self) -> str:

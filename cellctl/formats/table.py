@@ -5,13 +5,13 @@ docs/reference/table-files.md says what each field means; `table.schema.json` be
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Self, final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
+from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats.robot import Number, Tool
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ _Size = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 
 JOINT_DECIMALS = 6
 """Decimals of a joint reading, deg, as the controller takes it: what the file says is what the controller holds."""
+
+_CURE = "give a file that `cellctl compensate` or a campaign wrote"
 
 
 @final
@@ -128,18 +130,14 @@ class TableFile(BaseModel):
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a table file. Raises InputError where it is none, or where its content is not what its id says."""
+        content = read_json(path, "table file", _CURE)
         try:
-            table = cls.model_validate(json.loads(path.read_bytes()))
+            table = cls.model_validate(content)
             found = _contradictions(table)
-        except OSError as error:
-            raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
         except ValidationError as error:
-            places = {".".join(str(part) for part in detail["loc"]): detail["msg"] for detail in error.errors()}
-            what = [f"is no table file: {at or 'content'}: {why}" for at, why in places.items()]
-            raise InputError(Problem(str(path), 0, 0, words) for words in what[:5]) from error
+            raise InputError(content_problems(error, path, "table file", _CURE)) from error
         except (ValueError, RecursionError) as error:
-            cure = "give a file that `cellctl compensate` or a campaign wrote"
-            raise InputError(Problem(str(path), 0, 0, f"is no table file: {error}", cure)) from error
+            raise InputError(Problem(str(path), 0, 0, f"is no table file: {error}", _CURE)) from error
         if found:
             raise InputError(Problem(str(path), 0, 0, words, "make the table again") for words in found)
         return table

@@ -7,9 +7,10 @@ from dataclasses import asdict
 from functools import cache
 from typing import Any, get_args
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from cellctl.files import canonical_json
+from cellctl.files.plain_words import plain_words
 from cellctl.journal.events import Event, KnownEvent, RawEvent
 
 Columns = tuple[str, str, int, str]
@@ -35,11 +36,18 @@ def decode(columns: Columns) -> Event:
     Raises ValueError where the row does not hold what its kind has.
     """
     kind, step, attempt, text = columns
-    data: dict[str, Any] = json.loads(text)
+    try:
+        data: dict[str, Any] = json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"{kind}: its data is no JSON") from error
     reader = _readers().get(kind)
     if reader is None:
         return RawEvent(kind, data, step, attempt)
-    event: Event = reader.validate_python({**data, "step": step, "attempt": attempt})
+    try:
+        event: Event = reader.validate_python({**data, "step": step, "attempt": attempt})
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        raise ValueError(f"{kind}: {'.'.join(map(str, detail['loc']))} {plain_words(detail)}") from error
     return event
 
 

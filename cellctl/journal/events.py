@@ -160,11 +160,34 @@ class Said:
 @final
 @dataclass(frozen=True, slots=True)
 class OperatorAction:
-    """What the operator did to the run: `pause`, `resume`, `abort`, `acknowledge`."""
+    """What an operator did to the run: `pause`, `resume`, `abort`, `confirm`, `acknowledge`.
+
+    `operator` on `host`, by means of `via` (`cli`, `terminal`, `SIGINT`, `console`), at `calendar` (UTC, ISO 8601).
+    `text`: the reason, or the step that is confirmed. `refused`: why nothing came of it; empty where it was done.
+    `id`: of the file that brought it, where one did.
+    """
 
     kind: ClassVar[str] = "operator_action"
     action: str
     operator: str = ""
+    text: str = ""
+    host: str = ""
+    via: str = ""
+    calendar: str = ""
+    refused: str = ""
+    id: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class InterlockChanged:
+    """An interlock broke (`holds` false), or its condition holds again; `text`: the condition and why, in words."""
+
+    kind: ClassVar[str] = "interlock_changed"
+    interlock: str
+    device: str
+    condition: str
+    holds: bool
     text: str = ""
 
 
@@ -201,6 +224,7 @@ KnownEvent = (
     | Recorded
     | Said
     | OperatorAction
+    | InterlockChanged
     | RunEnded
 )
 Event = KnownEvent | RawEvent

@@ -1,8 +1,10 @@
-"""One writer for a run: a lock that the kernel drops when its holder dies, however it dies."""
+"""One writer for a run: a lock that the kernel drops when its holder dies, however it dies.
+
+Writing needs POSIX locks; reading, and asking who writes, work without them: nobody writes where there are none.
+"""
 
 from __future__ import annotations
 
-import fcntl
 import io
 import os
 import shlex
@@ -13,6 +15,13 @@ from typing import Self, final
 
 from cellctl.clock import calendar_time
 from cellctl.journal.errors import JournalError
+
+try:
+    import fcntl
+except ImportError:  # Windows: runs are read there, and written elsewhere
+    HAS_LOCKS = False
+else:
+    HAS_LOCKS = True
 
 _LONGEST = 4096
 """Bytes of a lock file that are read: more than a process writes about itself."""
@@ -58,7 +67,12 @@ class WriterLock:
 
     @classmethod
     def take(cls, path: Path) -> Self:
-        """Lock `path`, which is made if need be. Raises JournalError where somebody holds it, OSError."""
+        """Lock `path`, which is made if need be.
+
+        Raises JournalError where somebody holds it, or where this system has no such locks; OSError.
+        """
+        if not HAS_LOCKS:
+            raise JournalError(path.parent, "a run cannot be written on this system", "run it on Linux")
         stream = io.FileIO(path, "a+")
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -80,6 +94,8 @@ class WriterLock:
 
 def lock_holder(path: Path) -> Writer | None:
     """Who holds the lock at `path` now; None where nobody does."""
+    if not HAS_LOCKS:
+        return None
     try:
         with io.FileIO(path) as stream:
             try:

@@ -6,12 +6,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
+from cellctl.clock import WallClock
+from cellctl.devices import Conditions
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.operations.simulated import simulation_mistakes
-from cellctl.procedure import CellFiles, Procedure, StepRegistry, check_cell, checked_parameters, load_procedure
+from cellctl.operations.system import require_cells
+from cellctl.procedure import (
+    CellFiles,
+    DeviceConditions,
+    Procedure,
+    StepRegistry,
+    check_cell,
+    checked_parameters,
+    expected_passes,
+    load_procedure,
+)
 
 
 @final
@@ -24,6 +36,11 @@ class Campaign:
     cell: Cell
     registry: StepRegistry
     drivers: DriverRegistry
+
+    @property
+    def expected_passes(self) -> int:
+        """How many passes the loops will have together, as far as that is known before the run."""
+        return expected_passes(self.procedure, self.parameters, self.registry)
 
 
 def load_campaign(
@@ -39,6 +56,7 @@ def load_campaign(
     seed: the run's, None: the cell file's. resumed: the steps found nothing to refuse when the run began, and are not
     asked again. Raises InputError with all mistakes in the files and in the settings.
     """
+    require_cells()
     drivers, registry = DriverRegistry(), StepRegistry.installed()
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)
@@ -46,7 +64,7 @@ def load_campaign(
     kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
     parameters: dict[str, Any] = {}
     try:
-        parameters = checked_parameters(procedure, settings, registry, kinds)
+        parameters = checked_parameters(procedure, settings, registry, kinds, _conditions(procedure, cell, drivers))
     except InputError as error:
         problems += error.problems
     if not problems and cell and not resumed:
@@ -55,6 +73,16 @@ def load_campaign(
     if problems or cell is None:
         raise InputError(problems)
     return Campaign(procedure, parameters, cell, registry, drivers)
+
+
+def _conditions(procedure: Procedure, cell: Cell | None, drivers: DriverRegistry) -> DeviceConditions:
+    """The conditions of the devices that interlocks name; a driver's device knows them before it is connected."""
+    found = {}
+    for name in {interlock.device for interlock in procedure.interlocks} & (cell.addresses.keys() if cell else set()):
+        assert cell is not None
+        device = drivers.open(name, cell.addresses[name], cell.surroundings(name, WallClock()))
+        found[name] = device.conditions() if isinstance(device, Conditions) else {}
+    return found
 
 
 def _cell(

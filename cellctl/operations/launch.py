@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import getpass
 import signal
+from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,9 @@ from typing import final
 
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices.cell import ClockMode
-from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround, Watcher
+from cellctl.engine import Engine, Mailbox, Operator, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
-from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile
+from cellctl.journal import Journal, OperatorAction, RunResumed, RunStarted, RunState, SourceFile
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.connected import open_devices, tell_targets
 from cellctl.operations.parent import aborting_without, under_nohup
@@ -30,7 +31,8 @@ class Options:
     """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
 
     `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
-    `parent`: the process without which the run does not go on; None: there is none.
+    `parent`: the process without which the run does not go on; None: there is none. `confirm_all`: every `confirm` step
+    is confirmed at once. `asking`: what stands between engine and watcher to ask the operator at a terminal.
     """
 
     seed: int | None
@@ -39,6 +41,8 @@ class Options:
     resumed: RunState | None = None
     acknowledged: bool = False
     parent: int | None = None
+    confirm_all: bool = False
+    asking: Callable[[Watcher, Mailbox], Watcher] | None = None
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
@@ -47,11 +51,15 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
     Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
     """
-    mailbox = Mailbox()
+    mailbox = Mailbox(Operator.here("--confirm-all") if options.confirm_all else None)
+    if options.asking:
+        watcher = options.asking(watcher, mailbox)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
-        loop.add_signal_handler(number, mailbox.abort)
-    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why)):
+        who = Operator.here(signal.Signals(number).name)
+        loop.add_signal_handler(number, mailbox.abort, "aborted by the operator", who)
+    parent = Operator.here("end of the parent process")
+    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why, parent)):
         return await _with_simulators(campaign, options, folder, mailbox, watcher)
 
 
@@ -100,6 +108,10 @@ def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, s
         journal = Journal.reopen(folder, clock.now_ns)
         event = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
     record.apply(journal.append(event))
+    if options.acknowledged:
+        who = Operator.here("--acknowledge")
+        looked = OperatorAction("acknowledge", who.name, host=who.host, via=who.via, calendar=calendar_time())
+        record.apply(journal.append(looked))
     return journal
 
 

@@ -11,9 +11,10 @@ from cellctl.devices import DeviceUncertain
 from cellctl.devices.cell import ClockMode
 from cellctl.files import InputError, Problem, sha256_of
 from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
+from cellctl.journal.schema import FILE_NAME, LOCK_NAME
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.provenance import code_hash, sources
-from cellctl.operations.results import table_line
+from cellctl.operations.results import SIMULATOR_MEMORY, table_line
 
 
 @final
@@ -38,10 +39,11 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
     folder = run if run.is_dir() else runs / run
     if writer := writer_of(folder):
         raise writer.error(folder)
-    state = fold(read_journal(folder))
+    state = RunState() if _never_began(folder) else fold(read_journal(folder))
     started = state.started
     if started is None:
-        raise InputError(_problem(folder, "was cut off before it began", "run the procedure anew"))
+        cure = f"start again: cellctl run {campaign.procedure.document.file}"
+        raise InputError(_problem(folder, "ended before it began: nothing was moved", cure))
     if state.state == "finished":
         raise InputError(_problem(folder, "is finished: there is nothing to go on with", "run the procedure anew"))
     said = table_line(state, folder)
@@ -56,6 +58,7 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 
 
+_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY}
 _NAMED = 5
 """So many changed files are named."""
 
@@ -63,6 +66,13 @@ _LOOK = (
     "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
     "moved by hand off its planned way, the next step refuses to move it."
 )
+
+
+def _never_began(folder: Path) -> bool:
+    """Whether a run ended between making its folder and beginning its journal."""
+    if not folder.is_dir() or (folder / FILE_NAME).exists():
+        return False
+    return {file.name for file in folder.iterdir() if not file.name.startswith(".")} <= _BEFORE_THE_JOURNAL
 
 
 def _changes(campaign: Campaign, started: RunStarted, settings: list[str]) -> list[str]:

@@ -14,6 +14,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
 from cellctl.operations.connected import connected
+from cellctl.operations.system import require_cells
 from cellctl.operations.table import controller_table, push_verified, refuse_table
 from cellctl.procedure.abilities import missing_abilities
 
@@ -33,6 +34,7 @@ class TableCell:
     @classmethod
     def load(cls, path: Path, seed: int | None, state: Path | None) -> Self:
         """Read and check the cell file; opens nothing. Raises InputError."""
+        require_cells()
         drivers = DriverRegistry()
         cell = Cell.load(path, drivers)
         if state is not None and not cell.simulated:

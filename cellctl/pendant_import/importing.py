@@ -78,13 +78,16 @@ def _both(joints: Path, positions: Path, choices: Choices, robot: RobotFile | No
 
 
 def _check_columns(choices: Choices, *lists: RawList) -> None:
-    """Refuse a column that the user named and that no file has."""
-    known = {name for each in lists for point in each.points for name in point.texts}
-    known |= {"name" for each in lists for point in each.points if point.name}
+    """Refuse a column that the user named and that no file has; only a table with headings can have it."""
+    headed = [each for each in lists if each.source == "table" and each.heading_line]
+    known = {name for each in headed for point in each.points for name in point.texts}
+    known |= {"name" for each in headed for point in each.points if point.name}
     lacking = {name: source for name, source in choices.columns.items() if name not in known}
     if lacking:
         raise InputError(
-            Problem("--columns", 0, 0, f"no file has a column '{source}' for {name}")
+            Problem(
+                "--columns", 0, 0, f"no file has a column '{source}' for {name}", "give a heading as the file has it"
+            )
             for name, source in lacking.items()
         )
 

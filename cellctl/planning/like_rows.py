@@ -211,8 +211,8 @@ def _as_before(before: Postures, q: Floats) -> Postures:
     """Postures at q (M, n) under conditions such as there were: a joint comes from either side if ever it did."""
     some, rng = np.arange(len(q)) % len(before), np.random.default_rng(3)
     approach = None if before.approach is None else rng.choice([-1.0, 1.0], q.shape)
-    warmer = None if before.warmer is None else np.full(len(q), np.median(before.warmer))
-    return Postures(q, approach, warmer, None if before.payload is None else before.payload[some])
+    delta_t = None if before.delta_t is None else np.full(len(q), np.median(before.delta_t))
+    return Postures(q, approach, delta_t, None if before.payload is None else before.payload[some])
 
 
 def _evenly(dimensions: int, count: int) -> Floats:

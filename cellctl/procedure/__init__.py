@@ -1,17 +1,23 @@
 """Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
 
-from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell
-from cellctl.procedure.check import Devices, check, checked_parameters
+from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell, expected_passes
+from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters
 from cellctl.procedure.context import StepContext
+from cellctl.procedure.expressions import Expression
 from cellctl.procedure.inputs import inputs_of
 from cellctl.procedure.loader import load_procedure, read_procedure
 from cellctl.procedure.model import (
     Action,
+    Confirm,
+    If,
+    Interlock,
     Loop,
+    OnBreak,
     OnResume,
     Parameter,
     ParameterType,
     Procedure,
+    Resume,
     Retry,
     Step,
     step_path,
@@ -29,14 +35,21 @@ __all__ = [
     "BrokenSteps",
     "CellContext",
     "CellFiles",
+    "Confirm",
+    "DeviceConditions",
     "Devices",
+    "Expression",
+    "If",
+    "Interlock",
     "Loop",
     "NoInputs",
+    "OnBreak",
     "OnResume",
     "Parameter",
     "ParameterType",
     "Procedure",
     "Reference",
+    "Resume",
     "Retry",
     "Step",
     "StepContext",
@@ -49,6 +62,7 @@ __all__ = [
     "check",
     "check_cell",
     "checked_parameters",
+    "expected_passes",
     "inputs_of",
     "load_procedure",
     "read_procedure",

@@ -47,6 +47,20 @@ CheckCell = Callable[[CellContext, Mapping[str, Any]], None]
 as they follow from the parameters and defaults; each is of its type only where the step's model is satisfied."""
 
 
+ExpectedPasses = Callable[[Mapping[str, Any]], int]
+"""`expects(known)`: how many passes of later loops the step's result leads to, for the time left; 0: not known."""
+
+
+def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry) -> int:
+    """How many passes the loops of `procedure` will have together, as far as its steps can say it before the run."""
+    total = 0
+    for action in procedure.actions():
+        kind = registry.find(action.do) if isinstance(action, Step) else None
+        if isinstance(action, Step) and kind and kind.expects:
+            total += kind.expects(_known(action, kind, parameters))
+    return total
+
+
 def check_cell(
     procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, context: CellContext
 ) -> list[Problem]:

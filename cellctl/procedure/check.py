@@ -9,46 +9,60 @@ from pydantic import ValidationError
 
 from cellctl.files import InputError, Path, Problem
 from cellctl.procedure.abilities import missing_abilities
+from cellctl.procedure.expressions import EXPRESSION_RULE
 from cellctl.procedure.fields import Findings
 from cellctl.procedure.inputs import input_problems
-from cellctl.procedure.model import Action, Loop, Procedure, Step
+from cellctl.procedure.model import Action, If, Interlock, Loop, Procedure, Step
 from cellctl.procedure.parameters import read_settings
 from cellctl.procedure.references import Reference, known_part, references_in
 from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
 from cellctl.procedure.scope import Scope, Unreachable
-from cellctl.procedure.shapes import NoSuchPart, Shape, element_of
+from cellctl.procedure.shapes import NoSuchPart, Shape, element_of, kind_of_shape
 from cellctl.procedure.steps import AnyStepKind
 from cellctl.procedure.suggest import did_you_mean
 
 Devices = Mapping[str, type | None]
 """The cell's devices: name → the driver's class, or None where it is not known before opening."""
 
+DeviceConditions = Mapping[str, Mapping[str, str]]
+"""Device → the names of its conditions, each with its text; a device that has none is not there."""
+
 
 def check(
-    procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, devices: Devices | None
+    procedure: Procedure,
+    parameters: Mapping[str, Any],
+    registry: StepRegistry,
+    devices: Devices | None,
+    conditions: DeviceConditions | None = None,
 ) -> list[Problem]:
     """Every mistake in `procedure`, those of reading it included, sorted by place; empty where it can be run.
 
     `parameters`: name → value; one that is missing is taken as not known yet. `devices` None: the cell is not known
-    (its file has mistakes of its own), and nothing is said about devices. Opens nothing.
+    (its file has mistakes of its own), and nothing is said about devices. `conditions` None: those of the devices are
+    not known. Opens nothing.
     """
     checker = _Checker(procedure, registry, devices)
     checker.actions(procedure.steps, Scope.of_parameters(procedure, parameters))
     checker.actions(procedure.cleanup, Scope.of_parameters(procedure, parameters))
     checker.names()
+    checker.interlocks(conditions)
     found = {*procedure.problems, *checker.findings.problems}
     return sorted(found, key=lambda problem: (problem.line, problem.column, problem.what))
 
 
 def checked_parameters(
-    procedure: Procedure, settings: Sequence[str], registry: StepRegistry, devices: Devices | None
+    procedure: Procedure,
+    settings: Sequence[str],
+    registry: StepRegistry,
+    devices: Devices | None,
+    conditions: DeviceConditions | None = None,
 ) -> dict[str, Any]:
     """The parameters of a procedure that is good to run, `settings` (`name=value`) included.
 
     Raises InputError with every mistake in settings and procedure at once.
     """
     values, problems = read_settings(procedure, settings)
-    problems += check(procedure, values, registry, devices)
+    problems += check(procedure, values, registry, devices, conditions)
     if problems:
         raise InputError(problems)
     return values
@@ -77,10 +91,43 @@ class _Checker:
 
     def actions(self, actions: tuple[Action, ...], scope: Scope) -> None:
         for action in actions:
-            if isinstance(action, Loop):
-                self._loop(action, scope)
-            else:
-                self._step(action, scope)
+            match action:
+                case Loop():
+                    self._loop(action, scope)
+                case If():
+                    self._if(action, scope)
+                case Step():
+                    self._step(action, scope)
+
+    def interlocks(self, conditions: DeviceConditions | None) -> None:
+        first: set[str] = set()
+        for interlock in self._procedure.interlocks:
+            if interlock.id in first:
+                self.findings.report((*interlock.at, "id"), f"'{interlock.id}' names two interlocks", "rename one")
+            first.add(interlock.id)
+            if interlock.device and self._devices is not None:
+                self._condition(interlock, conditions)
+
+    def _condition(self, interlock: Interlock, conditions: DeviceConditions | None) -> None:
+        device, condition = interlock.device, interlock.condition
+        if device not in (self._devices or {}):
+            cure = did_you_mean(device, self._devices or {})
+            self.findings.report((*interlock.at, "device"), f"the cell has no device '{device}'", cure)
+        elif conditions is not None and condition and condition not in conditions.get(device, {}):
+            cure = did_you_mean(condition, conditions.get(device, {}), "its driver offers no conditions")
+            what = f"'{device}' has no condition '{condition}'"
+            self.findings.report((*interlock.at, "condition"), what, cure)
+
+    def _if(self, action: If, scope: Scope) -> None:
+        expression = action.expression
+        if expression:
+            at = (*action.at, "if")
+            kind = kind_of_shape(self._shape(expression.reference, at, scope))
+            if kind and kind != expression.takes:
+                what = f"{expression.reference} is {kind}, and has to be {expression.takes} here"
+                self.findings.report(at, what, EXPRESSION_RULE)
+        self.actions(action.then, scope.within())
+        self.actions(action.otherwise, scope.within())
 
     def _loop(self, loop: Loop, scope: Scope) -> None:
         inner = scope.within()
@@ -160,7 +207,10 @@ class _Checker:
     def _retry(self, step: Step, kind: AnyStepKind) -> None:
         known = kind.retryable()
         for index, name in enumerate(step.retry.on):
-            if name not in known:
+            if name == "DeviceUncertain":
+                what = "a step is never tried again after DeviceUncertain: a person has to look first"
+                self.findings.report((*step.at, "retry", "on", index), what, "remove it")
+            elif name not in known:
                 what = f"there is no error '{name}' that {kind.name} could be tried again after"
                 self.findings.report((*step.at, "retry", "on", index), what, did_you_mean(name, known))
         if step.retry.attempts > 1 and not step.retry.on:

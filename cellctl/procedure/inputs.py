@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from cellctl.files import Document, InputError, Path, Problem
+from cellctl.files.plain_words import plain_words
 from cellctl.procedure.fields import is_number
 from cellctl.procedure.model import Procedure, Step
 from cellctl.procedure.references import UnresolvedReference, resolve
@@ -87,8 +88,7 @@ def _words(detail: Any, kind: AnyStepKind) -> tuple[str, str]:
         case _:
             given = detail["input"]
             shown = f" (here: {given!r})" if not isinstance(given, dict | list) else ""
-            message = detail["msg"].removeprefix("Input ")
-            return f"input '{name}' of {kind.name}: {message}{shown}", _cure(detail, kind)
+            return f"input '{name}' of {kind.name}: {plain_words(detail)}{shown}", _cure(detail, kind)
 
 
 def _cure(detail: Any, kind: AnyStepKind) -> str:

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import pathlib
 from dataclasses import replace
 from typing import Any
 
 from cellctl.files import Document, Path, load_yaml
+from cellctl.procedure.actions import read_actions, read_cleanup
 from cellctl.procedure.fields import NAME_RULE, Fields, Findings, is_name
-from cellctl.procedure.model import Action, Loop, OnResume, Parameter, ParameterType, Procedure, Retry, Step
+from cellctl.procedure.model import Interlock, OnBreak, Parameter, ParameterType, Procedure, Resume
 from cellctl.procedure.parameters import as_typed, misfit
-from cellctl.procedure.references import Reference
 
-_PROCEDURE = ("procedure", "title", "cell", "parameters", "steps", "cleanup")
+_PROCEDURE = ("procedure", "title", "cell", "parameters", "interlocks", "steps", "cleanup")
 _PARAMETER = ("type", "default", "min", "max", "choices", "unit", "help")
-_STEP = ("id", "do", "with", "timeout", "retry", "on_resume")
-_LOOP = ("id", "for_each", "as", "steps")
+_INTERLOCK = ("id", "device", "condition", "on_break", "resume")
 
 
 def load_procedure(path: pathlib.Path) -> Procedure:
@@ -35,8 +33,9 @@ def read_procedure(document: Document) -> Procedure:
         title=fields.text("title"),
         cell=pathlib.Path(document.file).parent / cell if cell else None,
         parameters=_parameters(findings, fields),
-        steps=_actions(findings, fields.raw("steps", needed=True), ("steps",)) if "steps" in fields else (),
-        cleanup=_cleanup(findings, fields),
+        steps=read_actions(findings, fields.raw("steps", needed=True), ("steps",)) if "steps" in fields else (),
+        cleanup=read_cleanup(findings, fields),
+        interlocks=_interlocks(findings, fields),
     )
     if "steps" not in fields:
         findings.report((), "the procedure has no steps", "add 'steps:' with at least one step")
@@ -91,103 +90,19 @@ def _bounds_make_sense(fields: Fields, parameter: Parameter) -> None:
         fields.report("min", f"min is above max in parameter '{parameter.name}'", "swap them")
 
 
-def _actions(findings: Findings, value: Any, at: Path) -> tuple[Action, ...]:
-    if not isinstance(value, list) or not value:
-        what = "there is no step here" if value is None or value == [] else "steps have to be a list"
-        findings.report(at, what, "write at least one '- {id: …, do: …}'")
-        return ()
-    return tuple(_action(findings, each, (*at, index)) for index, each in enumerate(value))
+def _interlocks(findings: Findings, fields: Fields) -> tuple[Interlock, ...]:
+    value = fields.raw("interlocks")
+    if "interlocks" in fields and not isinstance(value, list):
+        fields.report("interlocks", "interlocks have to be a list", "write '- {id: …, device: …, condition: …}' each")
+    entries = value if isinstance(value, list) else []
+    return tuple(_interlock(findings, each, ("interlocks", index)) for index, each in enumerate(entries))
 
 
-def _cleanup(findings: Findings, fields: Fields) -> tuple[Step, ...]:
-    """Steps only: each is bounded and tried, whatever the others did, so that no list has to be there."""
-    actions = _actions(findings, fields.raw("cleanup"), ("cleanup",)) if "cleanup" in fields else ()
-    for action in actions:
-        if isinstance(action, Loop):
-            findings.report(action.at, "clean-up has no loops", "write its steps one after the other")
-    return tuple(action for action in actions if isinstance(action, Step))
-
-
-def _action(findings: Findings, value: Any, at: Path) -> Action:
-    if isinstance(value, dict) and "do" not in value and ("for_each" in value or "steps" in value):
-        return _loop(findings, value, at)
-    return _step(findings, value, at)
-
-
-def _loop(findings: Findings, value: Any, at: Path) -> Loop:
-    fields = Fields(findings, value, at, _LOOP, "a loop")
-    line, column = findings.document.place(at)
-    return Loop(
-        id=fields.name("id"),
-        for_each=_for_each(findings, fields),
-        variable=fields.name("as"),
-        steps=_actions(findings, fields.raw("steps"), (*at, "steps")),
-        at=at,
-        line=line,
-        column=column,
-    )
-
-
-def _for_each(findings: Findings, fields: Fields) -> Reference | list[Any]:
-    value = _with_references(findings, fields.raw("for_each", needed=True), (*fields.at, "for_each"))
-    if isinstance(value, Reference | list):
-        return value
-    if value is not None:
-        fields.report("for_each", "'for_each' takes a list", "name one: ${step.field}, or write it: [1, 2, 3]")
-    return []
-
-
-def _step(findings: Findings, value: Any, at: Path) -> Step:
-    fields = Fields(findings, value, at, _STEP, "a step")
-    line, column = findings.document.place(at)
-    return Step(
-        id=fields.name("id"),
-        do=fields.text("do", needed=True),
-        inputs=_inputs(findings, fields),
-        timeout_s=fields.number("timeout", above=0),
-        retry=_retry(findings, fields),
-        on_resume=OnResume(fields.one_of("on_resume", tuple(OnResume), OnResume.SKIP)),
-        at=at,
-        line=line,
-        column=column,
-    )
-
-
-def _inputs(findings: Findings, fields: Fields) -> dict[str, Any]:
-    value = fields.raw("with")
-    if isinstance(value, dict):
-        return {key: _with_references(findings, each, (*fields.at, "with", key)) for key, each in value.items()}
-    if value is not None:
-        fields.report("with", "'with' has to be a mapping", "write 'with: {input: value}'")
-    return {}
-
-
-def _retry(findings: Findings, fields: Fields) -> Retry:
-    if "retry" not in fields:
-        return Retry()
-    inner = Fields(findings, fields.raw("retry"), (*fields.at, "retry"), ("attempts", "on"), "retry")
-    return Retry(inner.integer("attempts", 1, least=1), inner.words("on"))
-
-
-def _with_references(findings: Findings, value: Any, at: Path) -> Any:
-    match value:
-        case dict():
-            return {key: _with_references(findings, each, (*at, key)) for key, each in value.items()}
-        case list():
-            return [_with_references(findings, each, (*at, index)) for index, each in enumerate(value)]
-        case str() if "${" in value:
-            return _reference(findings, value, at)
-        case float() if not math.isfinite(value):
-            findings.report(at, "this is no finite number", "write a number, or leave the input out")
-            return Reference("")
-        case _:
-            return value
-
-
-def _reference(findings: Findings, text: str, at: Path) -> Any:
-    try:
-        return Reference.parse(text)
-    except ValueError:
-        cure = "a reference is a whole value: ${name}, ${name.field} or ${name[3].x}; there are no expressions"
-        findings.report(at, f"'{text}' is no reference", cure)
-        return Reference("")
+def _interlock(findings: Findings, value: Any, at: Path) -> Interlock:
+    fields = Fields(findings, value, at, _INTERLOCK, "an interlock")
+    on_break = OnBreak(fields.one_of("on_break", tuple(OnBreak), OnBreak.STOP))
+    resume = Resume(fields.one_of("resume", tuple(Resume), Resume.OPERATOR))
+    if on_break is OnBreak.ABORT and "resume" in fields:
+        fields.report("resume", "an interlock that aborts the run has nothing to resume", "remove it")
+    condition = fields.text("condition", needed=True)
+    return Interlock(fields.name("id"), fields.text("device", needed=True), condition, on_break, resume, at)

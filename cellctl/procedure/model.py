@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Any, final
 
 from cellctl.files import Document, Path, Problem
+from cellctl.procedure.expressions import Expression
 from cellctl.procedure.references import Reference
 
 Value = Any
@@ -83,13 +84,72 @@ class Loop:
     id: str
     for_each: Reference | list[Value]
     variable: str
-    steps: tuple[Step | Loop, ...]
+    steps: tuple[Action, ...]
     at: Path
     line: int
     column: int
 
 
-Action = Step | Loop
+@final
+@dataclass(frozen=True, slots=True)
+class Confirm:
+    """The run waits until the operator confirms `text`; `timeout_s` in seconds of the cell's time, None for none."""
+
+    id: str
+    text: str
+    timeout_s: float | None
+    on_resume: OnResume
+    at: Path
+    line: int
+    column: int
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class If:
+    """Steps done where `expression` is true (`then`), or where it is not (`otherwise`). None: it could not be read."""
+
+    id: str
+    expression: Expression | None
+    then: tuple[Action, ...]
+    otherwise: tuple[Action, ...]
+    at: Path
+    line: int
+    column: int
+
+
+Action = Step | Loop | Confirm | If
+
+
+class OnBreak(StrEnum):
+    """What an interlock does when its condition no longer holds."""
+
+    STOP = "stop"
+    """Stop the step under way and pause; the step is done again afterwards."""
+    PAUSE = "pause"
+    """Pause before the next step."""
+    ABORT = "abort"
+    """Abort the run, with its clean-up."""
+
+
+class Resume(StrEnum):
+    """What ends the pause of an interlock once its condition holds again."""
+
+    OPERATOR = "operator"
+    AUTO = "auto"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Interlock:
+    """A condition of a device that has to hold while the steps run, and what is done when it does not."""
+
+    id: str
+    device: str
+    condition: str
+    on_break: OnBreak = OnBreak.STOP
+    resume: Resume = Resume.OPERATOR
+    at: Path = ()
 
 
 @final
@@ -108,6 +168,7 @@ class Procedure:
     parameters: dict[str, Parameter]
     steps: tuple[Action, ...]
     cleanup: tuple[Step, ...]
+    interlocks: tuple[Interlock, ...] = ()
     problems: tuple[Problem, ...] = field(default=())
 
     @property
@@ -116,16 +177,18 @@ class Procedure:
         return self.document.text
 
     def actions(self) -> Iterator[Action]:
-        """All steps and loops, clean-up too, each loop before its steps, in the order of the file."""
+        """All actions, clean-up too, each loop and `if` before its steps, in the order of the file."""
         return walk((*self.steps, *self.cleanup))
 
 
 def walk(actions: tuple[Action, ...]) -> Iterator[Action]:
-    """`actions` and all that stand inside their loops, depth first."""
+    """`actions` and all that stand inside their loops and branches, depth first."""
     for action in actions:
         yield action
         if isinstance(action, Loop):
             yield from walk(action.steps)
+        elif isinstance(action, If):
+            yield from walk((*action.then, *action.otherwise))
 
 
 def step_path(outer: str, name: str, index: int | None = None) -> str:

@@ -41,7 +41,7 @@ class Name:
 
 @final
 class Scope:
-    """The names known at one place of a procedure. `within` gives a loop its own, which end with it."""
+    """The names known at one place of a procedure. `within` gives a loop or a branch its own, which end with it."""
 
     def __init__(self, procedure: Procedure, names: Mapping[str, Name]) -> None:
         self._procedure = procedure
@@ -108,14 +108,17 @@ class Scope:
 
 def _hidden(action: Action, reference: Reference, at: Path) -> Unreachable:
     name, around = action.id, action.at[:-1]
-    if isinstance(action, Loop):
-        return Unreachable(f"'{name}' is a loop and has no result", "refer to a step before it, or record rows in it")
+    if not isinstance(action, Step):
+        kind = "a loop" if isinstance(action, Loop) else "no step"
+        return Unreachable(f"'{name}' is {kind} and has no result", "refer to a step before it, or record rows in it")
     if at[: len(action.at)] == action.at:
         return Unreachable(f"step '{name}' refers to its own result", "refer to an earlier step")
     if at[: len(around)] == around or action.at[0] == "cleanup":
         what = f"{reference} refers to step '{name}', which comes later (line {action.line})"
         return Unreachable(what, f"move step '{name}' before this one")
-    return Unreachable(f"the result of '{name}' stays inside its loop", "record rows there, and read them in the step")
+    return Unreachable(
+        f"the result of '{name}' stays inside its loop or 'if'", "record rows there, and read them in the step"
+    )
 
 
 def _parameter(parameter: Parameter, values: Mapping[str, Any]) -> Name:

@@ -50,6 +50,20 @@ def element_of(shape: Shape) -> Shape:
     return arguments[0] if arguments else Any
 
 
+def kind_of_shape(shape: Shape) -> str | None:
+    """What a value of type `shape` is, in the words of `expressions.kind_of`; None where that is not known."""
+    shape = _plain(shape)
+    origin = typing.get_origin(shape) or shape
+    if shape in _KINDS:
+        return _KINDS[shape]
+    if isinstance(origin, type) and issubclass(origin, list | tuple | BaseModel | Mapping):
+        return "neither flag, number nor text"
+    return None
+
+
+_KINDS: dict[Shape, str] = {bool: "a flag", int: "a number", float: "a number", str: "text"}
+
+
 def _field(model: type[BaseModel], name: str) -> Shape:
     if name not in model.model_fields:
         raise NoSuchPart(f"{model.__name__} has no field '{name}'", did_you_mean(name, model.model_fields))

@@ -12,9 +12,10 @@ from typing import Any, Generic, TypeVar, final
 
 from pydantic import BaseModel, ConfigDict
 
+from cellctl.devices import DeviceUncertain
 from cellctl.devices import errors as device_errors
 from cellctl.files import canonical_json
-from cellctl.procedure.cell_check import CheckCell
+from cellctl.procedure.cell_check import CheckCell, ExpectedPasses
 from cellctl.procedure.context import StepContext
 from cellctl.records import VerdictRow
 
@@ -49,7 +50,7 @@ class StepKind(Generic[Inputs, Result]):
     `needs`: device name → the Protocol that it has to follow. `moves`: it moves or writes, so that a crash in it leaves
     an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name. `check`: raises what the
     step would refuse of the cell, before the run. `verdict`: the row that it records, where it records the verdict of a
-    campaign.
+    campaign. `title`: what the operator reads while it runs. `expects`: see `ExpectedPasses`.
     """
 
     name: str
@@ -61,6 +62,8 @@ class StepKind(Generic[Inputs, Result]):
     function: Callable[[StepContext, Inputs], Awaitable[Result]]
     errors: Mapping[str, type[Exception]] = field(default_factory=dict)
     check: CheckCell | None = None
+    title: str = ""
+    expects: ExpectedPasses | None = None
     verdict: type[VerdictRow] | None = None
 
     @property
@@ -88,8 +91,12 @@ class StepKind(Generic[Inputs, Result]):
         return None if result is None else result.model_dump(mode="json")
 
     def retryable(self) -> dict[str, type[Exception]]:
-        """Every error that `retry.on` may name, by name: the devices' errors, a time-out, and the step's own."""
-        return {**_DEVICE_ERRORS, "TimeoutError": TimeoutError, **self.errors}
+        """Every error that `retry.on` may name, by name: the devices' errors, a time-out, and the step's own.
+
+        `DeviceUncertain` is none of them: a person has to look before anything moves again.
+        """
+        errors = {name: error for name, error in self.errors.items() if not issubclass(error, DeviceUncertain)}
+        return {**_DEVICE_ERRORS, "TimeoutError": TimeoutError, **errors}
 
 
 AnyStepKind = StepKind[Any, Any]
@@ -97,7 +104,9 @@ AnyStepKind = StepKind[Any, Any]
 _DEVICE_ERRORS: dict[str, type[Exception]] = {
     name: value
     for name, value in vars(device_errors).items()
-    if isinstance(value, type) and issubclass(value, device_errors.DeviceError)
+    if isinstance(value, type)
+    and issubclass(value, device_errors.DeviceError)
+    and not issubclass(value, DeviceUncertain)
 }
 
 
@@ -108,13 +117,15 @@ def step(
     moves: bool = False,
     errors: tuple[type[Exception], ...] = (),
     check: CheckCell | None = None,
+    title: str = "",
+    expects: ExpectedPasses | None = None,
     verdict: type[VerdictRow] | None = None,
 ) -> Callable[[Callable[[StepContext, Inputs], Awaitable[Result]]], StepKind[Inputs, Result]]:
     """Make a kind of step of `async def name(context, inputs: Model) -> Result | None`.
 
     `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of the module it stands in.
-    The docstring's first line is its summary. `check`: see `CheckCell`.
-    Raises TypeError where the function does not fit.
+    The docstring's first line is its summary. `check`, `title`, `expects`: see
+    `StepKind`. Raises TypeError where the function does not fit.
     """
 
     def make(function: Callable[[StepContext, Inputs], Awaitable[Result]]) -> StepKind[Inputs, Result]:
@@ -129,6 +140,8 @@ def step(
             function=function,
             errors={error.__name__: error for error in errors},
             check=check,
+            title=title,
+            expects=expects,
             verdict=verdict,
         )
 

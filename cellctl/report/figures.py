@@ -26,7 +26,7 @@ def error_line(
 
 
 def fit_lines(figures: Mapping[str, Any]) -> list[Line]:
-    """The lines of a fit, from its JSON: held-out rows, nominal robot where a prior model was updated, rows of the fit."""
+    """The lines of a fit, from its JSON: held-out rows, nominal robot (for an updated prior model), rows of the fit."""
     rows = NOUNS.get(figures.get("measure", ""), "rows")
     count, prior, lines = int(figures.get("n_test") or 0), figures.get("prior"), []
     if count:

@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats, JointMap, SerialChain
 
 Source: TypeAlias = Literal["robot", "data", "artefact"]
@@ -74,7 +74,7 @@ class Setup:
 
     def with_blocks(self, change: Callable[[Measured], Measured]) -> Self:
         """Each block of rows as `change` makes it; the angles stay."""
-        return replace(self, task=replace(self.task, rows=Mixture(tuple(map(change, self.task.rows.blocks)))))
+        return replace(self, task=replace(self.task, rows=RowBlocks(tuple(map(change, self.task.rows.blocks)))))
 
     def pick(self, which: Any) -> Self:
         """The rows at `which`: indices in ascending order, or a mask."""
@@ -84,7 +84,7 @@ class Setup:
         """The rows of one session, as indices (N,) of all, and these alone, as the only session that there is."""
         blocks = [block for block in self.task.rows.blocks if block.session == number]
         rows = np.flatnonzero([block.session == number for block in self.task.rows.blocks for _ in range(len(block))])
-        mixture = Mixture(tuple(block.changed(session=0) for block in blocks))
+        mixture = RowBlocks(tuple(block.changed(session=0) for block in blocks))
         task = replace(self.task, rows=mixture, sessions=(self.task.sessions[number],))
         return rows, replace(self, task=task, readings=self.readings[rows])
 

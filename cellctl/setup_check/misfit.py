@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import PoseRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Setup
 
@@ -143,9 +143,9 @@ def steps_of(sizes: Floats) -> Floats:
     return np.asarray(np.floor(np.log(np.maximum(sizes, least) / least) / np.log(1.5)))
 
 
-def only(rows: Mixture, kept: Sequence[Any]) -> Mixture:
+def only(rows: RowBlocks, kept: Sequence[Any]) -> RowBlocks:
     """The rows at `kept`, indices for each block."""
-    return Mixture(tuple(block.pick(which) for block, which in zip(rows.blocks, kept, strict=True)))
+    return RowBlocks(tuple(block.pick(which) for block, which in zip(rows.blocks, kept, strict=True)))
 
 
 def nearest(errors: Floats) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 AS_GOOD = 36.0
@@ -23,7 +23,7 @@ STEPS = 20
 """Steps down to a second centre, the robot as it is, before the robot is fitted too."""
 
 
-def with_best_centres(found: Estimate, rows: Mixture) -> tuple[Estimate, Bools]:
+def with_best_centres(found: Estimate, rows: RowBlocks) -> tuple[Estimate, Bools]:
     """`found`, or a better fit of `rows` with other centres; and which points (S,) may also be at another place."""
     points = len(found.state.points)
     open_ = np.zeros(points, bool)
@@ -41,7 +41,7 @@ def with_best_centres(found: Estimate, rows: Mixture) -> tuple[Estimate, Bools]:
     return found, open_
 
 
-def _mirrored(state: State, rows: Mixture, point: int) -> Floats | None:
+def _mirrored(state: State, rows: RowBlocks, point: int) -> Floats | None:
     """Where a point (3,) may be on the other side of its touches; None where it has none, or they lead back."""
     tcps, lengths = _touched(state, rows, point)
     if not len(tcps):
@@ -56,7 +56,7 @@ def _mirrored(state: State, rows: Mixture, point: int) -> Floats | None:
     return None if np.linalg.norm(centre - state.points[point]) < APART_MM else np.asarray(centre)
 
 
-def _touched(state: State, rows: Mixture, point: int) -> tuple[Floats, Floats]:
+def _touched(state: State, rows: RowBlocks, point: int) -> tuple[Floats, Floats]:
     """Tips (N, 3) at the touches of a point, and their distances (N,) from it."""
     tcps, lengths = [np.zeros((0, 3))], [np.zeros(0)]
     for block in rows.blocks:

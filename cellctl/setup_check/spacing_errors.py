@@ -18,7 +18,7 @@ from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.identify import Identification, Weights, identify, identify_kept
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools
 from cellctl.setup_check.predicted_spacings import FAR, PredictedSpacings, wrong
@@ -137,7 +137,7 @@ def _errors_of(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[Spac
     return (scale,) if scale is not None else _named(predicted, names)
 
 
-def _sample(rows: Mixture) -> Any:
+def _sample(rows: RowBlocks) -> Any:
     """Which rows (N,) predict the distances: of instruments, which may hold thousands, and of points as many."""
     owner = np.concatenate(
         [
@@ -153,7 +153,7 @@ def _sample(rows: Mixture) -> Any:
     return chosen
 
 
-def _known(rows: Mixture, points: int) -> Bools:
+def _known(rows: RowBlocks, points: int) -> Bools:
     """Which points (S,) have rows enough for one place alone."""
     counted = np.zeros(points, int)
     for block in rows.blocks:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import final
+from typing import Final, final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
@@ -27,10 +27,16 @@ from drivers.serial_port import SerialPlace
 _CLOSE_BOUND_S = 2.0
 """Wall time: a simulated cell whose time stands still must not keep the probe open."""
 
+_CONDITIONS: Final = {
+    "alive": "the probe sends its heartbeats",
+    "open": "the probe touches nothing: its loop is open and not broken",
+    "whole": "the probe's loop is open or closed, not broken",
+}
+
 
 @final
 class SerialProbe:
-    """A ContactProbe on a serial line; docs/reference/probe-protocol.md says how it speaks."""
+    """A ContactProbe with Conditions, on a serial line; docs/reference/probe-protocol.md says how it speaks."""
 
     def __init__(self, name: str, place: SerialPlace, clock: Clock) -> None:
         self.name = name
@@ -99,6 +105,21 @@ class SerialProbe:
             raise DeviceLost(self.name, "sends no heartbeats", "check the probe's firmware")
         figures = {"loop_mV": beat.loop_mv, "round_trip_ms": round_trip_ns * 1e-6, **_figures(session)}
         return Health(beat.state != "FAULT", f"{beat.state}, loop at {beat.loop_mv} mV", figures)
+
+    def conditions(self) -> Mapping[str, str]:
+        """What an interlock can name."""
+        return _CONDITIONS
+
+    async def holds(self, condition: str) -> bool:
+        """Whether a condition holds, by the last heartbeat. Raises DeviceLost where the probe is silent, KeyError."""
+        if condition not in _CONDITIONS:
+            raise KeyError(condition)
+        session = self._connected()
+        session.check()
+        beat = session.last_beat
+        if condition == "alive":
+            return True
+        return beat is not None and (beat.open or (condition == "whole" and beat.closed))
 
     async def stop(self) -> None:
         """Disarm. A probe that does not answer comes to its safe state by itself: it does not hear us either."""

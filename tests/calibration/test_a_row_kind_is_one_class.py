@@ -9,7 +9,7 @@ from fit_stories import KR5, postures, told, truth
 
 from cellctl.calibration import Measured, PositionRows, RobotModel, Split, Task, fit
 from cellctl.calibration.model.postures import At
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import pose_from_xyz_abc
 from cellctl.report.fit import write_fit_page
 
@@ -87,7 +87,7 @@ def test_an_outlier_among_them_is_left_out(task):
     positions, heights = task.rows.blocks
     wrong = heights.height.copy()
     wrong[7] += 3.0
-    rows = Mixture((positions, heights.changed(height=wrong)))
+    rows = RowBlocks((positions, heights.changed(height=wrong)))
     found = fit(Task(task.model, rows), Split(np.arange(260), ()))
     assert found.identification.outliers == (67,)
 

@@ -11,7 +11,6 @@ from own_campaigns import place
 from cellctl.calibration import (
     Backlash,
     FitResult,
-    Growth,
     Harmonics,
     JointCompliance,
     PositionRows,
@@ -19,6 +18,7 @@ from cellctl.calibration import (
     Split,
     State,
     Task,
+    ThermalExpansion,
     Tolerances,
     Unknowns,
     fit,
@@ -93,7 +93,7 @@ def candidates(kinds, payload):
     chain = ROBOT.chain()
     tried = [JointCompliance.of(chain, load_known=payload), Harmonics(6)]
     tried += [Backlash(6)] if "backlash" in kinds else []
-    return (*tried, *([Growth.of(chain)] if "expansion" in kinds else []))
+    return (*tried, *([ThermalExpansion.of(chain)] if "expansion" in kinds else []))
 
 
 KEPT = {"compliance": "compliance", "gear": "harmonics", "backlash": "backlash", "expansion": "growth"}
@@ -166,13 +166,13 @@ def test_a_wave_that_nobody_named_is_in_the_turns_of_its_joint():
 def test_rows_that_only_a_later_effect_explains_come_back(seed):
     """Three rows measured in the heat: wild to geometry, and just where growth puts them that milder rows show."""
     rng, hot = np.random.default_rng([seed, 31]), (5, 30, 55)
-    growth = Growth.of(ROBOT.chain())
+    growth = ThermalExpansion.of(ROBOT.chain())
     nominal = nominal_model(ROBOT).with_effects((growth,))
     errors = rng.normal(0.0, Unknowns.of(State.alone(nominal), (), Tolerances()).sigma)
     errors[-len(growth.parameters) :] = 3.6e-5
-    warmer = rng.uniform(-4.0, 4.0, 120)
-    warmer[list(hot)] = 25.0
-    at = Postures(ROBOT.joint_map().model(rng.uniform(LOW, HIGH, (120, 6))), warmer=warmer)
+    delta_t = rng.uniform(-4.0, 4.0, 120)
+    delta_t[list(hot)] = 25.0
+    at = Postures(ROBOT.joint_map().model(rng.uniform(LOW, HIGH, (120, 6))), delta_t=delta_t)
     xyz = nominal.with_deviations(errors).tip(at) + rng.normal(0.0, SIGMA, (120, 3))
     task = Task(nominal_model(ROBOT), PositionRows(at, xyz, np.full((120, 3), SIGMA)))
     assert identify(task, np.arange(80)).outliers == hot

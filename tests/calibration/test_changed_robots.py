@@ -9,7 +9,7 @@ from honesty import squared
 from own_arm import Floats
 from own_campaigns import Campaign, nominal_of
 
-from cellctl.calibration import Identification, Mixture, Split, Task, fit, identify
+from cellctl.calibration import Identification, RowBlocks, Split, Task, fit, identify
 
 SIGMA = 0.03
 ROBOTS = 8
@@ -115,6 +115,6 @@ def test_wild_rows_are_found_on_a_robot_that_has_changed_as_well():
     rows = updated.task.rows.only
     xyz = rows.xyz.copy()
     xyz[[3, 17, 30]] += [[1.0, -1.0, 0.5], [0.0, 2.0, 0.0], [-1.0, 0.5, 1.0]]
-    done = identify(replace(updated.task, rows=Mixture.of(replace(rows, xyz=xyz))))
+    done = identify(replace(updated.task, rows=RowBlocks.of(replace(rows, xyz=xyz))))
     assert done.outliers == (3, 17, 30)
     assert list(done.loosened) == ["zeros"]

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from cellctl.calibration import (
     DOWN,
     Backlash,
-    Growth,
     Harmonics,
     JointCompliance,
     PoseRows,
@@ -17,6 +16,7 @@ from cellctl.calibration import (
     SocketRows,
     SpacingRows,
     State,
+    ThermalExpansion,
     Tolerances,
     ToolDeflection,
     TouchRows,
@@ -47,7 +47,7 @@ def effects_of(chain, down=DOWN):
     """All five effects, with a ripple of twelve waves per turn of joint 1."""
     bend, compliance = ToolDeflection(0.4, 15.0, down=down), JointCompliance.of(chain, load_known=True, down=down)
     harmonics = Harmonics(chain.n, orders=(1, 2), ripple=((1, 12),))
-    return (bend, compliance, harmonics, Backlash(chain.n), Growth.of(chain))
+    return (bend, compliance, harmonics, Backlash(chain.n), ThermalExpansion.of(chain))
 
 
 def unknowns_of(rng, chain, own, down=DOWN):

@@ -13,7 +13,7 @@ from fixed_orientations import TILTED, UPRIGHT, fixed
 from honesty import Summary, elsewhere, honesty
 from simulated_setups import OUTSIDE, SETUPS
 
-from cellctl.calibration import Mixture, identify
+from cellctl.calibration import RowBlocks, identify
 
 SEEDS = 20
 FEWEST_INSIDE = 16 / SEEDS
@@ -120,10 +120,10 @@ def test_what_stays_where_it_starts_does_not_explain_residuals_that_are_left():
     task = task_of(fixed(0, ONE_ORIENTATION)[0])
     rows = task.rows.only
     rounded = replace(rows, at=np.radians(np.round(np.degrees(rows.q), 2)))
-    found = identify(replace(task, rows=Mixture.of(rounded))).identified
+    found = identify(replace(task, rows=RowBlocks.of(rounded))).identified
     unseen = found.unknowns.pinned[0] * found.unknowns.sigma
     wrong = replace(rounded, xyz=rounded.xyz + 3.0 * rounded.jacobian(found.state) @ unseen)
-    done = identify(replace(task, rows=Mixture.of(wrong)))
+    done = identify(replace(task, rows=RowBlocks.of(wrong)))
     used = wrong.pick(list(done.used))
     left = used.residual(done.identified.state) / used.sigma
     assert np.sqrt(np.mean(left**2)) < 1.1 * done.noise.max()

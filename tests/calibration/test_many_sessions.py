@@ -8,7 +8,7 @@ import pytest
 from own_campaigns import Campaign, certificate, nominal_of, place
 from simulated_setups import SPHERES
 
-from cellctl.calibration import Mixture, Session, State, Task, Tolerances, Unknowns, identify
+from cellctl.calibration import RowBlocks, Session, State, Task, Tolerances, Unknowns, identify
 from cellctl.calibration.estimation.linear import Linear
 from cellctl.calibration.selection.sample import sampled
 
@@ -35,11 +35,11 @@ def sessions(seed, factors, wild=()):
 @pytest.fixture
 def looks(monkeypatch):
     """How often all rows are looked at, one by one, for what the others foresee of it."""
-    seen, surprise = [], Linear.surprise
+    seen, leave_one_out_chi2 = [], Linear.leave_one_out_chi2
 
     def counted(linear, kept):
         seen.append(len(kept))
-        return surprise(linear, kept)
+        return leave_one_out_chi2(linear, kept)
 
     monkeypatch.setattr(Linear, "surprise", counted)
     return seen
@@ -80,7 +80,7 @@ def test_how_much_each_kind_scatters_is_told_without_its_wild_rows():
 
 def test_what_noisier_rows_tell_of_the_model_is_that_of_rows_with_wider_sigma():
     task = sessions(6, [1.0])
-    halves = Mixture((task.rows.pick(slice(0, 15)).only, task.rows.pick(slice(15, 40)).only))
+    halves = RowBlocks((task.rows.pick(slice(0, 15)).only, task.rows.pick(slice(15, 40)).only))
     linear, noise = linear_of(replace(task, rows=halves)), np.repeat([2.0, 7.0], 3)
     wider = linear.noisier(noise)
     lines = wider.columns.reshape(-1, wider.columns.shape[-1])
@@ -109,7 +109,7 @@ def test_wild_touches_are_found_beside_any_number_of_positions(monkeypatch):
 def test_a_sample_has_small_blocks_and_rare_points_whole():
     task = beside_positions(500)
     touches = replace(task.rows.blocks[1], point=np.array([0] * 3 + [1] * 10 + [2] * 23))
-    rows = Mixture((task.rows.blocks[0], touches))
+    rows = RowBlocks((task.rows.blocks[0], touches))
     enough = sampled(rows, 100)
     assert len(enough) == 100
     assert (np.diff(enough) > 0).all()

@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration import Mixture, PoseRows, PositionRows, Session, SocketRows, Task
+from cellctl.calibration import PoseRows, PositionRows, RowBlocks, Session, SocketRows, Task
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import Link, SerialChain
 from cellctl.setup_check import WideFit, check_setup
@@ -513,7 +513,7 @@ def test_rows_out_of_step_are_named_in_each_session_by_itself():
         for number, (part, points) in enumerate(zip(np.split(readings, 2), xyz, strict=True))
     ]
     sessions = (Session("a"), Session("b", frozenset({"base"})))
-    task = Task(nominal_model(KR5, touched=False), Mixture(tuple(blocks)), sessions=sessions)
+    task = Task(nominal_model(KR5, touched=False), RowBlocks(tuple(blocks)), sessions=sessions)
     changes = found(task, KR5, readings)[0].changes
     assert [change.what for change in changes] == [
         "from {0} on the measurements belong to the joints of the row after",

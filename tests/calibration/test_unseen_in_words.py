@@ -6,7 +6,6 @@ from own_campaigns import place
 
 from cellctl.calibration import (
     Backlash,
-    Growth,
     Hidden,
     JointCompliance,
     PoseRows,
@@ -16,6 +15,7 @@ from cellctl.calibration import (
     Split,
     State,
     Task,
+    ThermalExpansion,
     Tolerances,
     TouchRows,
     Unknowns,
@@ -104,7 +104,7 @@ def test_a_tools_rotation_is_told_with_the_last_joint_where_poses_are_measured()
 
 
 def effects_of(robot):
-    return JointCompliance.of(robot, load_known=True), Backlash(7), Growth.of(robot)
+    return JointCompliance.of(robot, load_known=True), Backlash(7), ThermalExpansion.of(robot)
 
 
 def test_effects_of_conditions_that_nobody_noted_are_named_joint_by_joint_in_one_phrase(robot):

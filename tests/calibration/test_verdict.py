@@ -48,9 +48,9 @@ def test_a_holdout_takes_its_share_and_the_seed_decides_which():
     assert first.fit.tolist() == again.fit.tolist() != other.fit.tolist()
 
 
-def held_out(nominal, identified, foreseen, chance=0.5):
+def held_out(nominal, identified, foreseen, p_value=0.5):
     count = len(nominal)
-    return HeldOut(nominal, identified, np.full(count, foreseen**2), np.broadcast_to(chance, count))
+    return HeldOut(nominal, identified, np.full(count, foreseen**2), np.broadcast_to(p_value, count))
 
 
 RNG = np.random.default_rng(3)
@@ -63,8 +63,8 @@ def test_errors_of_the_size_foreseen_are_better_and_say_why():
 
 
 def test_whether_sigma_can_be_trusted_is_not_in_the_verdict():
-    chance = np.where(np.arange(30) < 20, 0.5, 1e-4)
-    judged = judge(held_out(BEFORE, AFTER, 0.05, chance))
+    p_value = np.where(np.arange(30) < 20, 0.5, 1e-4)
+    judged = judge(held_out(BEFORE, AFTER, 0.05, p_value))
     assert (judged.verdict, judged.sigma_ok) == ("better", False)
     assert judged.sigma_reason.startswith("20 of 30 held-out rows lie in their 95 % region; 0.050 mm RMS predicted")
     trusted = judge(held_out(BEFORE, AFTER, 0.5))

@@ -7,7 +7,7 @@ import pytest
 from own_campaigns import Campaign, nominal_of
 from simulated_setups import SPHERES
 
-from cellctl.calibration import Mixture, Split, Task, fit, identify
+from cellctl.calibration import RowBlocks, Split, Task, fit, identify
 
 SHIFT_MM = 10.0
 TOOL = ("tool_x", "tool_y", "tool_z")
@@ -91,7 +91,7 @@ def test_a_touch_or_two_are_too_few_and_said_to_be(spheres, touches):
 def test_sockets_tell_a_new_tool_without_a_search():
     campaign, task = retooled(1, 1)
     visits = campaign.sockets(12, SPHERES[:1], 0.03)
-    found = identify(replace(task, rows=Mixture.of(visits))).identified
+    found = identify(replace(task, rows=RowBlocks.of(visits))).identified
     assert found.converged
     assert off_in_sigma(campaign, found) < 4.0
 

@@ -108,7 +108,7 @@ def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
         x = -inverse @ (linear.pull + stacked.T @ linear.away[others, 0])
         line = linear.columns[row, 0]
         expected = (linear.away[row, 0] + line @ x) ** 2 / (1.0 + line @ inverse @ line)
-        assert linear.surprise(kept)[0][row] == pytest.approx(expected, rel=1e-3)
+        assert linear.leave_one_out_chi2(kept)[0][row] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_real_robots_scatter_does_not_refuse_a_gain_that_other_touches_show_plainly(draw, touch_task):

@@ -111,6 +111,7 @@ def test_a_wild_row_is_left_out_and_named(cellctl, files):
         (["--prior", "old.json"], "old.json: cannot be read"),
         (["--holdout", "1.5"], "--holdout"),
         (["--folds", "1"], "--folds"),
+        (["--folds", "61"], "61 folds, but the data set has 60 usable rows"),
         (["--folds", "3", "--holdout", "0.2"], "one of"),
         (["--column", "who"], "--column"),
         (["--holdout", "0.97"], "rows to fit"),
@@ -239,3 +240,10 @@ def test_a_page_is_written_where_it_is_asked_for(cellctl, files):
     assert result["sentence"] in page
     assert "What to measure next" in page
     assert "positions.csv, SHA-256" in page
+
+
+def test_robot_file_and_data_set_in_the_wrong_order_are_recognised(cellctl, files, capsys):
+    assert cellctl("fit", "positions.csv", "robot.yaml") == 2
+    said = capsys.readouterr().err
+    assert "cellctl: 1 mistake\npositions.csv: is taken for the robot file" in said
+    assert "cellctl fit robot.yaml positions.csv" in said

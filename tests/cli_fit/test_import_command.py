@@ -128,3 +128,10 @@ def test_files_that_are_no_lists_are_named(cellctl, files, typed, capsys, conten
     (files / "p.csv").write_bytes(content)
     assert cellctl("import", "messung.dat", "p.csv") == 2
     assert f"p.csv: {said}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("column", "words"), [("A1=nonsense", "'nonsense' for A1"), ("X=nowhere", "'nowhere'")])
+def test_a_named_column_that_no_file_has_is_refused(cellctl, files, typed, column, words, capsys):
+    assert cellctl("import", "messung.dat", "positionen.csv", "--columns", column, "-o", "data.csv") == 2
+    assert words in capsys.readouterr().err
+    assert not (files / "data.csv").exists()

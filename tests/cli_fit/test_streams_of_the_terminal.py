@@ -74,13 +74,13 @@ def test_a_terminal_without_greek_letters_ends_nothing_and_files_to_stdout_are_u
 
 
 INTERRUPTED = """\
-import sys
+import os, signal, sys
 from pathlib import Path
 
 class Interrupt:
     def find_spec(self, name, *_):
         if name == "{}":
-            raise KeyboardInterrupt
+            os.kill(os.getpid(), signal.{})
 
 sys.meta_path.insert(0, Interrupt())
 from cellctl.cli.main import main
@@ -90,7 +90,15 @@ main()
 
 @pytest.mark.parametrize("while_importing", ["typer", "cellctl.cli.verbs", "pydantic", "numpy", "scipy"])
 def test_ctrl_c_while_anything_is_imported_ends_in_one_line_with_130(run, while_importing):
-    program = [sys.executable, "-B", "-c", INTERRUPTED.format(while_importing)]
+    ends_in_one_line_with_130(run, while_importing, "SIGINT")
+
+
+def test_sigterm_ends_like_ctrl_c(run):
+    ends_in_one_line_with_130(run, "scipy", "SIGTERM")
+
+
+def ends_in_one_line_with_130(run, while_importing, signal_name):
+    program = [sys.executable, "-B", "-c", INTERRUPTED.format(while_importing, signal_name)]
     ended = run("fit", "robot.yaml", "positions.csv", "--out", "m.json", program=program)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"cellctl: aborted by the operator\n")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from cellctl.cli.run_end import say_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Outcome, State
+from cellctl.files import InputError, Problem
 from cellctl.journal import (
     Journal,
     JournalError,
@@ -108,12 +110,26 @@ def test_a_robot_whose_standstill_nobody_confirmed_is_not_said_to_be_held(
     assert "held" not in said
 
 
-def test_an_unreachable_device_outside_a_run_has_moved_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("moves", [True, False])
+def test_nothing_was_moved_is_said_where_something_could_have_been(
+    moves: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
     def call() -> None:
-        raise DeviceUnreachable("simulator", "was not ready within 60 s")
+        with ends.adding(ends.NOTHING_MOVED) if moves else nullcontext():
+            raise DeviceUnreachable("simulator", "was not ready within 60 s")
 
     assert ends.exit_code_of(call) == 3
-    assert "nothing was moved" in capsys.readouterr().err
+    assert ("nothing was moved" in capsys.readouterr().err) == moves
+
+
+def test_of_many_mistakes_the_first_are_shown_and_the_others_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    def call() -> None:
+        raise InputError(Problem("data.csv", line, 0, "is no number") for line in range(1, 101))
+
+    assert ends.exit_code_of(call) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "cellctl: 100 mistakes"
+    assert said[-2:] == ["data.csv:20: is no number", "… and 80 more"]
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeRobot, engine_for, events_of
 
-from cellctl.clock import WallClock
-from cellctl.devices import DeviceUnreachable, Health, Identity, NoContact
-from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, Plan, State, Surround
+from cellctl.devices import NoContact
+from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, State
 from cellctl.engine.states import checked
-from cellctl.files import parse_yaml
 from cellctl.journal import (
     Journal,
     Recorded,
@@ -24,150 +22,6 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
-from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
-from cellctl.records import Row
-
-CALLS: list[str] = []
-
-
-class Numbers(StepResult):
-    values: list[int]
-
-
-class Value(StepInputs):
-    value: int
-
-
-class Doubled(StepResult):
-    value: int
-
-
-@dataclass(frozen=True)
-class DoubledRow(Row):
-    KIND = "doubled"
-    value: int
-
-
-@dataclass(frozen=True)
-class AttemptRow(Row):
-    KIND = "row"
-    attempt: int
-
-
-@step("test.numbers")
-async def numbers(context: StepContext, inputs: NoInputs) -> Numbers:
-    """Give three numbers."""
-    return Numbers(values=[1, 2, 3])
-
-
-@step("test.double")
-async def double(context: StepContext, inputs: Value) -> Doubled:
-    """Double a number."""
-    CALLS.append(f"double {inputs.value}")
-    await context.record(DoubledRow(2 * inputs.value))
-    return Doubled(value=2 * inputs.value)
-
-
-@step("test.flaky", moves=True)
-async def flaky(context: StepContext, inputs: NoInputs) -> None:
-    """Fail at the first attempt, after recording something."""
-    await context.record(AttemptRow(context.attempt))
-    if context.attempt == 1:
-        raise NoContact("probe", "nothing there")
-
-
-@step("test.forever", moves=True)
-async def forever(context: StepContext, inputs: NoInputs) -> None:
-    """Never end."""
-    CALLS.append("forever")
-    await asyncio.Event().wait()
-
-
-@step("test.broken")
-async def broken(context: StepContext, inputs: NoInputs) -> None:
-    """Raise what nobody foresaw."""
-    raise ZeroDivisionError("broken on purpose")
-
-
-@step("test.hold")
-async def hold(context: StepContext, inputs: NoInputs) -> None:
-    """Say that it was called."""
-    CALLS.append("hold")
-
-
-@step("test.look")
-async def look(context: StepContext, inputs: NoInputs) -> None:
-    """Note what the step `touch` recorded."""
-    CALLS.append(f"counts {len(context.recorded(AttemptRow))}, recorded {len(context.all_recorded(AttemptRow))}")
-
-
-KINDS = [numbers, double, flaky, forever, broken, hold, look]
-
-
-class FakeDevice:
-    """A device that notes what is done to it."""
-
-    def __init__(self, name: str, *, reachable: bool = True, stops: bool = True) -> None:
-        self.name = name
-        self.calls: list[str] = []
-        self._reachable = reachable
-        self._stops = stops
-
-    async def connect(self) -> Identity:
-        self.calls.append("connect")
-        if not self._reachable:
-            raise DeviceUnreachable(self.name, "nobody answers")
-        return Identity(self.name, "SIM-1", "fake", "1", simulated=True)
-
-    async def health(self) -> Health:
-        return Health(True, "well")
-
-    async def stop(self) -> None:
-        self.calls.append("stop")
-        if not self._stops:
-            raise RuntimeError("does not stop")
-
-    async def close(self) -> None:
-        self.calls.append("close")
-
-
-class FakeRobot(FakeDevice):
-    """A fake device that counts as a robot."""
-
-    axes = 6
-
-    def _(self) -> None: ...
-
-    joints = move = search = stop_now = clear_stop = guard = _
-
-
-def engine_for(steps: str, folder: Path, devices: list[FakeDevice] | None = None, cleanup: str = "") -> Any:
-    CALLS.clear()
-    text = f"procedure: test\ntitle: a test\ncell: cell.yaml\nsteps:\n{steps}"
-    if cleanup:
-        text += f"\ncleanup:\n{cleanup}"
-    procedure = read_procedure(parse_yaml(text, "test.yaml"))
-    assert procedure.problems == ()
-    clock = WallClock()
-    named = {device.name: device for device in devices or [FakeDevice("robot")]}
-    surround = Surround(clock, 1, folder, parse_yaml("name: x", "cell.yaml"), folder / "robot.yaml", named)
-    journal = Journal.create(folder / "run", clock.now_ns)
-    mailbox = Mailbox()
-    return Engine(Plan(procedure, {}, StepRegistry(KINDS), named), surround, journal, mailbox), mailbox, journal
-
-
-def events_of(journal: Journal, kind: type) -> list[Any]:
-    return [entry.event for entry in read_journal(journal.path) if isinstance(entry.event, kind)]
-
-
-LOOP = """
-  - {id: some, do: test.numbers}
-  - id: all
-    for_each: ${some.values}
-    as: number
-    steps:
-      - {id: twice, do: test.double, with: {value: "${number}"}}
-"""
 
 
 def test_results_flow_from_step_to_step_and_loops_name_each_pass(tmp_path: Path) -> None:
@@ -211,6 +65,45 @@ def test_a_step_that_takes_too_long_is_ended_and_says_so(tmp_path: Path) -> None
     assert events_of(journal, StepEnded)[0].outcome == "timed_out"
 
 
+@pytest.mark.parametrize("limit", ["", ", timeout: 60"])
+def test_a_timeout_inside_a_step_is_not_the_steps_own_limit(limit: str, tmp_path: Path) -> None:
+    engine, _, journal = engine_for(f"  - {{id: ask, do: test.times_out{limit}}}", tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert str(outcome.error) == "ask: a wait inside the step took too long"
+    assert events_of(journal, StepEnded)[0].outcome == "timed_out"
+
+
+def test_an_uncertain_step_is_not_tried_again_though_retry_names_its_base_class(tmp_path: Path) -> None:
+    steps = "  - {id: move, do: test.lost, retry: {attempts: 3, on: [DeviceLost]}}"
+    engine, _, _ = engine_for(steps, tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.UNCERTAIN
+    assert CALLS == ["lost"]
+
+
+def test_cancelling_the_caller_cleans_up_and_is_raised_afterwards(tmp_path: Path) -> None:
+    device = FakeDevice("robot")
+    engine, _, journal = engine_for(
+        "  - {id: wait, do: test.forever}", tmp_path, [device], "  - {id: hold, do: test.hold}"
+    )
+
+    async def run() -> Any:
+        running = asyncio.create_task(engine.run())
+        while "forever" not in CALLS:
+            await asyncio.sleep(0)
+        running.cancel()
+        await running
+
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(run())
+    assert CALLS == ["forever", "hold"]
+    assert device.calls == ["connect", "stop", "close"]
+    ended = fold(read_journal(journal.path)).ended
+    assert ended is not None
+    assert ended.state == "aborted"
+
+
 def test_abort_cancels_the_step_and_cleans_up_even_when_said_twice(tmp_path: Path) -> None:
     device = FakeDevice("robot")
     engine, mailbox, journal = engine_for(
@@ -223,7 +116,6 @@ def test_abort_cancels_the_step_and_cleans_up_even_when_said_twice(tmp_path: Pat
             await asyncio.sleep(0)
         mailbox.abort()
         mailbox.abort()
-        running.cancel()  # as a second Ctrl-C would
         return await running
 
     outcome = asyncio.run(run())
@@ -316,7 +208,7 @@ def test_a_resumed_run_does_not_repeat_what_is_done_and_loses_no_row(tmp_path: P
         def loop(self, path: str, index: int, count: int) -> None:
             pass
 
-    engine._watcher = PauseAfterTheSecond()
+    engine._recorder.watcher = PauseAfterTheSecond()
 
     async def stop_after_the_second() -> Any:
         running = asyncio.create_task(engine.run())
@@ -373,7 +265,7 @@ def test_a_display_that_fails_ends_no_campaign(tmp_path: Path) -> None:
         def loop(self, path: str, index: int, count: int) -> None:
             raise BrokenPipeError
 
-    engine._watcher = Gone()
+    engine._recorder.watcher = Gone()
     assert asyncio.run(engine.run()).state is State.FINISHED
     assert CALLS == ["double 1", "double 2", "double 3"]
 

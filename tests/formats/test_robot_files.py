@@ -74,10 +74,10 @@ def test_all_mistakes_come_at_once_each_with_its_line(tmp_path):
         ("sign: -1", "sign: 2", 7, "1"),
         ("d: 100", "d: .nan", 4, "finite"),
         ("links:", "home: {xyz: [0, 0, 1]}\nlinks:", 3, "'home' does not go with mdh-hayati"),
-        ("repeatability: 0.05", "repeatability: 0.05\ntolerances: {link_mm: 0}", 11, "greater"),
+        ("repeatability: 0.05", "repeatability: 0.05\ntolerances: {link_mm: 0}", 11, "above 0"),
         ("repeatability: 0.05", "repeatability: 0.05\ntolerances: {link_m: 1}", 11, "link_mm"),
         ("mdh-hayati", "dh", 2, "dh-craig"),
-        ("mass: 1", "mass: -1", 9, "greater"),
+        ("mass: 1", "mass: -1", 9, "at least 0"),
         ("xyz: [0, 0, 50]", "xyz: [0, 0]", 9, "3"),
     ],
 )
@@ -178,7 +178,7 @@ distances:
         ("[S1, S2]", "[S1, S1]", 6, "different"),
         ("id: S2", "id: S1", 3, "twice"),
         ("mm: 700.412", "mm: 0.700412", 6, "apart"),
-        ("diameter: 61.4", "diameter: 0", 3, "greater"),
+        ("diameter: 61.4", "diameter: 0", 3, "above 0"),
     ],
 )
 def test_an_artefact_that_contradicts_itself_is_refused(tmp_path, old, new, line, words):

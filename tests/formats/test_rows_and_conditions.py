@@ -65,14 +65,14 @@ def test_each_rows_filled_cells_say_what_it_is_and_lines_follow_the_order_of_the
 def test_conditions_reach_the_estimator_as_the_model_counts_them():
     text = "A1,A2,X,Y,Z,temperature,payload,D1,D2\n1,2,3,4,5,24,5,1,1\n1,2,3,4,5,,,-1,\n1,2,3,4,5,26,0,0,-1\n"
     at = measured(text).task.rows.only.postures
-    np.testing.assert_allclose(at.warmer, [4.0, 5.0, 6.0])
+    np.testing.assert_allclose(at.delta_t, [4.0, 5.0, 6.0])
     np.testing.assert_allclose(at.payload, [5.0, 0.0, 0.0])
     np.testing.assert_allclose(at.approach, [[1, -1], [-1, 0], [0, 1]])
 
 
 def test_a_condition_whose_column_is_missing_is_not_known():
     at = measured("A1,A2,X,Y,Z\n1,2,3,4,5\n").task.rows.only.postures
-    assert (at.warmer, at.payload, at.approach) == (None, None, None)
+    assert (at.delta_t, at.payload, at.approach) == (None, None, None)
 
 
 @pytest.mark.parametrize(

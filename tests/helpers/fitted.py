@@ -13,11 +13,11 @@ from simulated_setups import Draw
 
 from cellctl.calibration import (
     Identification,
-    Mixture,
     Observability,
     PoseRows,
     PositionRows,
     RobotModel,
+    RowBlocks,
     SpacingRows,
     Split,
     Task,
@@ -130,13 +130,13 @@ def task_of(draw: Draw) -> Task:
             pairs = OwnTouches.pairs(len(draw.centres))
             spacings = SpacingRows(pairs, rows.spacings, np.full((len(pairs), 1), rows.spacing_sigma_mm))
             names = tuple(f"S{number + 1}" for number in range(len(draw.centres)))
-            return Task(model, Mixture.of(touches), names, draw.rough_centres, spacings, tolerances=tolerances)
+            return Task(model, RowBlocks.of(touches), names, draw.rough_centres, spacings, tolerances=tolerances)
         case OwnPoses() as rows:
             sigma = np.hstack([_all(rows.sigma_mm, rows.q, 3), _all(rows.sigma_rad, rows.q, 3)])
-            return Task(model, Mixture.of(PoseRows(rows.q, rows.poses, sigma)), tolerances=tolerances)
+            return Task(model, RowBlocks.of(PoseRows(rows.q, rows.poses, sigma)), tolerances=tolerances)
         case OwnPositions() as rows:
             points = PositionRows(rows.q, rows.xyz, _all(rows.sigma_mm, rows.q, 3))
-            return Task(model, Mixture.of(points), tolerances=tolerances)
+            return Task(model, RowBlocks.of(points), tolerances=tolerances)
         case _:
             raise TypeError(type(draw.rows))
 

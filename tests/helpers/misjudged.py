@@ -69,9 +69,9 @@ def _rng_of(draw: Draw) -> np.random.Generator:
 
 
 MISJUDGED: dict[str, Callable[[Draw], Draw]] = {
-    "rows 1.5 × noisier than said": lambda draw: rows_noisier_than_said(draw, 1.5),
-    "rows 3 × noisier than said": lambda draw: rows_noisier_than_said(draw, 3.0),
-    "robot 2 × worse than said": lambda draw: robot_worse_than_said(draw, 2.0),
-    "3 wild rows of 50, 6 σ": lambda draw: with_wild_rows(draw, 6.0),
-    "3 wild rows of 50, 15 σ": lambda draw: with_wild_rows(draw, 15.0),
+    "rows 1.5 × noisier than stated": lambda draw: rows_noisier_than_said(draw, 1.5),
+    "rows 3 × noisier than stated": lambda draw: rows_noisier_than_said(draw, 3.0),
+    "robot 2 × less accurate than stated": lambda draw: robot_worse_than_said(draw, 2.0),
+    "3 outliers in 50, 6 σ": lambda draw: with_wild_rows(draw, 6.0),
+    "3 outliers in 50, 15 σ": lambda draw: with_wild_rows(draw, 15.0),
 }

@@ -166,7 +166,7 @@ def test_conditions_are_such_as_there_were(model, limits, touches):
     block = PositionRows(at, model.tip(touches.q), np.full((count, 3), 0.05))
     like = rows_like(block, State.alone(model), limits, 64).postures
     assert set(np.unique(like.approach)) == {-1.0, 1.0}
-    assert like.warmer == pytest.approx(np.full(len(like), 4.0))
+    assert like.delta_t == pytest.approx(np.full(len(like), 4.0))
     assert like.payload == pytest.approx(np.full(len(like), 5.0))
 
 

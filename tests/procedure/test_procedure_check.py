@@ -11,6 +11,11 @@ def test_a_good_procedure_has_no_mistakes(mistakes, good):
     assert mistakes(good) == []
 
 
+def test_no_step_is_tried_again_after_an_uncertain_state(mistakes, good):
+    (mistake,) = mistakes(good.replace("NoContact", "DeviceUncertain"))
+    assert "never tried again after DeviceUncertain" in mistake
+
+
 def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, good):
     text = (
         good.replace("do: sphere.plan", "do: sphere.pln")
@@ -22,7 +27,7 @@ def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, 
     assert mistakes(text) == [
         "2:1: 'titel' is not known in a procedure\n    did you mean 'title'?",
         "11:9: there is no step 'sphere.pln'\n    did you mean 'sphere.plan'?",
-        "20:47: input 'speed_mm_s' of sphere.touch: should be less than or equal to 20 (here: 50)\n    give at most 20",
+        "20:47: input 'speed_mm_s' of sphere.touch: has to be at most 20 (here: 50)\n    give at most 20",
         "21:18: 'timeout' of a step is not usable (here: -1)\n    write a number above 0",
         "22:35: there is no error 'NoContakt' that sphere.touch could be tried again after\n"
         "    did you mean 'NoContact'?",
@@ -35,10 +40,10 @@ def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, 
         ("id: plan\n", "id: plan\n    @tiemout: 3\n", "'tiemout' is not known in a step\n    did you mean 'timeout'?"),
         ("id: plan\n", "id: @Plan!\n", "'id' of a step is not usable (here: 'Plan!')\n    a name is small letters"),
         ("- id: plan\n    do: sphere.plan\n", "- @id: plan\n", "'do' is missing in a step\n    add 'do:'"),
-        ('"${touches_fit}"', "@5", "input 'fit' of sphere.plan: should be greater than or equal to 10 (here: 5)"),
-        ('"${touches_fit}"', "@many", "input 'fit' of sphere.plan: should be a valid integer (here: 'many')"),
-        ('"${touches_fit}"', '@"50"', "input 'fit' of sphere.plan: should be a valid integer (here: '50')"),
-        ('"${touches_fit}"', "@true", "input 'fit' of sphere.plan: should be a valid integer (here: True)"),
+        ('"${touches_fit}"', "@5", "input 'fit' of sphere.plan: has to be at least 10 (here: 5)"),
+        ('"${touches_fit}"', "@many", "input 'fit' of sphere.plan: has to be a whole number (here: 'many')"),
+        ('"${touches_fit}"', '@"50"', "input 'fit' of sphere.plan: has to be a whole number (here: '50')"),
+        ('"${touches_fit}"', "@true", "input 'fit' of sphere.plan: has to be a whole number (here: True)"),
         ('"${touches_fit}"', "@.nan", "this is no finite number"),
         (
             '{fit: "${touches_fit}", ',
@@ -48,7 +53,7 @@ def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, 
         ("{fit:", "{fit: 50, @fitt:", "step sphere.plan has no input 'fitt'\n    did you mean 'fit'?"),
         ('order: "${order}"', '@ordr: "${order}"', "step sphere.plan has no input 'ordr'\n    did you mean 'order'?"),
         ("{touch: ", '{@toch: "${touch}", touch: ', "step sphere.touch has no input 'toch'\n    did you mean 'touch'?"),
-        ('"${order}"', "@sideways", "input 'order' of sphere.plan: should be 'random' or 'nearest' (here: 'sideways')"),
+        ('"${order}"', "@sideways", "input 'order' of sphere.plan: has to be 'random' or 'nearest' (here: 'sideways')"),
         ('"${touches_fit}"', '@"${touch_fit}"', "${touch_fit}: nothing here is called 'touch_fit'\n    did you mean"),
         (
             '"${touches_fit}"',
@@ -165,14 +170,14 @@ def test_values_that_the_run_will_tell_are_left_alone_the_others_are_not(mistake
         'options: {a: "${plan.seconds}", b: wide}, ladder: ["${plan.seconds}", 1], touch: "${touch}"',
     )
     assert [m.split(" (here")[0] for m in mistakes(text)] == [
-        "20:51: input 'options.b' of sphere.touch: should be a valid number"
+        "20:51: input 'options.b' of sphere.touch: has to be a number"
     ]
 
 
 def test_a_parameter_out_of_the_steps_range_is_found_through_the_reference(mistakes, good):
     found = mistakes(good, parameters={"touches_fit": 5000, "search_speed": 5.0, "order": "random"})
     assert found == [
-        "12:17: input 'fit' of sphere.plan: should be less than or equal to 2000 (here: 5000)\n"
+        "12:17: input 'fit' of sphere.plan: has to be at most 2000 (here: 5000)\n"
         "    give at most 2000 (touches to identify from)"
     ]
 

@@ -67,7 +67,7 @@ def test_inputs_are_the_model_with_references_followed(load, good, registry):
 def test_inputs_that_turn_out_wrong_in_the_run_are_placed_in_the_file(load, good, registry):
     procedure = load(good)
     scope = {"touch": {"joints": ["one"], "name": "S1"}, "search_speed": 5.0}
-    with pytest.raises(InputError, match=r"p\.yaml:20:23: input 'touch\.joints\.0' of sphere.touch: should be a valid"):
+    with pytest.raises(InputError, match=r"p\.yaml:20:23: input 'touch\.joints\.0' of sphere.touch: has to be"):
         inputs_of(procedure, procedure.steps[1].steps[0], registry.find("sphere.touch"), scope)
     with pytest.raises(InputError, match=r"p\.yaml:20:15: \$\{touch\}: 'touch' is not known here"):
         inputs_of(procedure, procedure.steps[1].steps[0], registry.find("sphere.touch"), {"search_speed": 5.0})

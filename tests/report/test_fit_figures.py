@@ -26,7 +26,6 @@ from fit_stories import (
 
 from cellctl.calibration import (
     Backlash,
-    Growth,
     Harmonics,
     JointCompliance,
     PositionRows,
@@ -34,6 +33,7 @@ from cellctl.calibration import (
     RobotModel,
     State,
     Task,
+    ThermalExpansion,
     Tolerances,
     ToolDeflection,
     Unknowns,
@@ -334,7 +334,7 @@ def test_what_a_row_narrows_is_named_by_how_much():
 def test_every_parameter_has_a_label(name, words):
     chain = KR5.chain()
     bend, compliance = ToolDeflection(0.4, 15.0), JointCompliance.of(chain, load_known=True)
-    model = RobotModel(chain, (bend, compliance, Harmonics(6), Backlash(6), Growth.of(chain)))
+    model = RobotModel(chain, (bend, compliance, Harmonics(6), Backlash(6), ThermalExpansion.of(chain)))
     state = State.of_sessions([model, model], [frozenset({"tool"})], np.zeros((1, 3)))
     unknowns = Unknowns.of(state, ["ball_1"], Tolerances(), sessions=["cell B"])
     assert unknowns.parameters[unknowns.names.index(name)].label == words

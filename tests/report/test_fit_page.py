@@ -7,7 +7,7 @@ import pytest
 from fit_stories import arm, measured, pointed, poses, positions, sessions, sockets, told, touches, truth
 from html_pages import Page
 
-from cellctl.calibration import Backlash, Growth, Harmonics, JointCompliance, Postures, Split, Task
+from cellctl.calibration import Backlash, Harmonics, JointCompliance, Postures, Split, Task, ThermalExpansion
 from cellctl.report.fit import FitStory, fit_page, write_fit_page
 
 HEADINGS = [
@@ -119,7 +119,7 @@ def test_effects_have_symbols_and_units_of_their_own():
     rows = type(rows)(conditions, rows.xyz, rows.sigma)
     task = measured(rows)
     chain = task.model.chain
-    effects = (JointCompliance.of(chain, True), Harmonics(6), Backlash(6), Growth.of(chain))
+    effects = (JointCompliance.of(chain, True), Harmonics(6), Backlash(6), ThermalExpansion.of(chain))
     page = checked(fit_page(told(task.with_effects(effects))))
     for words in ("A2 sag by link 3, x", "A2 sag by payload", "µrad/(N·m)", "A4 half play", "µm/(m·K)"):
         assert words in page.text

@@ -30,8 +30,8 @@ from volumetric import HIGH, LOW, workspace_of
 
 from cellctl.calibration import (
     Measured,
-    Mixture,
     PlaneRows,
+    RowBlocks,
     SocketRows,
     SpacingRows,
     Task,
@@ -159,7 +159,7 @@ def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int,
     """Identify the robot of `seed` from `count` rows; judge it at angles `asked` (M, 6), rad."""
     campaign = Campaign.of(seed)
     campaign = replace(campaign, truth=replace(campaign.truth, base=np.eye(4)))
-    nominal, blocks = nominal_of(campaign.nominal), Mixture.of(rows(campaign, count, places))
+    nominal, blocks = nominal_of(campaign.nominal), RowBlocks.of(rows(campaign, count, places))
     spacing: SpacingRows | None = certificate(campaign.rng, places, PAIRS, CERTIFIED_MM) if certified else None
     points = 1 + max(int(block.point.max()) for block in blocks.blocks if isinstance(block, AT_PLACES))
     names = tuple(f"P{number + 1}" for number in range(points))

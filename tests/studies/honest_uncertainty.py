@@ -37,10 +37,10 @@ FEWER = 10
 def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
     """The first table, and whether all its figures are as promised."""
     lines = [
-        "| set-up | seeds | NEES per degree of freedom: parameters | places asked "
-        "| truth in the 95 % region: place asked | volumetric RMS | all parameters | volumetric RMS (mm) | said "
-        "| over SciPy's | farthest from SciPy's (σ) | clean rows left out, of 1000 | σ grew | tolerances grew "
-        "| not converged |",
+        "| set-up | seeds | NEES per degree of freedom: parameters | predicted points "
+        "| truth in the 95 % region: one point | volumetric RMS | all parameters | volumetric RMS (mm) | stated "
+        "| relative to SciPy's | largest parameter difference from SciPy's (σ) | clean rows left out, of 1000 "
+        "| noise scaled | prior scaled | not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     kept = True
@@ -67,8 +67,8 @@ def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
 def outside_the_prior(seeds: range) -> list[str]:
     """The second table."""
     lines = [
-        "| set-up | what lies outside | seeds | NEES per degree of freedom | truth in the 95 % region: volumetric RMS "
-        "| volumetric RMS (mm) | said | over SciPy's | found (σ of the prior) | σ grew by | tolerances grew by "
+        "| set-up | outside the prior | seeds | NEES per degree of freedom | truth in the 95 % region: volumetric RMS "
+        "| volumetric RMS (mm) | stated | relative to SciPy's | found (σ of the prior) | noise scale | prior scale "
         "| not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -93,9 +93,9 @@ def outside_the_prior(seeds: range) -> list[str]:
 def told_wrong(seeds: range) -> list[str]:
     """The fourth table."""
     lines = [
-        "| what is wrong | set-up | seeds | NEES per degree of freedom: parameters | places asked "
-        "| truth in the 95 % region: place asked | volumetric RMS | volumetric RMS (mm) | said "
-        "| rows left out of 50, mean | σ grew by | tolerances grew by |",
+        "| what is wrong | set-up | seeds | NEES per degree of freedom: parameters | predicted points "
+        "| truth in the 95 % region: one point | volumetric RMS | volumetric RMS (mm) | stated "
+        "| rows left out of 50, mean | noise scale | prior scale |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for (what, changed), (name, draw) in ((case, setup) for case in MISJUDGED.items() for setup in SETUPS.items()):
@@ -118,9 +118,9 @@ def told_wrong(seeds: range) -> list[str]:
 def effects_that_the_model_lacks(seeds: range) -> list[str]:
     """The fifth table."""
     lines = [
-        "| set-up | seeds | NEES per degree of freedom, places asked | truth in the 95 % region: place asked "
-        "| volumetric RMS | volumetric RMS (mm) | stated | found / stated | rows left out of 50, mean | σ grew by "
-        "| tolerances grew by | not converged |",
+        "| set-up | seeds | NEES per degree of freedom, predicted points | truth in the 95 % region: one point "
+        "| volumetric RMS | volumetric RMS (mm) | stated | found / stated | rows left out of 50, mean | noise scale "
+        "| prior scale | not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, draw in SETUPS.items():
@@ -144,8 +144,8 @@ def effects_that_the_model_lacks(seeds: range) -> list[str]:
 def fixed_orientations(seeds: range) -> list[str]:
     """The third table."""
     lines = [
-        "| orientations of the tool | asked | seeds | error found, RMS (mm) | said | NEES per degree of freedom "
-        "| place asked in its 95 % region | not converged |",
+        "| orientations of the tool | predicted | seeds | error found, RMS (mm) | stated | NEES per degree of freedom "
+        "| point in its 95 % region | not converged |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for what, turns in {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}.items():
@@ -199,7 +199,7 @@ PARTS = {
     "prior": "Robots drawn from the prior",
     "outside": "Robots from outside the prior",
     "orientations": "One or two orientations only",
-    "wrong": "Told something wrong",
+    "wrong": "Wrong noise or prior stated",
     "lacks": "Effects that the model lacks",
 }
 OF_FEWER = {"outside": outside_the_prior, "orientations": fixed_orientations, "wrong": told_wrong}

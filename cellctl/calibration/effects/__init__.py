@@ -5,15 +5,22 @@ from collections.abc import Iterable
 from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
-from cellctl.calibration.effects.effect import Effect, OwnTurns, Setup
+from cellctl.calibration.effects.effect import Effect, EffectInputs, OwnTurns
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
-from cellctl.calibration.effects.growth import Growth
+from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.residuals.discrepancy import Discrepancy
 from cellctl.calibration.residuals.harmonics import Harmonics, Wave
 from cellctl.calibration.residuals.residual_model import ResidualModel
 
-EFFECTS: tuple[type[Effect], ...] = (ToolDeflection, JointCompliance, Harmonics, Backlash, Growth, Discrepancy)
+EFFECTS: tuple[type[Effect], ...] = (
+    ToolDeflection,
+    JointCompliance,
+    Harmonics,
+    Backlash,
+    ThermalExpansion,
+    Discrepancy,
+)
 """All kinds of effects, in the order in which a model's name lists them."""
 
 
@@ -42,12 +49,12 @@ __all__ = [
     "Direction",
     "Discrepancy",
     "Effect",
-    "Growth",
+    "EffectInputs",
     "Harmonics",
     "JointCompliance",
     "OwnTurns",
     "ResidualModel",
-    "Setup",
+    "ThermalExpansion",
     "ToolDeflection",
     "Wave",
     "functions",

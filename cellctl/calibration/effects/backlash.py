@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, Setup
+from cellctl.calibration.effects.effect import Effect, EffectInputs
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
@@ -38,7 +38,7 @@ class Backlash(Effect):
     missing: ClassVar = (("approach", "no columns D1…Dn: predicted midway in each joint's play"),)
 
     @classmethod
-    def of_setup(cls, setup: Setup) -> Self | None:
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
         """Where any joint came from both sides."""
         sides = setup.at.approach
         both = sides is not None and ((sides > 0).any(axis=0) & (sides < 0).any(axis=0)).any()

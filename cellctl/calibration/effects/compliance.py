@@ -17,7 +17,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, Setup
+from cellctl.calibration.effects.effect import Effect, EffectInputs
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures, varies
@@ -77,7 +77,7 @@ class JointCompliance(Effect):
     missing: ClassVar = (("payload", "no column payload: predicted for none"),)
 
     @classmethod
-    def of_setup(cls, setup: Setup) -> Self | None:
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
         """Where any joint carries weight; with the payload's amounts where that changes."""
         effect = cls.of(setup.chain, varies(setup.at.payload), setup.down)
         return effect if effect.parameters else None

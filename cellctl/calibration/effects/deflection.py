@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, Setup
+from cellctl.calibration.effects.effect import Effect, EffectInputs
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures
@@ -47,7 +47,7 @@ class ToolDeflection(Effect):
     prior_scales: ClassVar = None
 
     @classmethod
-    def of_setup(cls, setup: Setup) -> Self | None:
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
         """Where the tool has a mass, and stands out along z."""
         length_m, load_n = float(setup.chain.tool[2, 3]) / 1000.0, setup.tool_mass_kg * STANDARD_GRAVITY
         return cls(length_m, load_n, down=setup.down) if length_m > 0.0 < load_n else None

@@ -58,7 +58,7 @@ expected sizes with their sources: docs/reference/effects.md.
 
 @final
 @dataclass(frozen=True, eq=False)
-class Setup:
+class EffectInputs:
     """What is known of a robot and its rows before a fit: all that an effect may be made from.
 
     chain: nominal, with its taught tool. at: postures and conditions of the rows. tool_mass_kg: 0 where it is not
@@ -97,7 +97,7 @@ class Effect(ABC):
 
     @classmethod
     @abstractmethod
-    def of_setup(cls, setup: Setup) -> Self | None:
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
         """The effect of a robot, as its rows can show it; None where they cannot."""
 
     @property

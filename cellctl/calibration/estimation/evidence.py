@@ -22,7 +22,7 @@ from cellctl.calibration.estimation.estimate import Estimate, linearised, pins
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0
@@ -32,7 +32,7 @@ UNEXPECTED = 2.5
 """χ² this many of its own standard deviations above what it should be is looked into."""
 
 Factor: TypeAlias = tuple[str, int]
-"""What may be larger than said: ("noise", number in `Mixture.quantities`) or (a group of parameters, 0)."""
+"""What may be larger than said: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
 
 _NEVER_LOOSENED = ("points", "datums", "base")
 
@@ -43,7 +43,7 @@ SHARP = 1e-5
 """A relative change of the evidence that is not worth another step."""
 
 
-def unexpected(found: Estimate, rows: Mixture) -> bool:
+def unexpected(found: Estimate, rows: RowBlocks) -> bool:
     """Whether residuals or parameters of a fit are larger than noise and tolerances say, for any kind or group."""
     state = found.state
     share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
@@ -90,7 +90,7 @@ def _prior_scales(group: Group) -> tuple[float, float] | None:
     return kind.prior_scales if kind else None
 
 
-def factors(found: Estimate, unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> dict[Factor, float]:
+def factors(found: Estimate, unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> dict[Factor, float]:
     """Noise and prior scales by the evidence of `rows`, linearised at `found`: those of effects as probable as can be
     (`tuned`), others only where they pay for it, one after another.
     """
@@ -155,7 +155,7 @@ class System:
     independent: bool = False
 
     @classmethod
-    def of(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
+    def of(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
         """The problem of `unknowns` linearised at `deviations` (P,) from their start."""
         about = np.flatnonzero(unknowns.free | unknowns.doubted)
         scale = unknowns.sigma[about]
@@ -354,7 +354,7 @@ def _root(square: Floats) -> Floats:
     return np.asarray(root, float)
 
 
-def _measures_length(rows: Mixture, certain: Sequence[Rows]) -> bool:
+def _measures_length(rows: RowBlocks, certain: Sequence[Rows]) -> bool:
     """Whether anything here is a length. Sockets and planes alone are not: a robot of no size would be in all of
     them at once, and nothing but the tolerances of its links keeps it from shrinking.
     """

@@ -16,11 +16,11 @@ from cellctl.calibration.estimation.local_optima import tools, undecided
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
-from cellctl.calibration.outliers.at_known_noise import WILD
+from cellctl.calibration.outliers.at_known_noise import OUTLIER_P
 from cellctl.calibration.outliers.inliers import OUTLYING, belonging
-from cellctl.calibration.prediction.predict import foresee
+from cellctl.calibration.prediction.predict import predict_rows
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
     discrepancy_scales,
@@ -66,7 +66,7 @@ SEARCHED = 3000
 class Identification:
     """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
 
-    noise: by how much the rows' standard deviations had to grow, for each of `Mixture.quantities`. used, outliers:
+    noise: by how much the rows' standard deviations had to grow, for each of `RowBlocks.quantities`. used, outliers:
     indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
     rows did not belong to the others where that was too many to leave them out; 0 otherwise. loosened: by how much
     the tolerances of which groups had to grow, as the robot is further from nominal than they say.
@@ -90,16 +90,16 @@ class Weights:
     loosened: Mapping[Group, float]
 
     @classmethod
-    def as_said(cls, rows: Mixture) -> Self:
+    def as_said(cls, rows: RowBlocks) -> Self:
         """Neither is."""
         return cls(np.ones(len(rows.quantities)), {})
 
     @classmethod
-    def of(cls, rows: Mixture, factors: Mapping[Factor, float]) -> Self:
+    def of(cls, rows: RowBlocks, factors: Mapping[Factor, float]) -> Self:
         """These factors of noise and of prior scales."""
         return cls(_noise(rows, factors), {name: value for (name, _), value in factors.items() if name != "noise"})
 
-    def factors(self, rows: Mixture) -> dict[Factor, float]:
+    def factors(self, rows: RowBlocks) -> dict[Factor, float]:
         """What `of` makes these weights from."""
         found: dict[Factor, float] = {(name, 0): value for name, value in self.loosened.items()}
         for block, _, own in rows.parts():
@@ -124,10 +124,10 @@ class Weighed:
     found: Estimate
     weights: Weights
 
-    def chances(self, rows: Mixture) -> Floats:
+    def p_values(self, rows: RowBlocks) -> Floats:
         """How often rows (N,) that were not in the fit would lie as far from it as they do, or further."""
         blocks = rows.noisier(self.weights.noise).blocks
-        return np.concatenate([foresee(self.found.state, self.found.covariance, each).chance for each in blocks])
+        return np.concatenate([predict_rows(self.found.state, self.found.covariance, each).p_value for each in blocks])
 
 
 def identify(
@@ -151,7 +151,7 @@ def identify(
         nominal, weighed = identify_kept(task, inliers, weights)
     may_come_back = together is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
     while may_come_back and not kept.all():
-        back = ~kept & (weighed.chances(rows) >= WILD)
+        back = ~kept & (weighed.p_values(rows) >= OUTLIER_P)
         if not back.any():
             break
         inliers = rows.pick(kept | back)
@@ -171,7 +171,7 @@ def identify(
     )
 
 
-def _with_discrepancy(task: Task, rows: Mixture, weighed: Weighed) -> tuple[Task, Weights] | None:
+def _with_discrepancy(task: Task, rows: RowBlocks, weighed: Weighed) -> tuple[Task, Weights] | None:
     """`task` with a discrepancy, and the weights then; None where the rows do not support one."""
     if not may_lack(task) or len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
         return None
@@ -183,7 +183,7 @@ def _with_discrepancy(task: Task, rows: Mixture, weighed: Weighed) -> tuple[Task
     return None if scales is None else (wider, Weights.of(rows, scales))
 
 
-def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
+def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
     """Nominal registered on `rows`, and identified; every row is taken to belong to the others.
 
     weights: where they are known, as from a fit of more rows.
@@ -200,7 +200,7 @@ def identify_kept(task: Task, rows: Mixture, weights: Weights | None = None) -> 
     return nominal, replace(weighed, found=undecided(weighed.found, noisy, certain(task), states))
 
 
-def rows_together(task: Task, rows: Mixture) -> tuple[Bools, int]:
+def rows_together(task: Task, rows: RowBlocks) -> tuple[Bools, int]:
     """Which of `rows` (N,) belong together; and how many do not, where that is too many to leave them out: all are then
     kept.
     """
@@ -219,17 +219,17 @@ def _all_of(kept: Bools, which: slice) -> Bools:
     return result
 
 
-def _like_sample(task: Task, rows: Mixture, sample: Any) -> Bools:
+def _like_sample(task: Task, rows: RowBlocks, sample: Any) -> Bools:
     """Which of `rows` (N,) lie where those of `sample` (indices) that belong together foresee them."""
     of_sample = rows.pick(sample)
     together = _belonging(task, of_sample)
     _, weighed = identify_kept(task, of_sample.pick(together))
-    kept = weighed.chances(rows) >= OUTLYING
+    kept = weighed.p_values(rows) >= OUTLYING
     kept[sample] = together
     return kept
 
 
-def registered(task: Task, rows: Mixture) -> Estimate:
+def registered(task: Task, rows: RowBlocks) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
     plain = without_functions(task)
     unknowns = plain.unknowns(plain.start(rows))
@@ -246,12 +246,12 @@ def _with_effects(state: State, task: Task) -> State:
     return State.of_sessions(models, own, state.points, state.datums)
 
 
-def nominal_start(task: Task, rows: Mixture) -> Unknowns:
+def nominal_start(task: Task, rows: RowBlocks) -> Unknowns:
     """What `task` identifies, expected where nominal is registered on `rows`."""
     return _starts(task, registered(task, rows), rows)[0]
 
 
-def _starts(task: Task, nominal: Estimate, rows: Mixture) -> list[Unknowns]:
+def _starts(task: Task, nominal: Estimate, rows: RowBlocks) -> list[Unknowns]:
     """What is to be identified, expected where nominal is registered, or, in partial work, where `rows` want what is
     new, the most probable place first; what registration could not see stays there.
     """
@@ -285,7 +285,7 @@ def certain(task: Task) -> list[Rows]:
     return [task.spacings] if task.spacings is not None else []
 
 
-def _belonging(task: Task, rows: Mixture) -> Bools:
+def _belonging(task: Task, rows: RowBlocks) -> Bools:
     """Which rows (N,) belong together, found about the fit of those that do, and again until they stay the same.
 
     All, where these are too few to say anything of each other.
@@ -308,7 +308,7 @@ def _belonging(task: Task, rows: Mixture) -> Bools:
     return kept
 
 
-def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
+def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
     """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
     nominal, share = registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
     before: Any = None
@@ -321,7 +321,7 @@ def _registered_on_closest(task: Task, rows: Mixture) -> Estimate:
     return nominal
 
 
-def _weighed(unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
+def _weighed(unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
     """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
     result = _fit_with(Weights.as_said(rows), unknowns, rows, others, begin)
     if not estimated(unknowns) and not unexpected(result.found, rows):
@@ -336,13 +336,13 @@ def _weighed(unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: F
 
 
 def _fit_with(
-    weights: Weights, unknowns: Unknowns, rows: Mixture, others: Sequence[Rows], begin: Floats | None = None
+    weights: Weights, unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None
 ) -> Weighed:
     blocks = [*rows.noisier(weights.noise).blocks, *others]
     return Weighed(_fit(unknowns.loosened(weights.loosened), blocks, begin), weights)
 
 
-def _noise(rows: Mixture, grown: Mapping[Factor, float]) -> Floats:
+def _noise(rows: RowBlocks, grown: Mapping[Factor, float]) -> Floats:
     """The factor of each of the rows' quantities; those of one kind in one block share theirs."""
     result = np.ones(len(rows.quantities))
     for block, _, own in rows.parts():

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from cellctl.calibration.estimation.estimate import held_beforehand, linearised
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 
@@ -37,7 +37,7 @@ class Linear:
     prior: Floats
 
     @classmethod
-    def about(cls, unknowns: Unknowns, deviations: Floats, rows: Mixture, certain: Sequence[Rows]) -> Self:
+    def about(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
         """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never wild."""
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
@@ -63,7 +63,7 @@ class Linear:
         return cls(away, columns, rows.numbers, factors, known, pull, prior)
 
     def noisier(self, noise: Floats) -> Self:
-        """The same rows with their standard deviations times `noise`, one for each of `Mixture.quantities`."""
+        """The same rows with their standard deviations times `noise`, one for each of `RowBlocks.quantities`."""
         sigma = np.append(noise, 1.0)[self.factors]
         return replace(self, away=self.away / sigma, columns=self.columns / sigma[..., None])
 
@@ -73,7 +73,7 @@ class Linear:
         covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
         return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
 
-    def surprise(self, kept: Bools) -> tuple[Floats, Floats]:
+    def leave_one_out_chi2(self, kept: Bools) -> tuple[Floats, Floats]:
         """Squared distance (N,) of each row from where the *other* kept rows foresee it, in foreseen standard
         deviations (χ² with k degrees of freedom); and the most probable unknowns by the kept rows (F,).
         """

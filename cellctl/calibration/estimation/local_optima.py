@@ -15,7 +15,7 @@ from cellctl.calibration.estimation.estimate import Estimate, linearised
 from cellctl.calibration.estimation.tool_search import Touched, tool_of
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 
 IMPROBABLE = 0.01
@@ -28,7 +28,7 @@ BEYOND = 16.3
 """A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""
 
 
-def tools(unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> list[State]:
+def tools(unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> list[State]:
     """Where tool and points may be: the start of `unknowns` with each tool that its touches run down to, the most
     probable first; as it is where there are no touches.
     """
@@ -36,10 +36,10 @@ def tools(unknowns: Unknowns, rows: Mixture, certain: Sequence[Rows]) -> list[St
     if not len(touched.reach):
         return [unknowns.start]
     blocks = [*rows.blocks, *certain]
-    return sorted(touched.valleys(), key=lambda state: improbability(unknowns, state, blocks))
+    return sorted(touched.local_optima(), key=lambda state: improbability(unknowns, state, blocks))
 
 
-def undecided(found: Estimate, rows: Mixture, certain: Sequence[Rows], others: Sequence[State]) -> Estimate:
+def undecided(found: Estimate, rows: RowBlocks, certain: Sequence[Rows], others: Sequence[State]) -> Estimate:
     """`found`; said not to have converged, with a σ that reaches as far, where the rows make a tool of `others`
     hardly less probable, or are too few to find any.
     """

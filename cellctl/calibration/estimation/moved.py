@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 
 MOVED = 4.0
 """A prior model whose errors fall by this factor when it is registered has been set up anew: drift does less."""
@@ -29,7 +29,7 @@ class Placing:
         return self.as_is_mm >= MOVED * self.registered_mm and self.as_is_mm > 0.0
 
 
-def placing(task: Task, registered: State, rows: Mixture) -> Placing | None:
+def placing(task: Task, registered: State, rows: RowBlocks) -> Placing | None:
     """How far `task.model` is from the positions and poses of the first session in `rows`; None without such rows.
 
     Further sessions may have places of their own, which no prior model knows.
@@ -37,6 +37,6 @@ def placing(task: Task, registered: State, rows: Mixture) -> Placing | None:
     measured = [block for block in rows.blocks if block.of_instrument and block.session == 0 and len(block)]
     if task.prior is None or not measured:
         return None
-    seen = Mixture.of(tuple(measured))
+    seen = RowBlocks.of(tuple(measured))
     as_is, anew = (seen.errors(state) for state in (State.alone(task.model), registered))
     return Placing(float(np.sqrt(np.mean(as_is**2))), float(np.sqrt(np.mean(anew**2))))

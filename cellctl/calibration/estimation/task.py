@@ -17,7 +17,7 @@ from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 
@@ -56,7 +56,7 @@ class Task:
     """
 
     model: RobotModel
-    rows: Mixture
+    rows: RowBlocks
     points: tuple[str, ...] = ()
     rough: Floats | None = None
     spacings: SpacingRows | None = None
@@ -72,7 +72,7 @@ class Task:
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
             raise ValueError("an older model is gone on from as it is: it climbs no ladder")
-        object.__setattr__(self, "rows", Mixture.of(self.rows))
+        object.__setattr__(self, "rows", RowBlocks.of(self.rows))
 
     @property
     def freed(self) -> frozenset[Group]:
@@ -157,17 +157,17 @@ class Task:
         assert known is not None
         return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
 
-    def start(self, rows: Mixture) -> State:
+    def start(self, rows: RowBlocks) -> State:
         """Where nominal begins, from the model and `rows` alone."""
         return self.fixed_by(self.placed(rows), rows)
 
-    def changed(self, rows: Mixture) -> State:
+    def changed(self, rows: RowBlocks) -> State:
         """Where what is identified begins, from the model and `rows` alone: base or tool that are new to an older model
         are where the rows want them.
         """
         return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
 
-    def fixed_by(self, models: Sequence[RobotModel], rows: Mixture) -> State:
+    def fixed_by(self, models: Sequence[RobotModel], rows: RowBlocks) -> State:
         """`models`, one for each session, with points where they roughly are, or where the models see them by `rows`,
         and with the zeros of lengths.
         """
@@ -223,7 +223,7 @@ class Task:
         sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
         return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
 
-    def placed(self, rows: Mixture, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
+    def placed(self, rows: RowBlocks, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
         """The robot in each session, those of base and tool near what its instrument says that nominal is tied to it
         by, that are in `anew`, or that are the session's own.
         """

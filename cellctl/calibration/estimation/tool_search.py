@@ -14,7 +14,7 @@ import numpy as np
 
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 SHELLS_MM = (5.0, 15.0, 40.0, 100.0)
@@ -63,7 +63,7 @@ class Touched:
     pair_sigma: Floats
 
     @classmethod
-    def of(cls, state: State, rows: Mixture, certain: Sequence[Rows]) -> Self:
+    def of(cls, state: State, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
         """What `rows`, and certified distances among `certain`, say of them."""
         shared = _sharing_the_tool(state)
         blocks = [block for block in rows.blocks if isinstance(block, TouchRows) and shared[block.session]]
@@ -95,7 +95,7 @@ class Touched:
         """How many distances there are too few to find them, and to check that by one at least."""
         return max(self.unknown + 1 - len(self.reach) - len(self.mm), 0)
 
-    def valleys(self) -> list[State]:
+    def local_optima(self) -> list[State]:
         """The state with each tool, and its points, that the touches run down to; those nearest to the rows first."""
         found, costs = self._searched()
         chosen: list[Floats] = []

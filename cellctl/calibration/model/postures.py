@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cellctl.kinematics import Floats
 
-Condition: TypeAlias = Literal["approach", "warmer", "payload"]
+Condition: TypeAlias = Literal["approach", "delta_t", "payload"]
 """What may be noted of a robot besides where its joints are."""
 
 
@@ -20,13 +20,13 @@ class Postures:
     """Joint angles of N rows with the conditions of each; a condition that nobody noted is None.
 
     q (N, n): model angles, rad. approach (N, n): which way each joint last moved, in the model's sense: 1, −1, or 0
-    where it is not known. warmer (N,): degrees Celsius above the temperature at which the model's lengths hold.
+    where it is not known. delta_t (N,): degrees Celsius above the temperature at which the model's lengths hold.
     payload (N,): mass at the tool centre point, kg, besides what the tool itself weighs.
     """
 
     q: Floats
     approach: Floats | None = None
-    warmer: Floats | None = None
+    delta_t: Floats | None = None
     payload: Floats | None = None
 
     @classmethod
@@ -39,7 +39,7 @@ class Postures:
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array, slice or mask."""
-        parts = (self.approach, self.warmer, self.payload)
+        parts = (self.approach, self.delta_t, self.payload)
         return type(self)(self.q[which], *(None if part is None else part[which] for part in parts))
 
     def __len__(self) -> int:

@@ -87,7 +87,7 @@ def _away(block: Measured, model: RobotModel, q: Floats, tips: Floats) -> Floats
 
 
 def under(block: Measured, **conditions: Any) -> Measured:
-    """The rows under other conditions: `approach`, `warmer`, `payload`."""
+    """The rows under other conditions: `approach`, `delta_t`, `payload`."""
     return block.changed(at=replace(block.postures, **conditions))
 
 

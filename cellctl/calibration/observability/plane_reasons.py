@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.observability.other_postures import brought, thinned
 from cellctl.calibration.observability.point_reasons import LENGTHLESS, lines_of_points_own
-from cellctl.calibration.observability.reason import Cause, Rowed
+from cellctl.calibration.observability.reason import Reason, Rowed
 from cellctl.calibration.rows import Measured, PlaneRows
 from cellctl.calibration.rows.planes import planes_of, pole_of
 from cellctl.kinematics import Bools, Floats
@@ -20,14 +20,14 @@ STEP_MM = 200.0
 """Height of the step, known exactly, that gives a plane a length."""
 
 
-def of_planes(rows: Rowed) -> Iterator[Cause]:
+def of_planes(rows: Rowed) -> Iterator[Reason]:
     """A single plane, or several without a length."""
     blocks = [block for block in rows.blocks if block.of_planes]
     planes = {int(index) for block in blocks for index in np.unique(block.visited)}
     if len(planes) == 1 and len(blocks) == len(rows.blocks):
-        yield Cause("all rows are on one plane", lambda: _on_other_planes(rows, *planes))
+        yield Reason("all rows are on one plane", lambda: _on_other_planes(rows, *planes))
     if planes and rows.lengthless:
-        yield Cause(LENGTHLESS, rows.otherwise(lambda block: _on_a_step(block, rows.state)))
+        yield Reason(LENGTHLESS, rows.otherwise(lambda block: _on_a_step(block, rows.state)))
 
 
 def _on_a_step(block: Measured, state: State) -> Measured:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.observability.other_postures import brought, lines, thinned
-from cellctl.calibration.observability.reason import MOVED_RAD, Cause, Rowed
+from cellctl.calibration.observability.reason import MOVED_RAD, Reason, Rowed
 from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.kinematics import Floats
 
@@ -23,20 +23,20 @@ LENGTH_SIGMA_MM = 0.01
 LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
 
 
-def of_points(rows: Rowed) -> Iterator[Cause]:
+def of_points(rows: Rowed) -> Iterator[Reason]:
     """A single fixed point, or several without a length."""
     points = rows.points()
     if len(points) == 1 and all((block.visited >= 0).all() and not block.of_planes for block in rows.blocks):
-        yield Cause(f"all rows are {_where(rows)}", lambda: _at_second_point(rows))
+        yield Reason(f"all rows are {_where(rows)}", lambda: _at_second_point(rows))
     elif len(points) > 1 and rows.lengthless:
         pair = SpacingRows(np.array([points[:2]]), np.zeros(1), np.full((1, 1), LENGTH_SIGMA_MM))
-        yield Cause(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
+        yield Reason(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
 
 
-def of_no_length(rows: Rowed) -> Iterator[Cause]:
+def of_no_length(rows: Rowed) -> Iterator[Reason]:
     """No length where all rows are at one point, whose distance from another nobody can know."""
     if len(rows.points()) == 1 and rows.lengthless and not any(block.of_planes for block in rows.blocks):
-        yield Cause(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
+        yield Reason(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
 
 
 def _on_a_bar(block: Measured, state: State) -> Measured:

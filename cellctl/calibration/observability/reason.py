@@ -23,7 +23,7 @@ TURNS = 20_000
 
 @final
 @dataclass(frozen=True, eq=False)
-class Cause:
+class Reason:
     """words: `joint 3 never moves in these rows`. lines: how rows without this cause move with the free unknowns
     (K, F), in their σ per tolerance. of_frames: whether it only hides what is about base, tool or points.
     """

@@ -14,7 +14,7 @@ import numpy as np
 from cellctl.calibration.observability.other_postures import moved, under
 from cellctl.calibration.observability.plane_reasons import of_planes
 from cellctl.calibration.observability.point_reasons import of_no_length, of_points
-from cellctl.calibration.observability.reason import MOVED_RAD, Cause, Rowed
+from cellctl.calibration.observability.reason import MOVED_RAD, Reason, Rowed
 from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Bools, Floats
 
@@ -31,7 +31,7 @@ ONE_AXIS = 0.02
 """Turns about other axes are smaller than this share of those about the main one: there is one axis."""
 
 
-def causes(rows: Rowed) -> Iterator[Cause]:
+def reasons_for(rows: Rowed) -> Iterator[Reason]:
     """What may hide something in these rows, single things before those that change many at once."""
     if rows.blocks:
         yield from _one_posture(rows)
@@ -53,16 +53,16 @@ def any_posture(rows: Rowed) -> Floats:
 def _varied(block: Measured) -> Measured:
     rng = np.random.default_rng(0)
     sides, count = rng.choice([-1.0, 1.0], block.q.shape), len(block)
-    return under(block, approach=sides, warmer=rng.uniform(-10, 10, count), payload=rng.uniform(0, 5, count))
+    return under(block, approach=sides, delta_t=rng.uniform(-10, 10, count), payload=rng.uniform(0, 5, count))
 
 
-def _one_posture(rows: Rowed) -> Iterator[Cause]:
+def _one_posture(rows: Rowed) -> Iterator[Reason]:
     """All rows at one posture, or nearly."""
     if np.rad2deg(np.ptp(rows.q, axis=0)).max() < STILL_DEG:
         yield _with_joints(rows, "all rows are at one posture", np.ones(rows.q.shape[1], bool))
 
 
-def _joints(rows: Rowed) -> Iterator[Cause]:
+def _joints(rows: Rowed) -> Iterator[Reason]:
     """Joints that do not move, and those that hardly do."""
     covered = np.rad2deg(np.ptp(rows.q, axis=0))
     still, hardly = covered < STILL_DEG, (covered >= STILL_DEG) & (covered < HARDLY_DEG)
@@ -75,20 +75,20 @@ def _joints(rows: Rowed) -> Iterator[Cause]:
         yield _with_joints(rows, f"{_listed('joint', hardly)} {verb} by {', '.join(few)} only", hardly)
 
 
-def _with_joints(rows: Rowed, words: str, joints: Bools) -> Cause:
-    return Cause(words, rows.otherwise(lambda block: moved(block, rows.state, joints, MOVED_RAD)))
+def _with_joints(rows: Rowed, words: str, joints: Bools) -> Reason:
+    return Reason(words, rows.otherwise(lambda block: moved(block, rows.state, joints, MOVED_RAD)))
 
 
-def _conditions(rows: Rowed) -> Iterator[Cause]:
+def _conditions(rows: Rowed) -> Iterator[Reason]:
     """Approach, payload and temperature that never change, or that nobody noted."""
     sides = _noted(rows, "approach")
     if sides is None or not _both(sides).all():
-        yield Cause(_one_sided(sides), rows.otherwise(_from_either_side))
-    for name, noun in (("payload", "payload"), ("warmer", "temperature")):
+        yield Reason(_one_sided(sides), rows.otherwise(_from_either_side))
+    for name, noun in (("payload", "payload"), ("delta_t", "temperature")):
         values = _noted(rows, name)
         if values is None or np.ptp(values) == 0.0:
             words = f"no row says its {noun}" if values is None else f"the {noun} never changes in these rows"
-            yield Cause(words, rows.otherwise(partial(_varying, name)))
+            yield Reason(words, rows.otherwise(partial(_varying, name)))
 
 
 def _both(sides: Floats) -> Bools:
@@ -120,7 +120,7 @@ def _varying(condition: str, block: Measured) -> Measured:
     return under(block, **{condition: np.random.default_rng(0).permutation(np.linspace(0.0, 5.0, len(block)))})
 
 
-def _one_orientation(rows: Rowed) -> Iterator[Cause]:
+def _one_orientation(rows: Rowed) -> Iterator[Reason]:
     """One orientation of the tool in all rows, or nearly."""
     greatest = np.rad2deg(float(np.linalg.norm(rows.turns, axis=1).max()))
     if greatest < HARDLY_DEG:
@@ -128,17 +128,17 @@ def _one_orientation(rows: Rowed) -> Iterator[Cause]:
         yield _turned_elsewhere(rows, "orientation never changes in these rows" if greatest < SAME_DEG else few)
 
 
-def _one_axis(rows: Rowed) -> Iterator[Cause]:
+def _one_axis(rows: Rowed) -> Iterator[Reason]:
     """Turns of the tool about one axis only."""
     shape = np.linalg.svd(rows.turns, compute_uv=False)
     if shape.size > 1 and shape[1] < ONE_AXIS * shape[0]:
         yield _turned_elsewhere(rows, "orientation changes about one axis only")
 
 
-def _turned_elsewhere(rows: Rowed, words: str) -> Cause:
+def _turned_elsewhere(rows: Rowed, words: str) -> Reason:
     everywhere = np.ones(rows.q.shape[1], bool)
     change = rows.otherwise(lambda block: moved(block, rows.state, everywhere, MOVED_RAD))
-    return Cause(words, change, of_frames=True)
+    return Reason(words, change, of_frames=True)
 
 
 def _listed(noun: str, which: Bools) -> str:

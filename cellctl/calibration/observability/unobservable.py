@@ -14,7 +14,7 @@ from cellctl.calibration.model.parameter import FRAMES, Group, Parameter
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.observability.parameter_words import alike, phrases
 from cellctl.calibration.observability.reason import Rowed
-from cellctl.calibration.observability.reasons import any_posture, causes
+from cellctl.calibration.observability.reasons import any_posture, reasons_for
 from cellctl.kinematics import Bools, Floats
 
 SHORT = 4
@@ -128,7 +128,7 @@ def _by_cause(rows: Rowed, combined: Floats, strong: list[tuple[Parameter, ...]]
     left = np.ones(len(combined), bool)
     least = np.maximum(SEEN, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
     found: list[Hidden] = []
-    for cause in causes(rows) if left.any() else ():
+    for cause in reasons_for(rows) if left.any() else ():
         mine = left & (_sizes(cause.lines(), combined) >= least)
         if cause.of_frames:
             mine &= [not all(each.of_the_arm for each in parts) for parts in strong]

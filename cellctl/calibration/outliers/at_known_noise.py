@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from cellctl.calibration.estimation.linear import Linear
 from cellctl.kinematics import Bools, Floats
 
-WILD = 1e-5
+OUTLIER_P = 1e-5
 """A row of the fit is wild if the others would put it where it is less often than this: hardly a clean row in a hundred
 thousand is lost by it, and most wild rows of ten standard deviations are found.
 """
@@ -49,7 +49,7 @@ class Kept:
     """
 
     rows: Bools
-    surprise: Floats
+    leave_one_out_chi2: Floats
     x: Floats
     misfit: float
     cost: float
@@ -57,16 +57,16 @@ class Kept:
     @classmethod
     def of(cls, linear: Linear, rows: Bools, limit: Floats) -> Self:
         """What these `rows` foresee."""
-        surprise, x = linear.surprise(rows)
+        leave_one_out_chi2, x = linear.leave_one_out_chi2(rows)
         misfit = linear.misfit(rows, x)
-        return cls(rows, surprise, x, misfit, misfit + float(limit[~rows].sum()))
+        return cls(rows, leave_one_out_chi2, x, misfit, misfit + float(limit[~rows].sum()))
 
 
 def unsurprised(linear: Linear, *, thorough: bool) -> Kept | None:
     """Rows none of which surprises the others; None where too few are left. thorough: the cheapest of many sets."""
-    limit = np.asarray(chi2.isf(WILD, linear.numbers))
+    limit = np.asarray(chi2.isf(OUTLIER_P, linear.numbers))
     everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
-    if not (everyone.surprise > limit).any():
+    if not (everyone.leave_one_out_chi2 > limit).any():
         return everyone
     limit = np.asarray(chi2.isf(WILD_BESIDE, linear.numbers))
     found = _settled(linear, everyone, limit)
@@ -83,7 +83,7 @@ def _cheapest(linear: Linear, everyone: Kept, limit: Floats) -> Kept:
     """
     best, abreast, waited = everyone, [everyone], 0
     while abreast and waited < PATIENCE:
-        costs = np.array([np.where(each.rows, each.cost + limit - each.surprise, np.inf) for each in abreast])
+        costs = np.array([np.where(each.rows, each.cost + limit - each.leave_one_out_chi2, np.inf) for each in abreast])
         further: dict[bytes, Bools] = {}
         for place in np.argsort(costs, axis=None):
             way, row = np.unravel_index(place, costs.shape)
@@ -102,16 +102,18 @@ def _settled(linear: Linear, kept: Kept, limit: Floats) -> Kept | None:
     had to go.
     """
     count = len(limit)
-    while (wild := kept.rows & (kept.surprise > limit)).any():
-        worst = np.argsort(np.where(wild, -kept.surprise, np.inf))[: max(1, count // 50, np.count_nonzero(wild) // 10)]
+    while (wild := kept.rows & (kept.leave_one_out_chi2 > limit)).any():
+        worst = np.argsort(np.where(wild, -kept.leave_one_out_chi2, np.inf))[
+            : max(1, count // 50, np.count_nonzero(wild) // 10)
+        ]
         kept = Kept.of(linear, _changed(kept.rows, worst[wild[worst]], False), limit)
         if _too_many(linear, kept.rows):
             return None
     for _ in range(count):  # a row left out for the sake of a wild one comes back, the least surprising first
-        back = ~kept.rows & (kept.surprise <= limit)
+        back = ~kept.rows & (kept.leave_one_out_chi2 <= limit)
         if not back.any():
             break
-        nearest = np.argsort(np.where(back, kept.surprise, np.inf))[: max(1, np.count_nonzero(back) // 4)]
+        nearest = np.argsort(np.where(back, kept.leave_one_out_chi2, np.inf))[: max(1, np.count_nonzero(back) // 4)]
         kept = Kept.of(linear, _changed(kept.rows, nearest, True), limit)
     return kept
 

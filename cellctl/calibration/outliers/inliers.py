@@ -39,7 +39,7 @@ ROUNDS = 5
 @dataclass(frozen=True, eq=False)
 class Belonging:
     """kept (N,): the rows that belong together; noise (Q,): the factors of σ with which they do, one for each of
-    `Mixture.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
+    `RowBlocks.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
     are further from the model than that, or belong to rows left out; none: nothing is left to be explained.
     """
 

@@ -44,21 +44,21 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Foreseen:
+class PredictedRows:
     """Held-out rows as foreseen: variance (N,) of each distance error, mm²; chance (N,): of an error as improbable as
     the one found, or more so.
     """
 
     variance: Floats
-    chance: Floats
+    p_value: Floats
 
     @property
     def inside(self) -> Bools:
         """Which rows (N,) lie within their 95 % region."""
-        return np.asarray(self.chance >= 0.05)
+        return np.asarray(self.p_value >= 0.05)
 
 
-def foresee(
+def predict_rows(
     found: State,
     covariance: Floats,
     rows: Rows,
@@ -67,7 +67,7 @@ def foresee(
     taken: Floats | None = None,
     doubted: Floats | None = None,
     tails: float = 1.0,
-) -> Foreseen:
+) -> PredictedRows:
     """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
 
     hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
@@ -76,7 +76,7 @@ def foresee(
     what the model never saw; on each axis the same. tails: by how much noise is wider for the chance of an error than
     its σ says, where it has more large errors than a normal distribution.
     """
-    variance, chance = np.empty(len(rows)), np.empty(len(rows))
+    variance, p_value = np.empty(len(rows)), np.empty(len(rows))
     lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
     for start in range(0, len(rows), BLOCK):
         part = np.s_[start : start + BLOCK]
@@ -98,5 +98,5 @@ def foresee(
         squared = np.einsum("nk,nk->n", residual, np.linalg.solve(wider, residual[..., None])[..., 0])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)
-        chance[part] = chi2.sf(squared, residual.shape[1])
-    return Foreseen(variance, chance)
+        p_value[part] = chi2.sf(squared, residual.shape[1])
+    return PredictedRows(variance, p_value)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
-from cellctl.calibration.effects.effect import STORED, Setup
+from cellctl.calibration.effects.effect import STORED, EffectInputs
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import ResidualModel
@@ -70,7 +70,7 @@ class Discrepancy(ResidualModel):
     chosen: ClassVar = "never"
 
     @classmethod
-    def of_setup(cls, setup: Setup) -> Self:
+    def of_inputs(cls, setup: EffectInputs) -> Self:
         """Over the postures of the rows."""
         return cls.over(setup.at.q)
 

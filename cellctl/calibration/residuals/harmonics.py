@@ -9,7 +9,7 @@ from typing import ClassVar, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import OwnTurns, Setup
+from cellctl.calibration.effects.effect import EffectInputs, OwnTurns
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import ResidualModel
@@ -66,7 +66,7 @@ class Harmonics(ResidualModel):
     title: ClassVar[str] = "Harmonics"
 
     @classmethod
-    def of_setup(cls, setup: Setup) -> Self:
+    def of_inputs(cls, setup: EffectInputs) -> Self:
         """Of every joint."""
         return cls(setup.chain.n)
 

@@ -15,7 +15,7 @@ from cellctl.kinematics import Floats
 class ResidualModel(Effect):
     """A random function of the posture, as a sum of given functions: its amounts are their coefficients.
 
-    It is estimated together with everything else of a model (decision 28): `of_setup` chooses the functions, the
+    It is estimated together with everything else of a model (decision 28): `of_inputs` chooses the functions, the
     estimator fits the amounts, `turns` and `shifts` say how they move the tool. The amounts are no parameters that mean
     something one by one: they are left out of lists of parameters, and of the search for outliers.
     """

@@ -1,6 +1,6 @@
 """Kinds of measurement, each a block of rows: how far the model is from them, and how that changes.
 
-A block is of one kind and of one session; several of them make a `Mixture`.
+A block is of one kind and of one session; several of them make a `RowBlocks`.
 """
 
 from cellctl.calibration.rows.fixed_points import SocketRows, TouchRows

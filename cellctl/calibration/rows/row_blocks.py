@@ -16,7 +16,7 @@ from cellctl.kinematics import Floats
 
 @final
 @dataclass(frozen=True, eq=False)
-class Mixture:
+class RowBlocks:
     """Blocks of rows, each of one kind and one session, some perhaps empty; M rows in all."""
 
     blocks: tuple[Measured, ...]

@@ -17,7 +17,7 @@ from cellctl.calibration.estimation.evidence import Factor, Normal, System
 from cellctl.calibration.estimation.linear import Linear
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.folds import evenly
 from cellctl.kinematics import Bools, Floats
 
@@ -63,7 +63,7 @@ class Folded:
         cls,
         unknowns: Unknowns,
         deviations: Floats,
-        rows: Mixture,
+        rows: RowBlocks,
         certain: Sequence[Rows],
         folds: Sequence[Any],
         registering: Bools,

@@ -20,7 +20,7 @@ from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import GEOMETRY
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded
 from cellctl.calibration.selection.folds import end_folds, judging, random_folds
 from cellctl.calibration.selection.model_error import carried
@@ -74,7 +74,7 @@ class _Model:
         return "+".join(self.groups) or "registration"
 
 
-def climb(task: Task, rows: Mixture, progress: Progress = silent, *, outside: bool = False) -> Climbed:
+def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: bool = False) -> Climbed:
     """`task` with as many terms as `rows`, none of which is an outlier, support, and what was tried.
 
     outside: whether most predictions are wanted outside the measured joints.
@@ -122,13 +122,13 @@ class _Ladder:
 
     task: Task
     candidates: tuple[Effect, ...]
-    rows: Mixture
+    rows: RowBlocks
     folded: Folded
     groups: Any
     registering: Bools
 
     @classmethod
-    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: Mixture) -> Self:
+    def of(cls, task: Task, candidates: tuple[Effect, ...], rows: RowBlocks) -> Self:
         """Linearised about the fit of geometry alone."""
         found = identify_kept(task, rows)[1].found
         whole = task.with_effects((*task.model.effects, *candidates))

@@ -13,7 +13,7 @@ from cellctl.calibration.estimation.evidence import Factor, System
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 
 ROWS_AT_LEAST = 10
@@ -37,13 +37,13 @@ def may_lack(task: Task) -> bool:
     return task.prior is None and task.groups is None and not there
 
 
-def with_discrepancy(task: Task, rows: Mixture) -> Task:
+def with_discrepancy(task: Task, rows: RowBlocks) -> Task:
     """`task` whose model has a discrepancy over the postures of `rows`."""
     return task.with_effects(in_order([*task.model.effects, Discrepancy.over(rows.q)]))
 
 
 def discrepancy_scales(
-    found: Estimate, wider: Unknowns, rows: Mixture, certain: list[Rows], scales: dict[Factor, float]
+    found: Estimate, wider: Unknowns, rows: RowBlocks, certain: list[Rows], scales: dict[Factor, float]
 ) -> dict[Factor, float] | None:
     """Noise and prior scales with the discrepancy that `wider` has beside what was `found` with `scales`; None where
     the rows are hardly more probable with it.

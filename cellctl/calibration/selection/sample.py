@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 
 
-def sampled(rows: Mixture, most: int) -> Any:
+def sampled(rows: RowBlocks, most: int) -> Any:
     """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: as many of each block, and
     within it of each point, as there are, up to what leaves enough for the others.
     """

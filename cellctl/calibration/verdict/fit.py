@@ -19,7 +19,7 @@ from cellctl.calibration.observability.reason import Rowed
 from cellctl.calibration.observability.unobservable import Observability, observability
 from cellctl.calibration.prediction.measured_region import MeasuredRegion, informed
 from cellctl.calibration.prediction.shape import sigma_over_region
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import Step, climb
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
@@ -203,7 +203,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
     )
 
 
-def _baselines(task: Task, found: Identification, held_out: HeldOut, own: Mixture) -> tuple[Floats, Floats | None]:
+def _baselines(task: Task, found: Identification, held_out: HeldOut, own: RowBlocks) -> tuple[Floats, Floats | None]:
     """Errors, mm, of nominal and of a prior model on the held-out rows; where there are none, on those of the fit."""
     if held_out.nominal.size:
         return held_out.nominal, held_out.prior
@@ -220,7 +220,7 @@ def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
         yield part_of(progress, fold / count, (fold + 1) / count, f"fold {fold} of {folds}")
 
 
-def _observability(task: Task, found: Identification, own: Mixture) -> Observability:
+def _observability(task: Task, found: Identification, own: RowBlocks) -> Observability:
     given = found.identified.unknowns
     parameters = ~given.among(functions())  # coefficients of a random function are no parameters to be seen one by one
     unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)

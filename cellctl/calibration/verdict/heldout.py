@@ -17,14 +17,14 @@ from cellctl.calibration.estimation.identify import Identification, registered
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
-from cellctl.calibration.prediction.predict import foresee
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.prediction.predict import predict_rows
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.verdict.judgement import HeldOut
 from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Bools, Floats
 
 
-def held_out_rows(task: Task, by: Identification, rows: Mixture, reliability: Reliability) -> HeldOut:
+def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: Reliability) -> HeldOut:
     """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`."""
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
@@ -34,7 +34,7 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture, reliability: Re
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
     foreseen = [
-        foresee(
+        predict_rows(
             identified,
             covariance,
             block,
@@ -51,19 +51,19 @@ def held_out_rows(task: Task, by: Identification, rows: Mixture, reliability: Re
         nominal=before if task.nominal is None else nominal_errors(task, used, rows),
         identified=rows.errors(identified),
         variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
-        chance=np.concatenate([np.zeros(0), *(each.chance for each in foreseen)]),
+        p_value=np.concatenate([np.zeros(0), *(each.p_value for each in foreseen)]),
         left=np.full(len(rows), _share_left(rows, hidden)),
         prior=None if task.nominal is None else before,
     )
 
 
-def nominal_errors(task: Task, used: Mixture, rows: Mixture) -> Floats:
+def nominal_errors(task: Task, used: RowBlocks, rows: RowBlocks) -> Floats:
     """Distances (N,), mm, of `rows` from the robot as its file has it, registered on the rows `used`."""
     nominal = task.of_nominal
     return held_out_errors(nominal, registered(nominal, used), used, rows)
 
 
-def _noise_of(used: Mixture, by: Identification) -> Floats:
+def _noise_of(used: RowBlocks, by: Identification) -> Floats:
     """The fit's factors of noise; for blocks of which it `used` no row, the greatest that rows of their kind had."""
     result = by.noise.copy()
     for block, _, own in used.parts():
@@ -73,28 +73,28 @@ def _noise_of(used: Mixture, by: Identification) -> Floats:
     return result
 
 
-def held_out_errors(task: Task, found: Estimate, used: Mixture, rows: Mixture) -> Floats:
+def held_out_errors(task: Task, found: Estimate, used: RowBlocks, rows: RowBlocks) -> Floats:
     """Distances (N,), mm, of held-out `rows` from what was `found` from the rows `used`."""
     return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
 
 
-def settled(task: Task, by: Identification, rows: Mixture) -> tuple[State, State]:
+def settled(task: Task, by: Identification, rows: RowBlocks) -> tuple[State, State]:
     """The nominal and the identified robot as held-out `rows` are judged by: with what only these can tell fitted."""
     used = task.rows.pick(list(by.used))
     return _both_settled(task, by, rows, unseen_by(task, by.identified.unknowns, used, rows))
 
 
-def _both_settled(task: Task, by: Identification, rows: Mixture, unseen: Bools) -> tuple[State, State]:
+def _both_settled(task: Task, by: Identification, rows: RowBlocks, unseen: Bools) -> tuple[State, State]:
     return _settled(task, by.nominal, rows, unseen), _settled(task, by.identified, rows, unseen)
 
 
-def unseen_by(task: Task, unknowns: Unknowns, used: Mixture, rows: Mixture) -> Bools:
+def unseen_by(task: Task, unknowns: Unknowns, used: RowBlocks, rows: RowBlocks) -> Bools:
     """Which parameters (P,) tie `rows` to the robot without any of the rows `used` in the fit having told them."""
     needed = _touched(unknowns, rows) & task.registration(unknowns)
     return np.asarray(needed & ~_touched(unknowns, used))
 
 
-def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
+def _touched(unknowns: Unknowns, rows: RowBlocks) -> Bools:
     """Which registration parameters (P,) act on `rows`."""
     result, start = np.zeros(len(unknowns.names), bool), unknowns.start
     for block in rows.blocks:
@@ -108,7 +108,7 @@ def _touched(unknowns: Unknowns, rows: Mixture) -> Bools:
     return result
 
 
-def _settled(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
+def _settled(task: Task, found: Estimate, rows: RowBlocks, unseen: Bools) -> State:
     """The state of `found` with what is `unseen` fitted to `rows`."""
     if not unseen.any():
         return found.state
@@ -117,7 +117,7 @@ def _settled(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State
     return estimate(unknowns, rows.blocks).state
 
 
-def _begun(task: Task, found: Estimate, rows: Mixture, unseen: Bools) -> State:
+def _begun(task: Task, found: Estimate, rows: RowBlocks, unseen: Bools) -> State:
     """Where to look for what is unseen: as `task` would begin with nothing but `rows`."""
     state = found.state
     models = [
@@ -141,13 +141,13 @@ def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotMode
     return replace(model, chain=chain)
 
 
-def _share_left(rows: Mixture, hidden: Sequence[Floats | None]) -> float:
+def _share_left(rows: RowBlocks, hidden: Sequence[Floats | None]) -> float:
     """The share of the rows' numbers that is left after what was fitted to them."""
     fitted = max((own.shape[-1] for own in hidden if own is not None), default=0)
     return max(1.0 - fitted / max(rows.size, 1), 0.0)
 
 
-def _taken(state: State, rows: Mixture, hidden: Sequence[Floats | None]) -> Floats | None:
+def _taken(state: State, rows: RowBlocks, hidden: Sequence[Floats | None]) -> Floats | None:
     """What the fit to these rows took up of each parameter (H, P): their columns along the basis `hidden`."""
     parts = [
         np.einsum("nkh,nkp->hp", own, block.jacobian(state) / block.sigma[..., None])
@@ -157,7 +157,7 @@ def _taken(state: State, rows: Mixture, hidden: Sequence[Floats | None]) -> Floa
     return np.sum(parts, axis=0) if parts else None
 
 
-def _hidden(state: State, rows: Mixture, unseen: Bools) -> Sequence[Floats | None]:
+def _hidden(state: State, rows: RowBlocks, unseen: Bools) -> Sequence[Floats | None]:
     """For each block an orthonormal basis (N, k, H) of what was fitted to the rows, in their standard deviations."""
     if not unseen.any():
         return [None] * len(rows.blocks)

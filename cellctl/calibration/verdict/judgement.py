@@ -65,7 +65,7 @@ class HeldOut:
     nominal: Floats
     identified: Floats
     variance: Floats
-    chance: Floats
+    p_value: Floats
     left: Floats | None = None
     prior: Floats | None = None
 
@@ -77,7 +77,7 @@ class HeldOut:
             nominal=_joined(part.nominal for part in each),
             identified=_joined(part.identified for part in each),
             variance=_joined(part.variance for part in each),
-            chance=_joined(part.chance for part in each),
+            p_value=_joined(part.p_value for part in each),
             left=_joined(np.ones(part.nominal.size) if part.left is None else part.left for part in each),
             prior=_joined(priors) if (priors := [part.prior for part in each if part.prior is not None]) else None,
         )
@@ -95,12 +95,12 @@ class HeldOut:
     @property
     def inside(self) -> Bools:
         """Which rows (N,) lie in their foreseen 95 % region."""
-        return np.asarray(self.chance >= 0.05)
+        return np.asarray(self.p_value >= 0.05)
 
     @property
     def unforeseen(self) -> Bools:
         """Which rows (N,) lie where hardly any ever does: something is wrong with them, or with the model there."""
-        return np.asarray(self.chance < OUTLYING)
+        return np.asarray(self.p_value < OUTLYING)
 
 
 @final

@@ -9,7 +9,7 @@ import numpy as np
 from cellctl.calibration.estimation.identify import OVERDETERMINED, Identification
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import Measured
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.verdict.split import Split
 
 TOO_NOISY = 10.0
@@ -69,7 +69,7 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
     return [*rare, *_rarely_shown(task, rows, held_out), *_short_sessions(task, rows, held_out)]
 
 
-def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+def _short_sessions(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]:
     """Sessions that the fit never saw and that judge by hardly more numbers than tie them to the robot."""
     known = {block.session for block in rows.blocks if len(block)}
     found = []
@@ -81,7 +81,7 @@ def _short_sessions(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
     return found
 
 
-def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: type[Measured]) -> list[str]:
+def _rarely_visited(task: Task, rows: RowBlocks, held_out: RowBlocks, kind: type[Measured]) -> list[str]:
     """Points that judge without their place being known well enough: by the fit, or, unknown to it, by what judges."""
     least = kind.visits_at_least
     of_fit, judging = _visits(task, rows, kind), _visits(task, held_out, kind)
@@ -92,7 +92,7 @@ def _rarely_visited(task: Task, rows: Mixture, held_out: Mixture, kind: type[Mea
     ]
 
 
-def _rarely_shown(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
+def _rarely_shown(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]:
     """Instruments that judge without their zero being known well enough: besides its points, the lengths of each have
     to find it, and to show that they agree.
     """
@@ -105,7 +105,7 @@ def _rarely_shown(task: Task, rows: Mixture, held_out: Mixture) -> list[str]:
     ]
 
 
-def _shown(task: Task, rows: Mixture) -> tuple[Any, Any]:
+def _shown(task: Task, rows: RowBlocks) -> tuple[Any, Any]:
     """How many lengths each instrument of unknown zero (D,) has, and how many it takes, with the points they go to."""
     pairs = [np.column_stack([block.zeros, block.visited])[block.zeros >= 0] for block in rows.blocks]
     shown = np.concatenate([np.zeros((0, 2), int), *pairs]).astype(int)
@@ -113,7 +113,7 @@ def _shown(task: Task, rows: Mixture) -> tuple[Any, Any]:
     return np.bincount(shown[:, 0], minlength=len(task.datums)), 3 * points + 1 + 1  # one zero, one that can disagree
 
 
-def _visits(task: Task, rows: Mixture, kind: type[Measured]) -> Any:
+def _visits(task: Task, rows: RowBlocks, kind: type[Measured]) -> Any:
     """How many rows of `kind` each point (S,) has."""
     points = [block.visited for block in rows.blocks if isinstance(block, kind)]
     visited = np.concatenate([np.zeros(0, int), *points]).astype(int)

@@ -13,7 +13,7 @@ from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.estimation.identify import Identification, Weights, certain
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
-from cellctl.calibration.rows.row_blocks import Mixture
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded, Predicted
 from cellctl.calibration.selection.folds import end_folds, evenly, judging, random_folds
 from cellctl.kinematics import Floats
@@ -58,7 +58,7 @@ class Reliability:
         return cls(tails, MeasuredRegion.of(used.q, in_space, _scatter(found, used)))
 
 
-def _judged(task: Task, found: Identification, used: Mixture, most: float) -> tuple[float, float]:
+def _judged(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
     """What noise has to be multiplied by for 95 % regions; 1 σ on each axis outside, mm, at most `most`."""
     rows = used.pick(judging(len(used)))
     unknowns, deviations = found.identified.unknowns, found.identified.deviations
@@ -85,12 +85,12 @@ def mostly_outside(measured: Floats, predicted: Floats) -> bool:
     return float(np.median(Discrepancy.over(measured).remainder(predicted))) > OUTSIDE
 
 
-def _axes(rows: Mixture) -> int:
+def _axes(rows: RowBlocks) -> int:
     """How many axes a row's error has: 3 of a point, 1 of a distance."""
     return max((sum(name != "rotation" for name in block.quantities) for block in rows.blocks if len(block)), default=1)
 
 
-def _scatter(found: Identification, used: Mixture) -> float:
+def _scatter(found: Identification, used: RowBlocks) -> float:
     """By how much the rows scatter beyond their stated σ, 1 σ, 3-D, mm. Of several kinds the one that does so least: of
     the others it is the instrument.
     """

@@ -24,13 +24,13 @@ HEAVIEST_KG = 1e4
 class Conditions:
     """Readings with the conditions whose columns are there.
 
-    warmer (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; approach (N, n):
+    delta_t (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; approach (N, n):
     the model's sense of each joint's last movement, 0 where it is not known. None where there is no column.
     """
 
     def __init__(self, sieve: Sieve, robot: RobotFile, readings: Floats) -> None:
         self.q = robot.joint_map().model(readings)
-        self.warmer = _warmer(sieve)
+        self.delta_t = _warmer(sieve)
         self.payload = _payload(sieve)
         self.approach = _approach(sieve, robot)
 
@@ -39,7 +39,7 @@ class Conditions:
         from cellctl.calibration import Postures
 
         chosen = list(rows)
-        parts = (self.approach, self.warmer, self.payload)
+        parts = (self.approach, self.delta_t, self.payload)
         return Postures(self.q[chosen], *(None if part is None else part[chosen] for part in parts))
 
 

@@ -10,7 +10,7 @@ from cellctl.files import InputError, Problem
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import Effect, Postures, RobotModel, Setup
+    from cellctl.calibration import Effect, EffectInputs, Postures, RobotModel
 
 ModelChoice: TypeAlias = str
 """`auto`, `registration`, or terms joined by `+`: geometry (or zeros: joint zeros alone) and effects, in any order."""
@@ -56,8 +56,8 @@ class ModelTerms:
         """
         if self.auto:
             return nominal_model(robot, touched=touched)
-        setup, known = setup_of(robot, at), _effects()
-        made = {term: known[term].of_setup(setup) for term in self.terms if term in known}
+        setup, known = inputs_of(robot, at), _effects()
+        made = {term: known[term].of_inputs(setup) for term in self.terms if term in known}
         lacking = [term for term, effect in made.items() if effect is None]
         if lacking:
             what = "cannot be seen in this data set"
@@ -68,16 +68,16 @@ class ModelTerms:
         """For auto the effects that these rows can support, in the order to be tried; None where the model is fixed."""
         if not self.auto:
             return None
-        setup = setup_of(robot, at)
-        made = [kind.of_setup(setup) for kind in _effects().values() if kind.chosen == "tried"]
+        setup = inputs_of(robot, at)
+        made = [kind.of_inputs(setup) for kind in _effects().values() if kind.chosen == "tried"]
         return tuple(effect for effect in made if effect)
 
 
-def setup_of(robot: RobotFile, at: Postures) -> Setup:
+def inputs_of(robot: RobotFile, at: Postures) -> EffectInputs:
     """What effects may be made from: the robot file's robot, and its rows' conditions."""
-    from cellctl.calibration import Setup
+    from cellctl.calibration import EffectInputs
 
-    return Setup(robot.chain(), at, robot.tool.mass, robot.down())
+    return EffectInputs(robot.chain(), at, robot.tool.mass, robot.down())
 
 
 def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
@@ -88,8 +88,8 @@ def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
 
     if not touched:
         return RobotModel(robot.chain())
-    setup = setup_of(robot, Postures(np.zeros((0, robot.n))))
-    made = [kind.of_setup(setup) for kind in kinds().values() if kind.of_touches]
+    setup = inputs_of(robot, Postures(np.zeros((0, robot.n))))
+    made = [kind.of_inputs(setup) for kind in kinds().values() if kind.of_touches]
     return RobotModel(setup.chain, tuple(effect for effect in made if effect))
 
 

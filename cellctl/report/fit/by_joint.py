@@ -66,7 +66,7 @@ def explained(rows: Residuals) -> list[tuple[int, float, float]]:
         return []
     readings, left = rows.readings[counted], rows.joint_after[counted]
     found = [(joint, *_pattern(readings[:, joint], left[:, joint])) for joint in range(readings.shape[1])]
-    kept = [(joint, share, size) for joint, share, size, chance in found if chance < _CHANCE / readings.shape[1]]
+    kept = [(joint, share, size) for joint, share, size, p_value in found if p_value < _CHANCE / readings.shape[1]]
     return sorted(kept, key=lambda each: -each[1])
 
 
@@ -85,5 +85,5 @@ def _pattern(readings: Floats, values: Floats) -> tuple[float, float, float]:
         return 0.0, 0.0, 1.0
     noise = within / free
     share = max((whole - within - between * noise) / whole, 0.0)
-    chance = float(f.sf((whole - within) / between / max(noise, 1e-300), between, free))
-    return share, float(np.sqrt(share * whole / len(values))), chance
+    p_value = float(f.sf((whole - within) / between / max(noise, 1e-300), between, free))
+    return share, float(np.sqrt(share * whole / len(values))), p_value

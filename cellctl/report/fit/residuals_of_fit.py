@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration import Estimate, Measured, Mixture, State
+from cellctl.calibration import Estimate, Measured, RowBlocks, State
 from cellctl.calibration.verdict.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Floats, inverse_pose
 from cellctl.report.fit.residuals import Residuals
@@ -50,7 +50,7 @@ def residuals_of(story: FitStory) -> Residuals:
     return result.pick(np.argsort(index, kind="stable"))
 
 
-def _settles(story: FitStory, rows: Mixture) -> bool:
+def _settles(story: FitStory, rows: RowBlocks) -> bool:
     """Whether something about held-out `rows` is determined by these rows alone: their numbers were not predicted."""
     used = story.task.rows.pick(story.used)
     return bool(unseen_by(story.task, story.found.unknowns, used, rows).any())
@@ -133,5 +133,5 @@ def _scaled(block: Measured, state: State, predicted: _Predicted | None) -> Floa
 def _p_values(story: FitStory, held_out: Any) -> Floats:
     if not len(held_out):
         return np.zeros(0)
-    rows: Mixture = story.task.rows.pick(held_out)
-    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).chance
+    rows: RowBlocks = story.task.rows.pick(held_out)
+    return held_out_rows(story.task, story.result.identification, rows, story.result.reliability).p_value

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import final
+from typing import Final, final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
@@ -44,6 +45,9 @@ _FARTHEST_DEG = 720.0
 """No axis turns further in a move whose target only the controller knows."""
 
 _MOVE_BESIDES_S = 15.0
+
+
+_CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message that stops it"}
 
 
 @final
@@ -87,6 +91,16 @@ class KukaRobot:
     async def health(self) -> Health:
         """State of controller and cyclic process; counts since `connect`. Raises DeviceLost."""
         return health_of(self.name, self._lines)
+
+    def conditions(self) -> Mapping[str, str]:
+        """What an interlock can name."""
+        return _CONDITIONS
+
+    async def holds(self, condition: str) -> bool:
+        """Whether a condition holds, by the controller's last report. Raises DeviceLost, KeyError."""
+        if condition not in _CONDITIONS:
+            raise KeyError(condition)
+        return (await self.health()).ok
 
     async def reset(self) -> None:
         """Acknowledge messages and select the program again. Raises DeviceRefused, DeviceFault, DeviceLost."""

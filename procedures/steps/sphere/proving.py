@@ -35,7 +35,12 @@ def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
     check_on_sphere(context, known.get("sphere"), known.get("touches"))
 
 
-@step("sphere.plan_proof", check=_check_located)
+@step(
+    "sphere.plan_proof",
+    check=_check_located,
+    title="planning the proof",
+    expects=lambda known: int(known.get("touches", 0)),
+)
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
     from procedures.steps.sphere.proof_planning import locating_touches, worth_proving
@@ -67,6 +72,12 @@ class Compensation(StepResult):
     table: str | None
 
 
+def _standoffs(known: Mapping[str, Any]) -> int:
+    """Each target is stood off twice; a return to the reference comes after each `reference_every` stand-offs."""
+    targets, half = known.get("targets", 0), known.get("reference_every", 0) // 2
+    return int(2 * targets + (targets // half if half else 0))
+
+
 def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
     from procedures.steps.sphere.planning import check_on_sphere
     from procedures.steps.sphere.proof_planning import standoff_options
@@ -75,7 +86,7 @@ def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
     check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
 
 
-@step("sphere.compensate", check=_check_standoffs)
+@step("sphere.compensate", check=_check_standoffs, title="compensating targets", expects=_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
     from procedures.steps.sphere.proof_planning import worth_proving
@@ -102,7 +113,7 @@ class Pushed(StepResult):
     active: bool
 
 
-@step("sphere.push", needs={"robot": TableStore}, moves=True)
+@step("sphere.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
 async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
 
@@ -133,7 +144,12 @@ class StoodOff(StepResult):
     error_mm: float
 
 
-@step("sphere.standoff", needs={"robot": CompensatedRobot, "probe": ContactProbe}, moves=True)
+@step(
+    "sphere.standoff",
+    needs={"robot": CompensatedRobot, "probe": ContactProbe},
+    moves=True,
+    title="measuring stand-offs",
+)
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
     from procedures.steps.sphere.standoff_rows import standoff_row
@@ -164,7 +180,7 @@ class Judged(StepResult):
     sentence: str
 
 
-@step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict)
+@step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
     from procedures.steps.sphere.judging import table_taken_back, verdict_of

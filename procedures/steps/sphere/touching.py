@@ -56,6 +56,11 @@ class Plan(StepResult):
     touches: list[TouchPlan]
 
 
+def _planned(known: Mapping[str, Any]) -> int:
+    touches, every = known.get("fit", 0) + known.get("held_out", 0), known.get("reference_every", 0)
+    return int(touches + (touches // every if every else 0))
+
+
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
     from procedures.steps.sphere.planning import check_plan
 
@@ -63,7 +68,7 @@ def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
         check_plan(context, known, _names(known["spheres"]))
 
 
-@step("sphere.plan", check=_check_plan)
+@step("sphere.plan", check=_check_plan, title="planning touches", expects=_planned)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     from procedures.steps.sphere.planning import assumption, planned_touches
@@ -93,7 +98,12 @@ class Touched(StepResult):
     joints: Joints
 
 
-@step("sphere.touch", needs={"robot": SearchingRobot, "probe": ContactProbe}, moves=True)
+@step(
+    "sphere.touch",
+    needs={"robot": SearchingRobot, "probe": ContactProbe},
+    moves=True,
+    title="touching spheres",
+)
 async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     """Go to a sphere, search along the planned line until contact, note the joints at its time, retreat."""
     robot: SearchingRobot = context.device("robot")
@@ -153,7 +163,7 @@ class Identified(StepResult):
     sentence: str
 
 
-@step("sphere.identify", verdict=SphereVerdict)
+@step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
     from procedures.steps.sphere.identification import identify_touches

@@ -32,11 +32,11 @@ class ToolInTheHeat(Effect):
     group: ClassVar = "tool_heat"
     title: ClassVar = "Tool in the heat"
     needs: ClassVar = "a column temperature with different values"
-    missing: ClassVar = (("warmer", "no column temperature: the tool is taken to be at 20 °C"),)
+    missing: ClassVar = (("delta_t", "no column temperature: the tool is taken to be at 20 °C"),)
 
     @classmethod
-    def of_setup(cls, setup):
-        return cls() if varies(setup.at.warmer) else None
+    def of_inputs(cls, setup):
+        return cls() if varies(setup.at.delta_t) else None
 
     @property
     def parameters(self):
@@ -51,8 +51,8 @@ class ToolInTheHeat(Effect):
         return np.full(3, self.expected)
 
     def shifts(self, nominal, at):
-        warmer = np.zeros(len(at)) if at.warmer is None else at.warmer
-        return nominal.forward_flange(at.q)[:, :3, :3] * warmer[:, None, None]
+        delta_t = np.zeros(len(at)) if at.delta_t is None else at.delta_t
+        return nominal.forward_flange(at.q)[:, :3, :3] * delta_t[:, None, None]
 
 
 @pytest.fixture(autouse=True)

@@ -9,10 +9,10 @@ from cellctl.calibration.effects import (
     Backlash,
     Discrepancy,
     Effect,
-    Growth,
     Harmonics,
     JointCompliance,
     OwnTurns,
+    ThermalExpansion,
     ToolDeflection,
 )
 from cellctl.calibration.model.postures import Postures
@@ -23,7 +23,7 @@ MAKERS = {
     "compliance": lambda chain: JointCompliance.of(chain, load_known=True),
     "harmonics": lambda chain: Harmonics(chain.n),
     "backlash": lambda chain: Backlash(chain.n),
-    "growth": lambda chain: Growth.of(chain),
+    "growth": lambda chain: ThermalExpansion.of(chain),
     "discrepancy": lambda chain: Discrepancy(np.linspace(-1.0, 1.0, 4)[:, None] + np.zeros(chain.n)),
 }
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, Setup
+from cellctl.calibration.effects.effect import Effect, EffectInputs
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
@@ -22,14 +22,14 @@ _PHRASE = Phrase.of("growth", "link")
 
 @final
 @dataclass(frozen=True)
-class Growth(Effect):
+class ThermalExpansion(Effect):
     """Each link's linear growth with temperature.
 
     joints: how many. points: links (from 1) of no length, as in a spherical wrist, which have no amount; `of` finds
     them. `growth{i}`, 1/K: of link i, from the origin of the frame behind joint i to that behind joint
     i + 1 (the last: to the flange; the first: from the base's origin, as the pedestal grows with it). All alike, they
     scale the robot about its base's origin. The tool is not counted: it has a temperature of its own.
-    needs: rows whose temperature is known, and differs; where `warmer` is None nothing grows.
+    needs: rows whose temperature is known, and differs; where `delta_t` is None nothing grows.
     """
 
     joints: int
@@ -46,12 +46,12 @@ class Growth(Effect):
     group: ClassVar[Group] = "growth"
     title: ClassVar[str] = "Growth with temperature"
     needs: ClassVar[str] = "a column temperature with different values"
-    missing: ClassVar = (("warmer", "no column temperature: predicted for 20 °C"),)
+    missing: ClassVar = (("delta_t", "no column temperature: predicted for 20 °C"),)
 
     @classmethod
-    def of_setup(cls, setup: Setup) -> Self | None:
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
         """Where the temperature changes."""
-        return cls.of(setup.chain) if varies(setup.at.warmer) else None
+        return cls.of(setup.chain) if varies(setup.at.delta_t) else None
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -67,11 +67,11 @@ class Growth(Effect):
         return np.full(len(self._grown), self.expected)
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
-        """Ψ (N, 3, K): each link's vector, mm, times how much warmer it is, K."""
-        if at.warmer is None:
+        """Ψ (N, 3, K): each link's vector, mm, times the temperature difference, K."""
+        if at.delta_t is None:
             return np.zeros((len(at), 3, len(self._grown)))
         links = _link_vectors(nominal, at.q)[:, self._grown]
-        return np.asarray(np.swapaxes(links * at.warmer[:, None, None], 1, 2))
+        return np.asarray(np.swapaxes(links * at.delta_t[:, None, None], 1, 2))
 
     @property
     def _grown(self) -> list[int]:

@@ -1,0 +1,160 @@
+"""`cellctl status`, `pause`, `continue`, `abort`, `confirm`: look at a running campaign and act on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cellctl.engine import ActionName
+    from cellctl.engine.status import Status
+    from cellctl.journal import OperatorAction
+
+_Run = Annotated[Path | None, typer.Argument(help="Run folder, or its name; without it the only run that is running.")]
+_Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs.")]
+_Json = Annotated[str | None, typer.Option("--json", help="Write it as JSON to this file; - for stdout.")]
+
+_PATIENCE_S = 15.0
+"""Wall time within which a running engine takes an action; it looks every 0.2 s."""
+
+_DONE: dict[ActionName, str] = {
+    "pause": "is paused before its next step; `cellctl continue` goes on",
+    "resume": "goes on",
+    "abort": "is being aborted, with its clean-up",
+    "confirm": "is confirmed and goes on",
+}
+
+
+def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+    """Say where a campaign is: its state, its step, how much is done, the time left, what it waits for.
+
+    Example: cellctl status --json -
+    """
+    from dataclasses import asdict
+
+    from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.engine.status import status_of
+
+    folder = _chosen(run, runs)
+    refuse_outputs({"--json": json_}, [*folder.glob("*")])
+    found = status_of(folder)
+    if json_:
+        write_json(asdict(found), json_)
+        return
+    for line in _lines(found):
+        typer.echo(line)
+
+
+def pause(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+    """Pause a running campaign before its next step.
+
+    Example: cellctl pause
+    """
+    _act("pause", run, runs, json_)
+
+
+def continue_(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+    """Go on after a pause, where no interlock keeps the campaign from it.
+
+    Example: cellctl continue
+    """
+    _act("resume", run, runs, json_)
+
+
+def abort(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+    """Abort a running campaign: its step is cancelled, and it cleans up.
+
+    Example: cellctl abort sphere_selfcal-20261121T192433Z
+    """
+    _act("abort", run, runs, json_)
+
+
+def confirm(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+    """Confirm what a campaign waits for; `cellctl status` shows the text.
+
+    Example: cellctl confirm
+    """
+    _act("confirm", run, runs, json_)
+
+
+def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> None:
+    import asyncio
+    from dataclasses import asdict
+
+    from cellctl.cli.outputs import refuse_outputs, write_json
+
+    folder = _chosen(run, runs)
+    refuse_outputs({"--json": json_}, [*folder.glob("*")])
+    done = asyncio.run(_taken(name, folder))
+    if done.refused:
+        _refuse(folder, f"'{name}' was refused: {done.refused}", "look with `cellctl status`")
+    if json_:
+        write_json({"run": folder.name, **asdict(done)}, json_)
+        return
+    typer.echo(f"{folder.name} {_DONE[name]}.")
+
+
+async def _taken(name: ActionName, folder: Path) -> OperatorAction:
+    """Leave the action in the run's mailbox, and wait until the journal shows it."""
+    from cellctl.clock import WallClock
+    from cellctl.engine import MailboxFolder, Operator
+    from cellctl.journal import OperatorAction, fold, read_journal, writer_of
+
+    if writer_of(folder) is None:
+        _refuse(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` goes on with one")
+    seen = fold(read_journal(folder)).last_seq
+    clock, mailbox = WallClock(), MailboxFolder(folder)
+    number = mailbox.put(name, Operator.here("cli"))
+    until = clock.now() + _PATIENCE_S
+    while clock.now() < until:
+        for entry in read_journal(folder, after=seen):
+            seen = entry.seq
+            if isinstance(entry.event, OperatorAction) and entry.event.id == number:
+                return entry.event
+        if writer_of(folder) is None:
+            break
+        await clock.sleep(0.1)
+    mailbox.withdraw(number)
+    if writer_of(folder) is None:
+        _refuse(folder, f"this run ended before it took '{name}'", "look with `cellctl show`")
+    return _refuse(folder, f"this run did not take '{name}' within {_PATIENCE_S:g} s", "is its process still at work?")
+
+
+def _chosen(run: Path | None, runs: Path) -> Path:
+    """The folder of `run`, or of the only run in `runs` that is running. Raises InputError."""
+    from cellctl.engine.status import running_in
+    from cellctl.journal.schema import FILE_NAME
+
+    if run is not None:
+        folder = run if run.is_dir() else runs / run
+        if not (folder / FILE_NAME).exists():
+            _refuse(folder, "there is no run here", "`cellctl runs` lists the runs")
+        return folder
+    found = running_in(journal.parent for journal in sorted(runs.glob(f"*/{FILE_NAME}")))
+    if not found:
+        _refuse(runs, "no run is running here", "name a run; `cellctl runs` lists them")
+    if len(found) > 1:
+        _refuse(runs, "more than one run is running here", f"name one: {', '.join(folder.name for folder in found)}")
+    return found[0]
+
+
+def _refuse(place: Path, what: str, cure: str) -> OperatorAction:
+    from cellctl.files import InputError, Problem
+
+    raise InputError(Problem(str(place), 0, 0, what, cure))
+
+
+def _lines(found: Status) -> list[str]:
+    from cellctl.cli.progress import time_left
+
+    share = f" ({100 * found.done // found.total} %)" if found.total else ""
+    lines = [f"{found.run}: {found.state}" + (f", process {found.process}" if found.process else "")]
+    lines += [f"  held by    {found.held_by}"] if found.held_by else []
+    lines += [f"  interlock  {text}" for text in found.broken if text != found.held_by]
+    lines += [f"  step       {found.step}"] if found.step else []
+    lines.append(f"  done       {found.done} of {found.total} steps{share}")
+    lines += [f"  left       {time_left(found.left_s)} in this loop"] if found.left_s is not None else []
+    lines += [f"  message    {found.message}"] if found.message else []
+    return [*lines, *([f"  CONFIRM    {found.confirm}  (`cellctl confirm`)"] if found.confirm else [])]

@@ -1,0 +1,119 @@
+"""What keeps a run from going on, or ends it: operators' actions and broken interlocks."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import final
+
+from cellctl.clock import calendar_time
+from cellctl.engine.interlocks import Interlocks
+from cellctl.engine.mailbox import Action, Mailbox, Operator
+from cellctl.engine.recorder import Recorder
+from cellctl.journal import InterlockChanged, OperatorAction
+from cellctl.procedure import Interlock, OnBreak, Resume
+
+BY_OPERATOR = "by the operator"
+"""Why a run pauses or goes on, where the operator asked for it."""
+
+
+@final
+class Control:
+    """Takes actions, records each with who and when, and does it, or says why not.
+
+    `aborted`: why the run is aborted, empty where it is not. `cancel`: ends the work; None where none is under way.
+    `ending`: the steps are over and the run cleans up, so that nothing more can be asked of it.
+    """
+
+    def __init__(self, mailbox: Mailbox, recorder: Recorder) -> None:
+        self.aborted = ""
+        self.cancel: Callable[[], object] | None = None
+        self.ending = False
+        self.interlocks: Interlocks | None = None
+        self._mailbox = mailbox
+        self._recorder = recorder
+        self._paused = ""
+        self._asked: asyncio.Future[Operator] | None = None
+        self._changed = asyncio.Event()
+
+    def take(self, action: Action) -> None:
+        """Record an action and do it, or record why it is refused."""
+        refused = self._refusal(action)
+        who, text = action.who, action.text
+        event = OperatorAction(
+            action.name, who.name, text, who.host, who.via, calendar_time(), refused=refused, id=action.id
+        )
+        self._recorder.append(event, final=True)
+        if refused:
+            return
+        match action.name:
+            case "pause":
+                self._paused = BY_OPERATOR
+            case "resume":
+                self._paused = ""
+            case "abort":
+                self.abort(text or "aborted by the operator")
+            case "confirm" if self._asked:
+                self._asked.set_result(who)
+        self._changed.set()
+
+    def abort(self, why: str) -> None:
+        """End the work; the first reason stays."""
+        self.aborted = self.aborted or why
+        if self.cancel:
+            self.cancel()
+
+    def held_by(self) -> str:
+        """What keeps the next step from beginning, in words; empty where nothing does."""
+        return self._broken() or self._paused
+
+    async def change(self) -> None:
+        """Wait until something is asked for, or an interlock changes."""
+        self._changed.clear()
+        await self._changed.wait()
+
+    async def confirmation(self) -> Operator:
+        """Wait until an operator confirms; who did."""
+        self._asked = asyncio.get_running_loop().create_future()
+        if self._mailbox.confirm_all:
+            self.take(Action("confirm", self._mailbox.confirm_all))
+        try:
+            return await self._asked
+        finally:
+            self._asked = None
+
+    def interlock_changed(self, interlock: Interlock, holds: bool, text: str) -> None:
+        """Record it, and do what the procedure says for a break."""
+        self._recorder.append(
+            InterlockChanged(interlock.id, interlock.device, interlock.condition, holds, text), final=True
+        )
+        self._changed.set()
+        if holds:
+            return
+        if interlock.on_break is OnBreak.ABORT:
+            self.abort(f"aborted: {text}")
+            return
+        if interlock.resume is Resume.OPERATOR:
+            self._paused = self._paused or text
+        if interlock.on_break is OnBreak.STOP and self.interlocks:
+            self.interlocks.stop_step()
+
+    def _broken(self) -> str:
+        return self.interlocks.holding() if self.interlocks else ""
+
+    def _refusal(self, action: Action) -> str:
+        match action.name:
+            case _ if self.aborted or self.ending:
+                return "the run is ending already"
+            case "abort":
+                return ""
+            case "pause" if self._paused:
+                return "the run is paused already"
+            case "resume" if broken := self._broken():
+                return broken
+            case "resume" if not self._paused:
+                return "the run is not paused"
+            case "confirm" if self._asked is None or self._asked.done():
+                return "the run waits for no confirmation"
+            case _:
+                return ""

@@ -1,0 +1,117 @@
+"""Interlocks: conditions of devices that have to hold while the steps run. They look at levels, not at changes.
+
+They are a convenience and protect nobody: the safety controller does that.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from typing import final
+
+from cellctl.clock import Clock
+from cellctl.devices import Conditions, Device, DeviceError
+from cellctl.files import InputError
+from cellctl.procedure import Interlock, OnBreak, Procedure
+
+_LOOK_EVERY_S = 0.1
+"""In the cell's time: how long a break may go unseen while a step runs."""
+
+_ANSWER_S = 2.0
+"""In the cell's time: a device that does not answer so long counts as one whose condition does not hold."""
+
+
+class StoppedByInterlock(Exception):
+    """An interlock cancelled the step; it is done again when the run goes on."""
+
+
+@final
+class Interlocks:
+    """The interlocks of a run. `broken`: those that do not hold, each with its text.
+
+    `changed(interlock, holds, text)` is called at each change.
+    """
+
+    def __init__(
+        self,
+        procedure: Procedure,
+        devices: Mapping[str, Device],
+        clock: Clock,
+        changed: Callable[[Interlock, bool, str], object],
+    ) -> None:
+        self.broken: dict[Interlock, str] = {}
+        self._procedure, self._devices, self._clock, self._changed = procedure, devices, clock, changed
+        self._step: asyncio.Timeout | None = None
+
+    def install(self) -> None:
+        """Raises InputError where a device of the cell has no such condition."""
+        problems = []
+        for interlock in self._procedure.interlocks:
+            device = self._devices.get(interlock.device)
+            if not isinstance(device, Conditions) or interlock.condition not in device.conditions():
+                what = f"'{interlock.device}' has no condition '{interlock.condition}'"
+                at = (*interlock.at, "condition")
+                problems.append(self._procedure.document.problem(at, what, "`cellctl check` names those it has"))
+        if problems:
+            raise InputError(problems)
+
+    async def look(self) -> None:
+        """Look at all conditions now."""
+        for interlock in self._procedure.interlocks:
+            holds, text = await self._answer(interlock)
+            if holds is (interlock not in self.broken):
+                continue
+            if holds:
+                del self.broken[interlock]
+            else:
+                self.broken[interlock] = text
+            self._changed(interlock, holds, text)
+
+    async def watch(self) -> None:
+        """Look at all conditions again and again, until cancelled."""
+        while self._procedure.interlocks:
+            await self._clock.sleep(_LOOK_EVERY_S)
+            await self.look()
+
+    def holding(self) -> str:
+        """The first broken interlock that keeps the run from going on, in words; empty where none does."""
+        texts = (text for interlock, text in self.broken.items() if interlock.on_break is not OnBreak.ABORT)
+        return next(texts, "")
+
+    def stop_step(self) -> None:
+        """Cancel the step under way, where there is one."""
+        if self._step and not self._step.expired():
+            self._step.reschedule(asyncio.get_running_loop().time())
+
+    @asynccontextmanager
+    async def stoppable(self) -> AsyncIterator[None]:
+        """The body is the step that `stop_step` cancels. Raises StoppedByInterlock then."""
+        try:
+            async with asyncio.timeout(None) as self._step:
+                step = self._step
+                try:
+                    yield
+                finally:
+                    self._step = None
+        except TimeoutError as error:
+            if step.expired():
+                raise StoppedByInterlock from error
+            raise
+
+    async def _answer(self, interlock: Interlock) -> tuple[bool, str]:
+        """Whether the condition holds, and in words which; a device that cannot say so breaks it."""
+        device = self._devices[interlock.device]
+        assert isinstance(device, Conditions)
+        name = f"interlock '{interlock.id}'"
+        text = f"{name}: {interlock.device}: {device.conditions()[interlock.condition]}"
+        try:
+            async with self._clock.timeout(_ANSWER_S):
+                holds = await device.holds(interlock.condition)
+        except DeviceError as error:
+            return False, f"{name}: {error.device}: {error.what}"
+        except TimeoutError:
+            return False, f"{name}: {interlock.device} did not say within {_ANSWER_S:g} s"
+        except Exception as error:  # a driver's own mistake must not make an interlock silent
+            return False, f"{name}: {interlock.device} cannot say: {type(error).__name__}: {error}"
+        return holds, text if holds else f"{name} does not hold ({interlock.device}: {interlock.condition})"

@@ -1,0 +1,86 @@
+"""Actions from other processes: one file each in the run's `mailbox/`, written whole and deleted when it is taken.
+
+Files need no port and no signal, so that this works on every system and over a shared folder.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any, cast, final, get_args
+
+from cellctl.clock import calendar_time
+from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
+from cellctl.files import write_atomically
+
+_LOOK_EVERY_S = 0.2
+"""Wall time: the cell's time may stand still while a person is waited for."""
+
+
+@final
+class MailboxFolder:
+    """The folder `mailbox/` of a run folder; it is there while somebody's action waits in it."""
+
+    def __init__(self, run_folder: Path) -> None:
+        self._folder = run_folder / "mailbox"
+
+    def put(self, action: ActionName, who: Operator, text: str = "") -> str:
+        """Leave an action for the engine; its id, which the journal will name. Raises OSError."""
+        self._folder.mkdir(exist_ok=True)
+        number = secrets.token_hex(8)
+        data = {"id": number, "action": action, "operator": who.name, "host": who.host, "via": who.via, "text": text}
+        write_atomically(self._folder / f"{number}.json", json.dumps({**data, "written": calendar_time()}))
+        return number
+
+    def withdraw(self, number: str) -> bool:
+        """Take an action back; whether it still waited."""
+        try:
+            (self._folder / f"{number}.json").unlink()
+        except OSError:
+            return False
+        return True
+
+    @asynccontextmanager
+    async def emptied_into(self, mailbox: Mailbox) -> AsyncIterator[None]:
+        """While this lasts, hand each action to `mailbox`; those that waited before it began are deleted."""
+        self._take()
+        looking = asyncio.create_task(self._look(mailbox), name="mailbox folder")
+        try:
+            yield
+        finally:
+            looking.cancel()
+            with suppress(asyncio.CancelledError):
+                await looking
+            self._take()
+            with suppress(OSError):
+                self._folder.rmdir()
+
+    async def _look(self, mailbox: Mailbox) -> None:
+        while True:
+            for action in self._take():
+                mailbox.post(action)
+            await asyncio.sleep(_LOOK_EVERY_S)
+
+    def _take(self) -> list[Action]:
+        """The actions that wait, oldest first; their files are deleted, those that hold no action too."""
+        found: list[tuple[str, Action]] = []
+        for path in self._folder.glob("*.json"):
+            with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
+                data = path.read_bytes()
+                path.unlink()
+                found.append(_read(json.loads(data)))
+        return [action for _, action in sorted(found, key=lambda entry: entry[0])]
+
+
+def _read(data: dict[str, Any]) -> tuple[str, Action]:
+    """When it was written, and the action. Raises KeyError, TypeError, ValueError."""
+    name = data["action"]
+    json.dumps(data, ensure_ascii=False).encode()  # the journal is UTF-8
+    if name not in get_args(ActionName):
+        raise ValueError(f"'{name}' is no action")
+    who = Operator(str(data["operator"]), str(data["host"]), str(data.get("via", "")))
+    return str(data["written"]), Action(cast("ActionName", name), who, str(data.get("text", "")), str(data["id"]))

@@ -1,0 +1,83 @@
+"""What happens in a run, into its journal, its folded state and the display at once."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any, final
+
+from cellctl.clock import Clock
+from cellctl.engine.waiting import timed
+from cellctl.engine.watcher import NobodyWatching, Watcher
+from cellctl.journal import (
+    Journal,
+    JournalError,
+    KnownEvent,
+    Outcome,
+    RunState,
+    Said,
+    StepEnded,
+    StepFailure,
+    StepStarted,
+)
+
+
+@final
+class Recorder:
+    """Commits events. `state`: what the journal holds; `error`: why nothing more can be written, else None."""
+
+    def __init__(self, journal: Journal, state: RunState, watcher: Watcher, clock: Clock) -> None:
+        self.state = state
+        self.error: JournalError | None = None
+        self.watcher = watcher
+        self._journal = journal
+        self._clock = clock
+
+    def append(self, event: KnownEvent, *, final: bool = False) -> None:
+        """Commit an event. A journal that cannot be written ends the run: nothing more is done that it would not hold.
+
+        With `final`, or once that has happened, the failure is kept in `error` instead of raised.
+        """
+        if self.error is None:
+            try:
+                self.state.apply(self._journal.append(event))
+            except JournalError as error:
+                self.error = error
+                if not final:
+                    raise
+        self.show(lambda watcher: watcher.event(event))
+
+    def said(self, path: str, text: str) -> None:
+        """A line of progress for the operator, from the step at `path`."""
+        self.append(Said(text, path))
+
+    def show(self, tell: Callable[[Watcher], None]) -> None:
+        """Tell who looks on. A display that fails (its terminal is gone) is not asked again, and ends no campaign."""
+        try:
+            tell(self.watcher)
+        except Exception:
+            self.watcher = NobodyWatching()
+
+    async def attempt(
+        self, started: StepStarted, limit: float | None, body: Callable[[], Awaitable[dict[str, Any] | None]]
+    ) -> dict[str, Any] | None:
+        """Do `body`, an attempt at a step, within `limit` seconds (None: no limit), between its two events.
+
+        Raises what `body` raises, TimeoutError at the limit.
+        """
+        path, attempt = started.step, started.attempt
+        self.append(started)
+        try:
+            async with timed(self._clock, limit, path):
+                result = await body()
+        except BaseException as error:
+            self.append(_failed(path, attempt, error), final=True)
+            raise
+        self.append(StepEnded(path, attempt, Outcome.DONE, result))
+        return result
+
+
+def _failed(path: str, attempt: int, error: BaseException) -> StepEnded:
+    outcomes = {asyncio.CancelledError: Outcome.CANCELLED, TimeoutError: Outcome.TIMED_OUT}
+    failure = StepFailure(type(error).__name__, str(error), getattr(error, "cure", ""))
+    return StepEnded(path, attempt, outcomes.get(type(error), Outcome.FAILED), None, failure)

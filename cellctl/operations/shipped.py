@@ -1,0 +1,38 @@
+"""Shipped procedures, cells and robots by their names: `sphere_selfcal` in place of a path."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from cellctl.files import InputError, Problem
+
+Kind = Literal["procedure", "cell", "robot"]
+
+_PACKAGE = "procedures"
+_FOLDERS: dict[Kind, str] = {"procedure": ".", "cell": "cells", "robot": "robots"}
+
+
+def shipped_file(kind: Kind, given: Path) -> Path:
+    """`given` itself where it is a path, else the shipped file of that name.
+
+    A file that is there comes first; what has a folder or a suffix in it is a path. Raises InputError for a name that
+    is neither a file nor shipped.
+    """
+    if given.is_file() or given.suffix or len(given.parts) != 1:
+        return given
+    names = shipped_names(kind)
+    if given.name not in names:
+        what = f"is no file, and no shipped {kind} has this name"
+        raise InputError(Problem(str(given), 0, 0, what, f"give a path, or one of: {', '.join(names)}"))
+    return names[given.name]
+
+
+def shipped_names(kind: Kind) -> dict[str, Path]:
+    """Name → file of every shipped one of that kind, by name."""
+    spec = find_spec(_PACKAGE)
+    folders = (
+        [Path(folder) / _FOLDERS[kind] for folder in (spec.submodule_search_locations or ()) if spec] if spec else []
+    )
+    return {file.stem: file for folder in folders for file in sorted(folder.glob("*.yaml"))}

@@ -1,0 +1,282 @@
+"""What keeps a run from going on, and who did what to it: interlocks, operators' actions, `confirm` and `if`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from engine_runs import CALLS, LOOP, FakeDevice, FakeGate, engine_for, events_of
+
+from cellctl.engine import Engine, Mailbox, MailboxFolder, Operator, State
+from cellctl.files import InputError
+from cellctl.journal import (
+    InterlockChanged,
+    Journal,
+    OperatorAction,
+    Outcome,
+    RunResumed,
+    StateChanged,
+    StepEnded,
+    fold,
+    read_journal,
+)
+
+PATIENCE_S = 60.0
+ME = Operator("maria", "cell-pc", "cli")
+FOREVER = "  - {id: wait, do: test.forever}"
+
+
+def interlock(more: str = "") -> str:
+    return f"interlocks:\n  - {{id: door, device: gate, condition: closed{more}}}"
+
+
+async def until(true: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not true():
+            await asyncio.sleep(0.005)
+
+
+def ran(engine: Any, meanwhile: Any) -> Any:
+    async def go() -> Any:
+        running = asyncio.create_task(engine.run())
+        await meanwhile()
+        async with asyncio.timeout(PATIENCE_S):
+            return await running
+
+    return asyncio.run(go())
+
+
+def paused_reasons(journal: Any) -> list[str]:
+    return [event.reason for event in events_of(journal, StateChanged) if event.after == "paused"]
+
+
+def test_a_break_stops_the_step_and_the_run_goes_on_only_when_it_holds_and_the_operator_says_so(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    engine, mailbox, journal = engine_for(FOREVER, tmp_path, [gate], interlocks=interlock())
+
+    async def meanwhile() -> None:
+        await until(lambda: "forever" in CALLS)
+        gate.closed = False
+        await until(lambda: engine.state is State.PAUSED)
+        mailbox.resume(ME)
+        await asyncio.sleep(0.2)
+        assert engine.state is State.PAUSED
+        gate.closed = True
+        await until(lambda: len(events_of(journal, InterlockChanged)) == 2)
+        assert engine.state is State.PAUSED
+        mailbox.resume(ME)
+        await until(lambda: len(CALLS) == 2)
+        mailbox.abort()
+
+    assert ran(engine, meanwhile).state is State.ABORTED
+    assert [event.holds for event in events_of(journal, InterlockChanged)] == [False, True]
+    assert paused_reasons(journal) == ["interlock 'door' does not hold (gate: closed)"]
+    assert [event.outcome for event in events_of(journal, StepEnded)] == ["cancelled", "cancelled"]
+    refused, resumed, _ = events_of(journal, OperatorAction)
+    assert (refused.action, refused.refused) == ("resume", "interlock 'door' does not hold (gate: closed)")
+    assert (resumed.action, resumed.refused) == ("resume", "")
+
+
+def test_an_interlock_with_automatic_resume_goes_on_by_itself_unless_the_operator_paused_too(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    gate.closed = False
+    engine, mailbox, journal = engine_for(LOOP, tmp_path, [gate], interlocks=interlock(", resume: auto"))
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is State.PAUSED)
+        assert CALLS == []
+        mailbox.pause(ME)
+        gate.closed = True
+        await until(lambda: len(events_of(journal, InterlockChanged)) == 2)
+        await asyncio.sleep(0.05)
+        assert CALLS == []
+        mailbox.resume(ME)
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    assert CALLS == ["double 1", "double 2", "double 3"]
+
+
+def test_a_break_that_pauses_lets_the_step_end_and_holds_the_next(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    engine, _, journal = engine_for(LOOP, tmp_path, [gate], interlocks=interlock(", on_break: pause, resume: auto"))
+
+    class OpenAfterTheFirst:
+        def event(self, event: Any) -> None:
+            if isinstance(event, StepEnded) and event.step == "all[0].twice":
+                gate.closed = False
+
+        def loop(self, path: str, index: int, count: int) -> None:
+            pass
+
+    engine._recorder.watcher = OpenAfterTheFirst()
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is State.PAUSED)
+        assert CALLS == ["double 1"]
+        gate.closed = True
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    assert len(paused_reasons(journal)) == 1
+
+
+def test_a_break_that_aborts_ends_the_run_with_its_clean_up(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    engine, _, _ = engine_for(
+        FOREVER, tmp_path, [gate], "  - {id: hold, do: test.hold}", interlock(", on_break: abort")
+    )
+
+    async def meanwhile() -> None:
+        await until(lambda: "forever" in CALLS)
+        gate.closed = False
+
+    outcome = ran(engine, meanwhile)
+    assert outcome.state is State.ABORTED
+    assert "interlock 'door' does not hold" in str(outcome.error)
+    assert CALLS == ["forever", "hold"]
+
+
+def test_no_step_begins_where_an_interlock_that_aborts_is_broken_from_the_start(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    gate.closed = False
+    engine, _, _ = engine_for(LOOP, tmp_path, [gate], interlocks=interlock(", on_break: abort"))
+    assert asyncio.run(engine.run()).state is State.ABORTED
+    assert CALLS == []
+
+
+def test_a_device_that_no_longer_says_breaks_its_interlock(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    gate.lost = True
+    engine, mailbox, journal = engine_for(LOOP, tmp_path, [gate], interlocks=interlock())
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is State.PAUSED)
+        mailbox.abort()
+
+    assert ran(engine, meanwhile).state is State.ABORTED
+    assert paused_reasons(journal) == ["interlock 'door': gate: is silent"]
+
+
+def test_a_condition_that_the_device_has_not_is_refused_before_any_step(tmp_path: Path) -> None:
+    engine, _, _ = engine_for(LOOP, tmp_path, [FakeDevice("gate")], interlocks=interlock())
+    outcome = asyncio.run(engine.run())
+    assert isinstance(outcome.error, InputError)
+    assert "'gate' has no condition 'closed'" in str(outcome.error)
+    assert CALLS == []
+
+
+def test_a_confirm_step_waits_for_the_operator_and_the_journal_says_who_and_when(tmp_path: Path) -> None:
+    steps = '  - {id: clear, confirm: "Is the cell clear?"}\n  - {id: hold, do: test.hold}'
+    engine, mailbox, journal = engine_for(steps, tmp_path)
+
+    async def meanwhile() -> None:
+        await until(lambda: engine._record.in_flight != ())
+        await asyncio.sleep(0.02)
+        assert CALLS == []
+        mailbox.confirm(ME)
+        mailbox.confirm(ME)
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    assert CALLS == ["hold"]
+    assert events_of(journal, StepEnded)[0].result == {"name": "maria", "host": "cell-pc", "via": "cli"}
+    action, again = events_of(journal, OperatorAction)
+    assert (action.action, action.operator, action.host, action.via) == ("confirm", "maria", "cell-pc", "cli")
+    assert action.calendar.endswith("Z") or "+" in action.calendar
+    assert again.refused == "the run waits for no confirmation"
+
+
+def test_a_confirmation_that_does_not_come_fails_the_step_and_confirm_all_gives_each(tmp_path: Path) -> None:
+    engine, _, _ = engine_for("  - {id: clear, confirm: Clear, timeout: 0.05}", tmp_path / "one")
+    assert "clear: not done within 0.05 s" in str(asyncio.run(engine.run()).error)
+    engine, mailbox, journal = engine_for("  - {id: clear, confirm: Clear}", tmp_path / "two")
+    mailbox.confirm_all = Operator("maria", "cell-pc", "--confirm-all")
+    assert asyncio.run(engine.run()).state is State.FINISHED
+    assert events_of(journal, OperatorAction)[0].via == "--confirm-all"
+
+
+BRANCH = """
+  - {id: some, do: test.numbers}
+  - id: many
+    if: ${some.values[2]} > 2
+    then:
+      - {id: first, do: test.double, with: {value: 10}}
+      - {id: last, do: test.forever}
+    else:
+      - {id: other, do: test.double, with: {value: 20}}
+"""
+
+
+def test_a_resumed_run_takes_the_branch_that_it_took_before_and_its_steps_keep_their_names(tmp_path: Path) -> None:
+    engine, mailbox, journal = engine_for(BRANCH, tmp_path)
+
+    async def meanwhile() -> None:
+        await until(lambda: "forever" in CALLS)
+        mailbox.abort()
+
+    assert ran(engine, meanwhile).state is State.ABORTED
+    journal.close()
+    record = fold(read_journal(journal.path))
+    assert record.finished["many"] == {"value": True}
+    assert "many.first" in record.finished
+    record.steps["many"] = type(record.steps["many"])("many", 1, False, Outcome.DONE, {"value": False})
+    CALLS.clear()
+    with Journal.reopen(journal.path.parent, engine._clock.now_ns) as again:
+        again.append(RunResumed("me", "now", "", {}))
+        outcome = asyncio.run(Engine(engine._plan, engine._run, again, Mailbox(), None, record).run())
+    assert outcome.state is State.FINISHED
+    assert CALLS == ["double 20"]  # as the record says, not as the expression would be decided now
+
+
+def test_an_action_left_in_the_mailbox_folder_is_taken_recorded_and_deleted(tmp_path: Path) -> None:
+    engine, _, journal = engine_for(FOREVER, tmp_path)
+    folder = MailboxFolder(tmp_path)
+    folder.put("abort", ME, "from an earlier process")
+
+    async def meanwhile() -> None:
+        await until(lambda: "forever" in CALLS)
+        await asyncio.sleep(0.3)
+        assert engine.state is State.RUNNING
+        (tmp_path / "mailbox").mkdir(exist_ok=True)
+        (tmp_path / "mailbox" / "broken.json").write_text("{")
+        (tmp_path / "mailbox" / "strange.json").write_text(json.dumps({"action": "dance", "id": "1"}))
+        folder.put("abort", ME, "enough")
+
+    outcome = ran(engine, meanwhile)
+    assert (outcome.state, str(outcome.error)) == (State.ABORTED, "enough")
+    (action,) = events_of(journal, OperatorAction)
+    assert (action.operator, action.host, action.via, action.text) == ("maria", "cell-pc", "cli", "enough")
+    assert action.id
+    assert not (tmp_path / "mailbox").exists()
+
+
+def test_what_is_asked_at_the_wrong_time_is_refused_with_the_reason(tmp_path: Path) -> None:
+    engine, mailbox, journal = engine_for(FOREVER, tmp_path)
+
+    async def meanwhile() -> None:
+        await until(lambda: "forever" in CALLS)
+        mailbox.resume(ME)
+        mailbox.pause(ME)
+        mailbox.pause(ME)
+        mailbox.abort()
+        mailbox.abort()
+
+    assert ran(engine, meanwhile).state is State.ABORTED
+    assert [event.refused for event in events_of(journal, OperatorAction)] == [
+        "the run is not paused",
+        "",
+        "the run is paused already",
+        "",
+        "the run is ending already",
+    ]
+
+
+@pytest.mark.parametrize("text", ["${some.values}", "${some.none} > 1"])
+def test_an_if_that_cannot_be_decided_is_a_mistake_of_the_procedure_at_its_place(text: str, tmp_path: Path) -> None:
+    steps = f"  - {{id: some, do: test.numbers}}\n  - id: many\n    if: {text}\n    then: [{{id: hold, do: test.hold}}]"
+    engine, _, _ = engine_for(steps, tmp_path)
+    outcome = asyncio.run(engine.run())
+    assert isinstance(outcome.error, InputError)
+    assert "test.yaml:8:" in str(outcome.error)
