@@ -45,14 +45,14 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
         raise InputError(_problem(folder, "ended before it began: nothing was moved", cure))
     if state.state == "finished":
         raise InputError(_problem(folder, "is finished: there is nothing to go on with", "run the procedure anew"))
-    said = table_line(state, folder)
+    line = table_line(state, folder)
     changed = _changes(campaign, started, settings)
     if changed:
         cure = "run the procedure anew, or put back what it was"
-        cure += f"\n    {said}" if said else ""
+        cure += f"\n    {line}" if line else ""
         raise InputError([_problem(folder, text, cure) for text in changed])
     if (state.uncertain or state.state == "uncertain") and not acknowledged:
-        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {said}" if said else ""))
+        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {line}" if line else ""))
     same = replace(campaign, parameters=dict(started.parameters))
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 
