@@ -61,9 +61,9 @@ class _Shown:
     def event(self, event: KnownEvent) -> None:
         match event:
             case DevicesConnected(identities):
-                for name, who in identities.items():
-                    firmware = f", {who['firmware']}" if who["firmware"] else ""
-                    self._console.print(f"  {name}: {who['model']}, serial {who['serial']}{firmware}")
+                for name, identity in identities.items():
+                    firmware = f", {identity['firmware']}" if identity["firmware"] else ""
+                    self._console.print(f"  {name}: {identity['model']}, serial {identity['serial']}{firmware}")
             case StateChanged(after="connecting"):
                 self._console.print("connecting …")
             case StateChanged(after=after, reason=reason) if after in ("paused", "cleaning") and reason:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cellctl.cli.ends import Exit, mistakes
+from cellctl.cli.ends import Exit, errors_text
 from cellctl.cli.outputs import write_json
 from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
@@ -48,7 +48,7 @@ def exit_of(outcome: Outcome) -> Exit:
             return Exit.DEVICE_FAILED
 
 
-def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
+def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
@@ -57,15 +57,15 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
             for line in result.lines:
                 print(line)
             print(f"Run folder: {folder}")
-        if said := table_line(state, folder, only_unproved=True):
-            print(f"cellctl: {said}", file=sys.stderr)
+        if pushed := table_line(state, folder, only_unproved=True):
+            print(f"cellctl: {pushed}", file=sys.stderr)
         return
-    error = mistakes(outcome.error) if isinstance(outcome.error, InputError) else outcome.error
+    error = errors_text(outcome.error) if isinstance(outcome.error, InputError) else outcome.error
     lines = [f"cellctl: run {outcome.state.value}: {error or 'the clean-up did not succeed'}"]
     lines += [f"    {trouble}" for trouble in outcome.troubles]
     lines.append(f"    {_where_the_robot_is(outcome)}")
-    if said := table_line(state, folder):
-        lines.append(f"    {said}")
+    if pushed := table_line(state, folder):
+        lines.append(f"    {pushed}")
     lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
 

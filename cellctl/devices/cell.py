@@ -75,7 +75,7 @@ class Cell:
 
     @classmethod
     def load(cls, path: Path, drivers: DriverRegistry) -> Self:
-        """Load and check a cell file; opens no device. Raises InputError with every mistake."""
+        """Load and check a cell file; opens no device. Raises InputError with every error."""
         document = load_yaml(path)
         if not isinstance(document.data, dict):
             raise InputError(document.problem((), "is not a cell file", "it is a mapping: name, model, devices …"))
@@ -186,14 +186,14 @@ def _findings(
     folder: Path,
     reach_mm: float | None,
 ) -> tuple[list[Problem], list[Problem]]:
-    """What the drivers find in their devices' addresses and limits: mistakes, and warnings."""
-    mistakes: list[Problem] = []
+    """What the drivers find in their devices' addresses and limits: errors, and warnings."""
+    problems: list[Problem] = []
     warnings: list[Problem] = []
     for name, address in addresses.items():
         surroundings = Surroundings(WallClock(), folder, model.limits.get(name, {}), reach_mm)
         for found in drivers.findings(name, address, surroundings):
-            (warnings if found.warning else mistakes).append(_placed(document, name, found))
-    return mistakes, warnings
+            (warnings if found.warning else problems).append(_placed(document, name, found))
+    return problems, warnings
 
 
 def _placed(document: Document, device: str, found: Finding) -> Problem:

@@ -40,9 +40,16 @@ class Control:
     def take(self, action: Action) -> None:
         """Record an action and do it, or record why it is refused."""
         refused = self._refusal(action)
-        who, text = action.who, action.text
+        operator, text = action.operator, action.text
         event = OperatorAction(
-            action.name, who.name, text, who.host, who.via, calendar_time(), refused=refused, id=action.id
+            action.name,
+            operator.name,
+            text,
+            operator.host,
+            operator.via,
+            calendar_time(),
+            refused=refused,
+            id=action.id,
         )
         self._recorder.append(event, final=True)
         if refused:
@@ -55,7 +62,7 @@ class Control:
             case "abort":
                 self.abort(Aborted(text or "aborted by the operator"))
             case "confirm" if self._asked:
-                self._asked.set_result(who)
+                self._asked.set_result(operator)
         self._changed.set()
 
     def abort(self, why: Aborted) -> None:

@@ -1,4 +1,4 @@
-"""The actions of a procedure file: steps, loops, `if` and `confirm`, read with all their mistakes."""
+"""The actions of a procedure file: steps, loops, `if` and `confirm`, read with all their errors."""
 
 from __future__ import annotations
 

@@ -161,8 +161,8 @@ class Interlock:
 class Procedure:
     """A procedure file. `cell` is its default cell's path, joined to the procedure's folder.
 
-    `problems` are the mistakes that reading it met; the part that could be read is here all the same, so that `check`
-    can name the other mistakes with them. A procedure with problems must not be run.
+    `problems` are the errors that reading it met; the part that could be read is here all the same, so that `check`
+    can name the other errors with them. A procedure with problems must not be run.
     """
 
     document: Document

@@ -8,7 +8,7 @@ import pytest
 from cell_runs import UNHURRIED, cell_with, run_here, touches_procedure
 
 from cellctl.cli.ends import Exit
-from cellctl.cli.run_end import exit_of, say_end
+from cellctl.cli.run_end import exit_of, show_end
 from cellctl.engine import State
 from cellctl.operations.results import result_of
 
@@ -31,7 +31,7 @@ def test_a_wrong_certified_distance_ends_the_run_with_exit_code_2_its_line_and_n
     assert (ended.outcome.state, exit_of(ended.outcome)) == (State.FAILED, Exit.BAD_INPUT)
     assert ended.robot_is_held()
     assert not (run / "model.json").exists()
-    say_end(ended.outcome, result_of(run, ended.outcome, 1.0), run, quiet=False)
+    show_end(ended.outcome, result_of(run, ended.outcome, 1.0), run, quiet=False)
     said = capsys.readouterr().err
     assert "run failed: 1 mistake\n" in said
     assert f"{stated}:24:31: spacing S1–S2: 705.412 mm given" in said

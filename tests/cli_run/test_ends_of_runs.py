@@ -13,7 +13,7 @@ import pytest
 
 from cellctl.cli import ends
 from cellctl.cli.ends import Exit
-from cellctl.cli.run_end import exit_of, say_end
+from cellctl.cli.run_end import exit_of, show_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Aborted, AbortedByInterlock, Outcome, State
@@ -80,7 +80,7 @@ def said_at_the_end(
 ) -> str:
     uncertain = isinstance(error, DeviceUncertain)
     outcome = Outcome(State.UNCERTAIN if uncertain else State.FAILED, error, (), None, 1.0, moved, held)
-    say_end(outcome, result_of(run, outcome, 1.0), run, quiet=False)
+    show_end(outcome, result_of(run, outcome, 1.0), run, quiet=False)
     return capsys.readouterr().err
 
 
