@@ -45,7 +45,7 @@ def cellctl(installed: Path, folder: Path, *words: str) -> subprocess.CompletedP
 def test_a_shipped_procedure_is_checked_by_its_name(installed: Path, folder: Path) -> None:
     done = cellctl(installed, folder, "check", "sphere_selfcal", "--cell", "sphere_cell")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"{installed}/procedures/sphere_selfcal.yaml: no mistakes found")
+    assert done.stdout.startswith(f"{installed}/procedures/sphere_selfcal.yaml: no errors found")
 
 
 @pytest.mark.long

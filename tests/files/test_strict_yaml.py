@@ -1,4 +1,4 @@
-"""YAML that means what it says, and mistakes that say where they stand."""
+"""YAML that means what it says, and errors that say where they stand."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def test_what_is_not_yaml_or_not_plain_is_refused_with_its_line(text, line):
     assert "\n" not in problem.what
 
 
-def test_nesting_without_end_is_a_mistake_not_a_crash():
+def test_nesting_without_end_is_an_error_not_a_crash():
     assert "nested" in refused("[" * 5000)[0].what
 
 
