@@ -20,9 +20,9 @@ def check(
     set_: arguments.Settings = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Name all errors in a procedure and its cell, each with file, line and cure; move nothing.
+    """Check a procedure and its cell; nothing moves.
 
-    Warnings, too: what is allowed and probably not meant. They leave the exit code as it is.
+    Prints all errors with file, line and remedy. Prints warnings too; they do not change the exit code.
 
     Example: cellctl check sphere_selfcal
     """

@@ -88,7 +88,7 @@ def test_joints_and_measurements_in_one_file_need_no_pairing(cellctl, files, cap
         (["messung.dat"], "cellctl import JOINTS POSITIONS"),
         (["messung.dat", "none.csv"], "none.csv: cannot be read"),
         (["messung.dat", "positionen.csv", "-o", "positionen.csv"], "is read here"),
-        (["messung.dat", "positionen.csv", "--json", "-"], "give -o DATA.csv too"),
+        (["messung.dat", "positionen.csv", "--json", "-"], "give -o FILE too"),
         (["messung.dat", "positionen.csv", "--unit", "feet"], "mm or cm or m"),
         (["messung.dat", "positionen.csv", "--unit", "mm"], "headings say m"),
         (["messung.dat", "positionen.csv", "--columns", "X"], "'X' is not column=heading"),
