@@ -77,7 +77,7 @@ def _ended_by(error: Exception) -> int:
 
     match error:
         case InputError():
-            return _ended(_errors_text(error), Exit.BAD_INPUT)
+            return _ended(errors_text(error), Exit.BAD_INPUT)
         case DeviceUncertain():
             return _ended(str(error), Exit.UNCERTAIN)
         case DeviceUnreachable():
@@ -90,8 +90,8 @@ def _ended_by(error: Exception) -> int:
             return _other(error)
 
 
-def _errors_text(error: InputError) -> str:
-    """How many there are, and the first of them."""
+def errors_text(error: InputError) -> str:
+    """How many errors there are, the first of them, and what holds for all."""
     count = len(error.problems)
     lines = [", ".join([f"{count} error{'s' * (count > 1)}", *_notes(error)])]
     lines += [str(problem) for problem in error.problems[:SHOWN]]

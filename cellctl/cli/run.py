@@ -44,10 +44,12 @@ def run(
     from cellctl.operations.launch import Options
     from cellctl.operations.parent import parent_of_run
     from cellctl.operations.start import new_run, run_to_resume
+    from cellctl.operations.system import require_cells
 
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
     with adding(NOTHING_MOVED):
+        require_cells()
         _refuse(resume, acknowledge, seed, clock)
         extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)
         options = Options(seed, clock, extra, None, acknowledge, parent, confirm_all, asking)

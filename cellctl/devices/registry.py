@@ -38,7 +38,7 @@ class DriverRegistry:
             raise ValueError(f"the driver for '{scheme}://' ({entry.value}) is not a DriverDescription")
         return driver
 
-    def kind(self, scheme: str) -> type:
+    def abilities(self, scheme: str) -> type:
         """The Protocol or class that says what the devices of `scheme` can do. Raises ValueError."""
         return self.driver(scheme).abilities
 

@@ -61,7 +61,7 @@ def load_campaign(
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)
     cell = _cell(procedure, cell_file, drivers, problems)
-    kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
+    kinds = {name: drivers.abilities(address.scheme) for name, address in cell.addresses.items()} if cell else None
     parameters: dict[str, Any] = {}
     try:
         parameters = checked_parameters(procedure, settings, registry, kinds, _conditions(procedure, cell, drivers))

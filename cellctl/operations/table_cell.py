@@ -73,7 +73,7 @@ def state_of(state: TableState) -> dict[str, Any]:
 
 def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
     """The one device of the cell that keeps tables. Raises InputError."""
-    kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()}
+    kinds = {name: drivers.abilities(address.scheme) for name, address in cell.addresses.items()}
     names = [name for name, kind in kinds.items() if not missing_abilities(kind, TableStore)]
     if len(names) == 1:
         return names[0]

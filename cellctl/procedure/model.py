@@ -79,7 +79,10 @@ class Step:
 @final
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Steps done once for each element of a list (`for_each`: a reference or the list), named `variable` inside."""
+    """Steps done once for each element of a list (`for_each`: a reference or the list), named `variable` inside.
+
+    `title`: what the operator reads while its steps run; empty: the titles of the steps.
+    """
 
     id: str
     for_each: Reference | list[Value]
@@ -88,6 +91,7 @@ class Loop:
     at: Path
     line: int
     column: int
+    title: str = ""
 
 
 @final
