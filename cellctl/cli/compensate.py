@@ -129,7 +129,7 @@ def _words(table: TableFile, figures: dict[str, Any], out: Path) -> str:
     return (
         f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {figures['rows']} rows, "
         f"joints corrected by up to {figures['max_correction_deg']:.3f}°.\n"
-        f"Foreseen, in the model's frame: {before['mean']:.3f} mm off (mean; max {before['max']:.3f}) "
+        f"Predicted error in the model's frame: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) "
         f"with nominal joints, {after['mean']:.4f} mm with these.\n"
         f"1 σ of the model (RMS): {sigma['rms']:.3f} mm in its frame"
         + (f", {among:.3f} mm among the rows." if among is not None else ".")

@@ -77,7 +77,7 @@ def _read(path: Path, tip: str | None, table: Table | None, repeatability: float
     reader = {".urdf": _urdf, ".csv": _table, ".json": _model, ".yaml": _robot, ".yml": _robot}.get(path.suffix.lower())
     if reader is None:
         cure = "its name ends in .yaml (robot file), .json (model), .urdf or .csv (DH table)"
-        raise InputError(Problem(str(path), 0, 0, "is of no kind that can be told from its name", cure))
+        raise InputError(Problem(str(path), 0, 0, "has a name of no known file type", cure))
     if tip is not None and reader is not _urdf:
         raise typer.BadParameter("--tip names a link of a URDF")
     found = reader(path, tip, table)

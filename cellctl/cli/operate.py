@@ -108,7 +108,7 @@ async def _taken(name: ActionName, folder: Path) -> OperatorAction:
     from cellctl.journal import OperatorAction, fold, read_journal, writer_of
 
     if writer_of(folder) is None:
-        _refuse(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` goes on with one")
+        _refuse(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` continues one")
     seen = fold(read_journal(folder)).last_seq
     clock, mailbox = WallClock(), MailboxFolder(folder)
     number = mailbox.put(name, Operator.here("cli"))
