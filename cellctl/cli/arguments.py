@@ -26,15 +26,15 @@ def _robot(given: Path | None) -> Path | None:
     return shipped_file("robot", given) if given else None
 
 
-Procedure = Annotated[Path, typer.Argument(help="Procedure file, or the name of a shipped one.", callback=_procedure)]
-Cell = Annotated[Path, typer.Argument(help="Cell file, or the name of a shipped one.", callback=_cell)]
-CellOption = Annotated[Path, typer.Option("--cell", help="Cell file, or the name of a shipped one.", callback=_cell)]
+Procedure = Annotated[Path, typer.Argument(help="Procedure file or shipped name.", callback=_procedure)]
+Cell = Annotated[Path, typer.Argument(help="Cell file or shipped name.", callback=_cell)]
+CellOption = Annotated[Path, typer.Option("--cell", help="Cell file or shipped name.", callback=_cell)]
 OtherCell = Annotated[
     Path | None,
-    typer.Option("--cell", help="Cell file (or shipped name) instead of the one in the procedure.", callback=_cell),
+    typer.Option("--cell", help="Cell file or shipped name. Default: the procedure's cell.", callback=_cell),
 ]
 ShownCell = Annotated[
-    Path | None, typer.Option("--cell", help="Cell file or shipped name: show what its controller has.", callback=_cell)
+    Path | None, typer.Option("--cell", help="Cell file or shipped name: show its controller's tables.", callback=_cell)
 ]
 Robot = Annotated[
     Path, typer.Argument(help="Robot file (link table, joints, base, tool), or a shipped name.", callback=_robot)
@@ -46,13 +46,13 @@ RobotOption = Annotated[
 AnyRobot = Annotated[
     Path,
     typer.Argument(
-        help="Robot file (.yaml), model (.json), .urdf, DH table (.csv), or the name of a shipped robot.",
+        help="Robot file (.yaml), model (.json), .urdf, DH table (.csv), or shipped name.",
         callback=_robot,
     ),
 ]
 Settings = Annotated[list[str] | None, typer.Option("--set", help="A parameter, name=value; may be repeated.")]
-Run = Annotated[Path, typer.Argument(help="Run folder, or its name in the folder of runs.")]
-Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs.")]
+Run = Annotated[Path, typer.Argument(help="Run folder or name.")]
+Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
 Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
-Out = Annotated[Path | None, typer.Option("-o", "--out", help="Write here instead of stdout.")]
-Seed = Annotated[int | None, typer.Option(help="Which simulated robot: the seed of its errors.", min=0)]
+Out = Annotated[Path | None, typer.Option("-o", "--out", help="Output file. Default: stdout.")]
+Seed = Annotated[int | None, typer.Option(help="Seed of the simulated robot's errors.", min=0)]

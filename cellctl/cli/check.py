@@ -1,4 +1,4 @@
-"""`cellctl check`: every mistake in a procedure and its cell; opens no socket, moves nothing."""
+"""`cellctl check`: every error in a procedure and its cell; opens no socket, moves nothing."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def check(
     set_: arguments.Settings = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Name all mistakes in a procedure and its cell, each with file, line and cure; move nothing.
+    """Check a procedure and its cell; nothing moves.
 
-    Warnings, too: what is allowed and probably not meant. They leave the exit code as it is.
+    Prints all errors with file, line and remedy. Prints warnings too; they do not change the exit code.
 
     Example: cellctl check sphere_selfcal
     """
@@ -40,7 +40,7 @@ def check(
     show_warnings(campaign.cell)
     devices = sorted(campaign.cell.addresses)
     if json_ != "-":
-        typer.echo(f"{procedure}: no mistakes found (cell '{campaign.cell.name}': {', '.join(devices)}).")
+        typer.echo(f"{procedure}: no errors found (cell '{campaign.cell.name}': {', '.join(devices)}).")
     found: dict[str, Any] = {"mistakes": [], "warnings": _listed(campaign.cell.warnings)}
     write_json({"procedure": str(procedure), "cell": campaign.cell.name, "devices": devices, **found}, json_)
 

@@ -21,15 +21,17 @@ __all__ = ["compensate"]
 
 def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
-    targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: a posture near by.")],
+    targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby.")],
     method: Annotated[str, typer.Option(help="Compensation method: pseudo-target.")] = "pseudo-target",
     out: arguments.Out = None,
-    serial: Annotated[str | None, typer.Option(help="The controller's serial; needed where no run names it.")] = None,
+    serial: Annotated[str | None, typer.Option(help="Serial of the controller, if no run names it.")] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Compensate targets: joints with which the identified robot is there, as a table for `cellctl table push`.
+    """Compute compensated joints for targets, as a table.
 
-    Targets lie in the model's frame. A target out of reach, or where the model never saw the robot, is refused.
+    `cellctl table push` sends the table to the controller.
+
+    Targets lie in the model's frame. A target out of reach or outside the measured region is refused.
 
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
@@ -127,7 +129,7 @@ def _words(table: TableFile, figures: dict[str, Any], out: Path) -> str:
     return (
         f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {figures['rows']} rows, "
         f"joints corrected by up to {figures['max_correction_deg']:.3f}°.\n"
-        f"Foreseen, in the model's frame: {before['mean']:.3f} mm off (mean; max {before['max']:.3f}) "
+        f"Predicted error in the model's frame: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) "
         f"with nominal joints, {after['mean']:.4f} mm with these.\n"
         f"1 σ of the model (RMS): {sigma['rms']:.3f} mm in its frame"
         + (f", {among:.3f} mm among the rows." if among is not None else ".")

@@ -10,7 +10,7 @@ from typing import final
 from cellctl.engine import Mailbox, Operator, Watcher
 from cellctl.journal import KnownEvent, Said, StepEnded, StepStarted
 
-_HOW = "press Enter to confirm, Ctrl-C to abort; from elsewhere: `cellctl confirm`"
+_HOW = "press Enter to confirm, Ctrl-C to abort; from another terminal: `cellctl confirm`"
 
 
 def interactive() -> bool:

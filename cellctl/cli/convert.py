@@ -41,15 +41,16 @@ def convert(
     robot: arguments.AnyRobot,
     to: Annotated[Form, typer.Option(help="Form: a robot file in that convention, a URDF, or a DH table.")],
     out: arguments.Out = None,
-    tip: Annotated[str | None, typer.Option(help="The URDF's link at which the chain ends.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Last link of the chain in a URDF.")] = None,
     table: Annotated[Table | None, typer.Option(help="Convention of the DH table read or written.")] = None,
-    repeatability: Annotated[float | None, typer.Option(help="1 σ, 3-D, mm: where the source does not say.")] = None,
+    repeatability: Annotated[float | None, typer.Option(help="1 σ, 3-D, mm, if the source has none.")] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Write a robot, nominal or identified, in another form: the same tool at the same joint readings.
+    """Convert a robot file or model to another form.
 
-    Of a model, its identified geometry (base and tool included); what bends, warms or lags has no place in these forms.
-    A URDF's joint is the controller's reading, in radians.
+    The result has the same TCP at the same joint readings. Of a model only the identified geometry is written, with
+    base and tool; these forms have no compliance, thermal expansion or backlash. URDF joints are the controller's
+    readings, in radians.
 
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
     """
@@ -76,7 +77,7 @@ def _read(path: Path, tip: str | None, table: Table | None, repeatability: float
     reader = {".urdf": _urdf, ".csv": _table, ".json": _model, ".yaml": _robot, ".yml": _robot}.get(path.suffix.lower())
     if reader is None:
         cure = "its name ends in .yaml (robot file), .json (model), .urdf or .csv (DH table)"
-        raise InputError(Problem(str(path), 0, 0, "is of no kind that can be told from its name", cure))
+        raise InputError(Problem(str(path), 0, 0, "has a name of no known file type", cure))
     if tip is not None and reader is not _urdf:
         raise typer.BadParameter("--tip names a link of a URDF")
     found = reader(path, tip, table)

@@ -39,7 +39,7 @@ class Interrupted(Exception):
 
 @contextmanager
 def adding(words: str) -> Iterator[None]:
-    """Add `words` ("nothing was moved") to a mistake, or a device that cannot be reached, in a verb that can move.
+    """Add `words` ("nothing was moved") to an error, or a device that cannot be reached, in a verb that can move.
 
     Where nothing could have moved, nothing is said of it.
     """
@@ -93,7 +93,7 @@ def _ended_by(error: Exception) -> int:
 def errors_text(error: InputError) -> str:
     """How many errors there are, the first of them, and what holds for all."""
     count = len(error.problems)
-    lines = [", ".join([f"{count} mistake{'s' * (count > 1)}", *_notes(error)])]
+    lines = [", ".join([f"{count} error{'s' * (count > 1)}", *_notes(error)])]
     lines += [str(problem) for problem in error.problems[:SHOWN]]
     if count > SHOWN:
         lines.append(f"… and {count - SHOWN} more")
@@ -115,7 +115,7 @@ def _other(error: Exception) -> int:
         return _ended(f"{where}{error.strerror or error}", Exit.BAD_INPUT)
     if os.environ.get("CELLCTL_DEBUG"):
         traceback.print_exc()
-    what = f"a mistake in cellctl itself: {type(error).__name__}: {error}"
+    what = f"internal error: {type(error).__name__}: {error}"
     return _ended(f"{what}\n    run again with --debug and report the traceback", Exit.DEVICE_FAILED)
 
 

@@ -33,32 +33,32 @@ def fit(
         str, typer.Option(help="auto, registration, geometry or zeros, and effects: geometry+compliance+backlash.")
     ] = "auto",
     artefact: Annotated[
-        Path | None, typer.Option(help="Spheres, sockets, certified distances; a cell file does.")
+        Path | None, typer.Option(help="File with spheres, sockets, certified distances; a cell file is one.")
     ] = None,
     distances: Annotated[bool, typer.Option(help="Use the artefact's certified distances.")] = True,
     spacing: Annotated[
-        list[str] | None, typer.Option(help="A known distance, mm and 1 σ: A,B=50±0.01 (again for more).")
+        list[str] | None, typer.Option(help="A known distance, mm and 1 σ: A,B=50±0.01 (may be repeated).")
     ] = None,
-    own: Annotated[str, typer.Option(help="What each session has to itself: base, tool, base,tool or none.")] = "base",
+    own: Annotated[str, typer.Option(help="Fit for each session: base, tool, base,tool or none.")] = "base",
     prior: Annotated[
         Path | None,
-        typer.Option(help="A model of this robot to update; enough where the instrument was moved."),
+        typer.Option(help="Model of this robot to update (robot, tool or instrument moved)."),
     ] = None,
     free: Annotated[
         str | None,
-        typer.Option(help="Groups that alone may change: zeros,tool,base,links,geometry,points,datums or effects."),
+        typer.Option(help="Only these groups change: zeros,tool,base,links,geometry,points,datums or effects."),
     ] = None,
-    check: Annotated[bool, typer.Option(help="Look for set-up errors first: units, signs, order of rows.")] = True,
-    holdout: Annotated[float | None, typer.Option(help="Share of the rows to hold out, at random.")] = None,
-    folds: Annotated[int | None, typer.Option(help="Judge by K folds. Default: column set, else 5.")] = None,
-    column: Annotated[str | None, typer.Option(help="The column that says fit or test: set.")] = None,
-    by: Annotated[str | None, typer.Option(help="Hold out each value of this column in turn: session.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of what is held out at random.")] = 0,
+    check: Annotated[bool, typer.Option(help="Check for set-up errors first: units, signs, order of rows.")] = True,
+    holdout: Annotated[float | None, typer.Option(help="Hold out this share of the rows, at random.")] = None,
+    folds: Annotated[int | None, typer.Option(help="Cross-validate with K folds. Default: column set, else 5.")] = None,
+    column: Annotated[str | None, typer.Option(help="Column with fit or test for each row, such as set.")] = None,
+    by: Annotated[str | None, typer.Option(help="Hold out each value of this column in turn, such as session.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random hold-out.")] = 0,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model to this file.")] = None,
-    page: Annotated[Path | None, typer.Option("--report", help="Write pictures and figures to this HTML file.")] = None,
+    page: Annotated[Path | None, typer.Option("--report", help="Write an HTML report to this file.")] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Identify a robot from measurements and say how good it was and is, on held-out rows.
+    """Identify a robot; compare it with nominal on held-out rows.
 
     Ends with 0 where the identified robot is better than nominal (and holds against the prior model), 1 where it is
     not, 2 where the input is wrong.

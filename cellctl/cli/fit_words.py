@@ -1,4 +1,4 @@
-"""A fit's result as a person reads it: figures, what is not seen, what has to be entered, and the verdict last."""
+"""A fit's result on the terminal: figures, unobservable parameters, mastering offsets, and the verdict last."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def show(report: dict[str, Any]) -> None:
 
 
 def name_rows(report: dict[str, Any]) -> None:
-    """Every row that was not used, or held out and wild, on stderr, by line; the JSON has them all."""
+    """Every row that was not used, and held-out outliers, on stderr, by line; the JSON has them all."""
     named = [f"line {row['line']}: not used: {row['reason']}" for row in [*report["rejected"], *report["outliers"]]]
     named += [f"line {row['line']}: {row['reason']}" for row in report["test_outliers"]]
     for words in named[:SHOWN]:
@@ -61,13 +61,13 @@ def _cells(figures: dict[str, float]) -> list[str]:
 
 
 def _model(report: dict[str, Any]) -> Iterator[str]:
-    seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are seen"
+    seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are observable"
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
     sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
     yield (
         f"Predicted over the measured region: {sure}."
         if report["prior"]
-        else f"Foreseen over the joints of the fit: {sure}."
+        else f"Predicted over the joints of the fit: {sure}."
     )
     if report["prior"] and not report["informed"]:
         yield "The measured region is still that of the prior model: these rows determined places, not the robot."
@@ -89,7 +89,7 @@ def _unseen(report: dict[str, Any]) -> Iterator[str]:
     """Why, and then what: a line for each cause."""
     causes = report["unseen"]
     if causes:
-        yield "Not seen by these rows:"
+        yield "Not observable with these rows:"
     for cause in causes[:_CAUSES]:
         yield f"  {': '.join([cause['cause'], *_shortly(cause['short'])])}"
     if len(causes) > _CAUSES:

@@ -17,31 +17,31 @@ if TYPE_CHECKING:
 def import_data(
     joints: Annotated[Path, typer.Argument(help="Joint list: KRL (.dat), $AXIS_ACT listing, UR script, or table.")],
     positions: Annotated[
-        Path | None, typer.Argument(help="Table of measured X, Y, Z. Left out: the joint table holds them too.")
+        Path | None, typer.Argument(help="Table of measured X, Y, Z. Omit it if the joint table has them.")
     ] = None,
     out: arguments.Out = None,
     robot: arguments.RobotOption = None,
-    decimal: Annotated[
-        str | None, typer.Option(help="Decimal sign, where the numbers leave it open: comma|point.")
-    ] = None,
-    unit: Annotated[str | None, typer.Option(help="Unit of X, Y, Z where no heading says: mm|m|cm|um|inch.")] = None,
-    angles: Annotated[str | None, typer.Option(help="Unit of the joints where it is open: deg|rad.")] = None,
-    pair: Annotated[str | None, typer.Option(help="Which rows belong together: by name|order.")] = None,
+    decimal: Annotated[str | None, typer.Option(help="Decimal sign, if ambiguous: comma|point.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of X, Y, Z, if no heading names it: mm|m|cm|um|inch.")] = None,
+    angles: Annotated[str | None, typer.Option(help="Unit of the joints, if ambiguous: deg|rad.")] = None,
+    pair: Annotated[str | None, typer.Option(help="Pair the rows of both files by: name|order.")] = None,
     orientation: Annotated[
-        str | None, typer.Option(help="Take A, B, C (abc: KUKA's Rz Ry Rx, deg) or QW…QZ (quaternion) too.")
+        str | None, typer.Option(help="Take orientations too: abc (KUKA, Rz Ry Rx, deg) or quaternion (QW…QZ).")
     ] = None,
     columns: Annotated[
-        list[str] | None, typer.Option(help="Name columns: --columns A1=shoulder,X=north (again for more).")
+        list[str] | None, typer.Option(help="Name columns: --columns A1=shoulder,X=north (may be repeated).")
     ] = None,
     repeats: Annotated[
-        bool, typer.Option("--repeats", help="Several measurements of a point are several rows.")
+        bool, typer.Option("--repeats", help="A point may have several rows (repeated measurements).")
     ] = False,
     json_: arguments.Json = None,
 ) -> None:
-    """Make a data set of a joint list and a table of positions, for an instrument that is wired to nothing.
+    """Make a data set from joint list and measured positions.
 
-    Nothing is guessed: what was decided, and every row that is in no pair, is said on stderr; what the files leave
-    open (1,234; mm or m; which rows belong together) is refused, with the option that answers it.
+    For an instrument that is not connected to the robot.
+
+    Nothing is guessed. All decisions, and rows without a partner, are printed on stderr. Ambiguous input (1,234; mm or
+    m; which rows are pairs) is refused, with the option that resolves it.
 
     Example: cellctl import messung.dat positions.csv --robot kr5_r1400 -o data.csv
     """

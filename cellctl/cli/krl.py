@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 def krl(
     cell: arguments.Cell,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")],
-    device: Annotated[str | None, typer.Option(help="The device, where several have a controller to load.")] = None,
+    device: Annotated[str | None, typer.Option(help="Device, if several have a controller to load.")] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Write what a person loads on the controller: programs, channel, Ethernet configuration, RSI context, README.txt.
+    """Write the files to load on the controller.
 
-    Opens no device. README.txt says where each file goes, and what nobody has tried on a real controller yet.
+    KRL programs, EthernetKRL channel, Ethernet configuration, RSI context, README.txt. No device is opened. README.txt
+    states where each file goes, and what has not been tried on a real controller yet.
 
     Example: cellctl krl sphere_cell -o krc
     """

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from cellctl.engine.status import Status
     from cellctl.journal import OperatorAction
 
-_Run = Annotated[Path | None, typer.Argument(help="Run folder, or its name; without it the only run that is running.")]
-_Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs.")]
-_Json = Annotated[str | None, typer.Option("--json", help="Write it as JSON to this file; - for stdout.")]
+_Run = Annotated[Path | None, typer.Argument(help="Run folder or name. Default: the only active run.")]
+_Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
+_Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
 
 _PATIENCE_S = 15.0
 """Wall time within which a running engine takes an action; it looks every 0.2 s."""
@@ -28,7 +28,9 @@ _DONE: dict[ActionName, str] = {
 
 
 def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
-    """Say where a campaign is: its state, its step, how much is done, the time left, what it waits for.
+    """Show state, step, progress and time left of a run.
+
+    Shows also what the run waits for.
 
     Example: cellctl status --json -
     """
@@ -49,7 +51,7 @@ def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) ->
 
 
 def pause(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
-    """Pause a running campaign before its next step.
+    """Pause a run before its next step.
 
     Example: cellctl pause
     """
@@ -57,7 +59,7 @@ def pause(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> 
 
 
 def continue_(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
-    """Go on after a pause, where no interlock keeps the campaign from it.
+    """Continue a paused run, unless an interlock forbids it.
 
     Example: cellctl continue
     """
@@ -65,7 +67,7 @@ def continue_(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None)
 
 
 def abort(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
-    """Abort a running campaign: its step is cancelled, and it cleans up.
+    """Abort a run: cancel its step, then clean up.
 
     Example: cellctl abort sphere_selfcal-20261121T192433Z
     """
@@ -73,7 +75,9 @@ def abort(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> 
 
 
 def confirm(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
-    """Confirm what a campaign waits for; `cellctl status` shows the text.
+    """Confirm the step that a run waits at.
+
+    `cellctl status` shows the text to confirm.
 
     Example: cellctl confirm
     """
@@ -104,7 +108,7 @@ async def _taken(name: ActionName, folder: Path) -> OperatorAction:
     from cellctl.journal import OperatorAction, fold, read_journal, writer_of
 
     if writer_of(folder) is None:
-        _refuse(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` goes on with one")
+        _refuse(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` continues one")
     seen = fold(read_journal(folder)).last_seq
     clock, mailbox = WallClock(), MailboxFolder(folder)
     number = mailbox.put(name, Operator.here("cli"))

@@ -51,7 +51,7 @@ class Unwritten:
             yield
         except OSError as error:
             what = f"could not be written: {error.strerror or error}"
-            self._problems.append(Problem(str(error.filename), 0, 0, what, "make room, or write it elsewhere"))
+            self._problems.append(Problem(str(error.filename), 0, 0, what, "free some space, or choose another folder"))
 
     def refuse(self) -> None:
         """Raise InputError with every one of them."""

@@ -21,12 +21,12 @@ def predict(
     out: arguments.Out = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Predict the tool centre point at each row's joints: position, orientation and 1 σ (3-D, mm).
+    """Predict the TCP at given joints: pose and 1 σ (3-D, mm).
 
-    Output: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen (1: within the joints of the fit; 0: extrapolated, with a
-    wider σ). Columns temperature, payload and D1…Dn say under which conditions, where the model knows their effects.
-    sigma: in the model's base frame, of which touches never see heading and height. sigma_among: of the rows among
-    themselves, what moves all of them as one body left out; empty for fewer than four rows.
+    Output columns: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen. seen: 1 within the joints of the fit, 0 outside
+    (extrapolated, with a larger σ). sigma: in the model's base frame; touches do not determine its heading and height.
+    sigma_among: of the rows relative to each other; empty for fewer than four rows. Optional columns temperature,
+    payload and D1…Dn give the conditions of each row.
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """

@@ -14,12 +14,14 @@ def report(
     run: arguments.Run,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", "--output", help="Write here, not to report.html in the run folder."),
+        typer.Option("-o", "--out", "--output", help="Output file. Default: report.html in the run folder."),
     ] = None,
     runs: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """Build a run's report anew: one HTML page, from its journal, data set, model and table.
+    """Write the HTML report of a run again.
+
+    Made from the journal, data set, model and table in the run folder.
 
     Example: cellctl report sphere_selfcal-20261121T192433Z -o report.html
     """

@@ -14,21 +14,23 @@ def run(
     procedure: arguments.Procedure,
     cell: arguments.OtherCell = None,
     set_: arguments.Settings = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of the plan, and of a simulated cell's errors.", min=0)] = None,
-    clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="A simulated cell's time.")] = None,
-    runs: Annotated[Path, typer.Option(help="Folder for the run's folder.")] = Path("runs"),
-    resume: Annotated[Path | None, typer.Option(help="Go on with this run (its folder, or its name).")] = None,
-    acknowledge: Annotated[bool, typer.Option(help="With --resume: I have looked at the robot, it may move.")] = False,
+    seed: Annotated[int | None, typer.Option(help="Seed of plan and simulated errors.", min=0)] = None,
+    clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="Time of a simulated cell.")] = None,
+    runs: Annotated[Path, typer.Option(help="Parent folder of the run folder.")] = Path("runs"),
+    resume: Annotated[Path | None, typer.Option(help="Continue this run (folder or name).")] = None,
+    acknowledge: Annotated[bool, typer.Option(help="With --resume: I have checked the robot; it may move.")] = False,
     json_: arguments.Json = None,
     detached: Annotated[
-        bool, typer.Option(help="Go on when the process that started this one ends; so do runs under nohup and setsid.")
+        bool, typer.Option(help="Continue when the parent process ends. Runs under nohup and setsid do so anyway.")
     ] = False,
-    confirm_all: Annotated[bool, typer.Option(help="Confirm every `confirm` step at once: nobody is asked.")] = False,
+    confirm_all: Annotated[bool, typer.Option(help="Confirm every `confirm` step without asking.")] = False,
     simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
 ) -> None:
-    """Check a procedure and run it on its cell (simulated where the cell file says so).
+    """Run a procedure on its cell, after the checks of `check`.
 
-    Ctrl-C, SIGTERM, a closed terminal and the end of the process that started it abort the run, with its clean-up.
+    The cell file states whether the cell is real or simulated.
+
+    Ctrl-C, SIGTERM, a closed terminal and the end of the parent process abort the run. The clean-up still runs.
 
     Example: cellctl run sphere_selfcal --seed 3 --json result.json
     """

@@ -85,4 +85,4 @@ def _where_the_robot_is(outcome: Outcome) -> str:
         return held if outcome.moved else f"nothing was moved, and {held}"
     if not outcome.moved:
         return "nothing was moved"
-    return "nobody confirmed that the robot stands still: look at it before anything else moves"
+    return "it is not confirmed that the robot stands still: look at it before anything else moves"

@@ -20,7 +20,7 @@ def runs(
     folder: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """List the runs, newest first: when, what, how it ended.
+    """List the runs, newest first.
 
     Example: cellctl runs --json -
     """
@@ -51,7 +51,7 @@ def show(
     events: Annotated[bool, typer.Option(help="Show every event.")] = False,
     json_: arguments.Json = None,
 ) -> None:
-    """Show one run: what was run, on which devices, each step's end, the verdict.
+    """Show one run: devices, steps, verdict.
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """

@@ -14,9 +14,9 @@ from cellctl.cli import arguments
 
 def sim(
     cell: arguments.Cell,
-    clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="How its time runs.")] = None,
+    clock: Annotated[Literal["realtime", "lockstep"] | None, typer.Option(help="Time of the cell.")] = None,
     seed: arguments.Seed = None,
-    ready: Annotated[Path | None, typer.Option(help="Write device addresses here once all listen.")] = None,
+    ready: Annotated[Path | None, typer.Option(help="Write the device addresses to this file once all listen.")] = None,
 ) -> None:
     """Run a cell's simulators until Ctrl-C.
 

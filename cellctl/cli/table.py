@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 
-app = typer.Typer(no_args_is_help=True, help="The controller's compensation table: push, show, verify, rollback.")
+app = typer.Typer(no_args_is_help=True, help="Push, show, verify or roll back a compensation table.")
 
 _Table = Annotated[Path, typer.Argument(help="Table file, as `cellctl compensate` or a run writes it.")]
-_State = Annotated[Path | None, typer.Option(help="A simulated cell's memory: a file that it reads and writes.")]
+_State = Annotated[Path | None, typer.Option(help="File that keeps a simulated cell's state between calls.")]
 
 
 @app.command()
@@ -32,9 +32,10 @@ def push(
     state: _State = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Put a table into force: refuse what is not for this robot, stage, read back, compare, activate at once.
+    """Send a table to the controller and activate it.
 
-    The table before stays in force until the very end, and can be had back with rollback.
+    A table for another robot is refused. The table is staged, read back and compared, then activated in one step. The
+    previous table stays active until then; `rollback` restores it.
 
     Example: cellctl table push table.json --cell sphere_cell
     """
@@ -63,7 +64,9 @@ def show(
     state: _State = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Show a table file, or what tables a cell's controller has (in force, the one before, a staged one).
+    """Show a table file, or the tables of a controller.
+
+    With --cell: the active, the previous and the staged table.
 
     Example: cellctl table show table.json
     """
@@ -94,9 +97,9 @@ def verify(
     state: _State = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Is this very table in force? Reads every row from the controller and compares it with the file, digit by digit.
+    """Compare the active table with a file, digit by digit.
 
-    Ends with 0 where it is, 1 where it is not.
+    Reads every row from the controller. Exit code 0: the same; 1: different.
 
     Example: cellctl table verify table.json --cell sphere_cell
     """
@@ -128,7 +131,9 @@ def verify(
 def rollback(
     cell: arguments.CellOption, seed: arguments.Seed = None, state: _State = None, json_: arguments.Json = None
 ) -> None:
-    """Put the table before into force again (or none, where there was none); a second rollback undoes it.
+    """Activate the previous table (or none) again.
+
+    A second rollback undoes the first.
 
     Example: cellctl table rollback --cell sphere_cell
     """

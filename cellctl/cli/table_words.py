@@ -28,7 +28,7 @@ def table_words(table: TableFile) -> str:
             f"  for        {table.robot.name}, {kind} controller, serial {table.robot.serial}",
             f"  made       {table.created}, {table.source.method}, run {table.source.run or '-'}",
             f"  rows       {figures['rows']}, joints corrected by up to {figures['max_correction_deg']:.3f}°",
-            f"  foreseen   {before['mean']:.3f} mm off with nominal joints, {after['mean']:.4f} mm with these (means)",
+            f"  predicted  error {before['mean']:.3f} mm with nominal joints, {after['mean']:.4f} with these (mean)",
             f"  σ          {sigma['rms']:.3f} mm (RMS), {sigma['max']:.3f} mm (max)",
         ]
     )

@@ -60,7 +60,7 @@ def _interruptible() -> Iterator[None]:
 app = typer.Typer(
     name="cellctl",
     cls=_Verbs,
-    help="Robot-calibration cell controller: runs measurement campaigns, identifies the robot, proves the result.",
+    help="Robot calibration: measure, identify, compensate, verify.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -80,7 +80,7 @@ class Context:
     def device(self, name: str) -> Any:
         """A connected device that the step declared in `needs`. Raises KeyError."""
         if name not in self.needs:
-            raise KeyError(f"step {self.step} did not say that it needs '{name}'")
+            raise KeyError(f"step {self.step} does not declare that it needs '{name}'")
         return self.run.devices[name]
 
     def identity(self, name: str) -> Identity:

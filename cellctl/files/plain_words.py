@@ -71,8 +71,8 @@ def read_json(path: Path, what: str, cure: str) -> Any:
 
 
 def content_problems(error: ValidationError, path: Path, what: str, cure: str) -> list[Problem]:
-    """The first mistakes in the content of a file that is to be a `what`, and how many more there are."""
+    """The first errors in the content of a file that is to be a `what`, and how many more there are."""
     places = {".".join(map(str, detail["loc"])): plain_words(detail) for detail in error.errors(include_url=False)}
     words = [f"is no {what}: {at or 'content'}: {why}" for at, why in places.items()]
-    more = [f"and {len(words) - _MOST} more mistakes like these"] if len(words) > _MOST else []
+    more = [f"and {len(words) - _MOST} more errors like these"] if len(words) > _MOST else []
     return [Problem(str(path), 0, 0, each, cure) for each in [*words[:_MOST], *more]]

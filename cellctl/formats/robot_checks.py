@@ -76,7 +76,7 @@ def _table(document: Document, robot: RobotFile) -> list[Problem]:
     for index, row in enumerate(robot.links):
         problems += _radians(document, row, index)
         if row.beta is None and parallel_to_neighbour(robot.convention, row.alpha, index, robot.n):
-            what = f"link {index + 1}: its two axes are parallel, so that its d cannot be told from its neighbour's"
+            what = f"link {index + 1}: its two axes are parallel: its d cannot be distinguished from its neighbour's"
             problems.append(document.problem(("links", index), what, "add 'beta: 0' to this link"))
     return problems
 

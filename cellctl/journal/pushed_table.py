@@ -42,7 +42,7 @@ class PushedTable:
         """What became of it, in a sentence without a full stop."""
         table = f"table {self.row.short}"
         if self.row.active is False:
-            return f"{table} was taken back: what was in force before it is in force again"
+            return f"{table} was rolled back: the table before it is in force again"
         if self.proved:
             return f"{table} is in force; this run proved it"
         return f"{table} was pushed by this run, is not proved, and may be in force on the controller"

@@ -47,7 +47,7 @@ def _watch(parent: int, name: str, abort: Callable[[str], object], over: threadi
         if os.getppid() != parent:  # an orphan gets another parent
             abort(
                 f"aborted: process {parent}{name}, which started this run, has ended "
-                "(a run that is to go on without it is started with --detached)"
+                "(start with --detached if the run is to continue without it)"
             )
             return
 

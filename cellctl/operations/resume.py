@@ -44,7 +44,7 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
         cure = f"start again: cellctl run {campaign.procedure.document.file}"
         raise InputError(_problem(folder, "ended before it began: nothing was moved", cure))
     if state.state == "finished":
-        raise InputError(_problem(folder, "is finished: there is nothing to go on with", "run the procedure anew"))
+        raise InputError(_problem(folder, "is finished: it cannot be resumed", "run the procedure anew"))
     line = table_line(state, folder)
     changed = _changes(campaign, started, settings)
     if changed:

@@ -107,7 +107,7 @@ def _unit(raw: RawList, read: PointList, names: Sequence[str], choices: Choices)
     usable = [point for point in read.points if not point.fault]
     beyond = [point for point in usable if _reach(point, names) > _NO_RADIANS]
     if len(stated) > 1 or (choices.angles and stated - {choices.angles}):
-        what = f"its joints are said to be in {' and '.join(sorted(stated | {choices.angles or 'deg'}))}"
+        what = f"its joints are stated to be in {' and '.join(sorted(stated | {choices.angles or 'deg'}))}"
         raise InputError(Problem(raw.file, raw.heading_line, 0, what, f"correct the headings, or {_CURE_ANGLES}"))
     unit = choices.angles or next(iter(stated), None)
     if unit:
@@ -121,7 +121,7 @@ def _unit(raw: RawList, read: PointList, names: Sequence[str], choices: Choices)
         return "deg", f"joints in degrees, up to {largest:g}"
     if names[0][0] == "q" and usable and not beyond:
         return "rad", f"joints in radians, as '{names[0]}' means in a data set, up to {largest:g}"
-    what = f"degrees or radians? The headings do not say, and the readings go up to {largest:g}"
+    what = f"degrees or radians? The headings do not name a unit, and the readings go up to {largest:g}"
     raise InputError(Problem(raw.file, raw.heading_line, 0, what, _CURE_ANGLES))
 
 

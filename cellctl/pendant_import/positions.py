@@ -73,7 +73,7 @@ def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str
         )
     spread = _spread([point for point in read.points if not point.fault])
     if spread is None:
-        what = f"mm, metres or inches? No unit is named, and fewer than {_FEWEST_FOR_SPREAD} positions do not tell"
+        what = f"mm, metres or inches? No unit is named; fewer than {_FEWEST_FOR_SPREAD} positions do not show it"
         raise InputError(Problem(raw.file, line, 0, what, _UNIT_CURE))
     if spread > _SURELY_MM:
         return dict.fromkeys(XYZ, "mm"), f"positions in mm: no unit is named, and they spread over {spread:.4g}"

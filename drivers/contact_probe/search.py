@@ -40,7 +40,7 @@ def _missed(device: str, beat: Heartbeat) -> DeviceFault:
         return DeviceFault(
             device, what, "check the probe's edge capture: its A/D input sees the contact, that does not"
         )
-    what = f"is armed with its loop at {beat.loop_mv} mV, neither open nor closed, and says no fault"
+    what = f"is armed with its loop at {beat.loop_mv} mV, neither open nor closed, and reports no fault"
     return DeviceFault(device, what, "check the torch lead, the earth lead and the end-of-line resistor")
 
 

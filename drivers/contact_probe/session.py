@@ -57,7 +57,7 @@ class Session:
             cure = f"load firmware that speaks protocol version {PROTOCOL}"
             raise DeviceUnreachable(self._device, f"speaks protocol version {introduction.proto}", cure)
         if introduction.tick_hz == 0:
-            raise DeviceUnreachable(self._device, "says that its clock stands still (tick_hz 0)", "check its firmware")
+            raise DeviceUnreachable(self._device, "reports a clock rate of 0 (tick_hz 0)", "check its firmware")
         self.ticks = TickClock(introduction.tick_hz)
         await self.settled()
         self.resets = 0  # the one that opening the port may cause is none
@@ -66,7 +66,7 @@ class Session:
     async def settled(self) -> TickClock:
         """The probe's count, once its fit has a second of lines to stand on. Raises DeviceLost after 5 s without."""
         if self.ticks is None:
-            raise DeviceLost(self._device, "never said how fast its clock runs", "connect it first")
+            raise DeviceLost(self._device, "did not report its clock rate", "connect it first")
         try:
             async with self._clock.timeout(_PATIENCE_S):
                 while self.ticks.span_s < _SETTLED_S:

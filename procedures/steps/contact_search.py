@@ -135,7 +135,7 @@ async def search_and_retreat(
     if isinstance(result, NoContact):
         raise result
     if await probe.touching():
-        what = f"the loop is still closed, clear of {line.sphere}: what it said there was no contact with the sphere"
+        what = f"the loop is still closed, clear of {line.sphere}: the reported contact was not with the sphere"
         raise ProbeNotOpen("probe", what, "free the tip, clean it, look at its lead; then resume")
 
 
@@ -160,14 +160,14 @@ async def _search(
     turn = sum((b - a) ** 2 for a, b in zip(start, line.end, strict=True)) ** 0.5
     speed_deg_s = speed_mm_s * turn / line.search_mm
     alive = robot.guard("probe")
-    robot.clear_stop()  # before the probe can say one: what it says from here on must count
+    robot.clear_stop()  # before the probe can send one: what it sends from here on counts
     await probe.arm(on_edge=robot.stop_now, on_alive=alive.beat)
     try:
         found = await robot.search(tuple(line.end), speed_deg_s, {"probe": _PROBE_PATIENCE_S})
         contact = await probe.contact() if found.end is SearchEnd.STOPPED else None
         pressed = await probe.touching()  # at the end of the travel too: the probe may know why there was no contact
     except BaseException:
-        with suppress(DeviceError):  # what ended the search is what the operator has to hear
+        with suppress(DeviceError):  # the operator needs the reason that ended the search
             await probe.disarm()
         raise
     await probe.disarm()
@@ -186,7 +186,7 @@ def _judged(
         what = f"contact on {line.sphere} was not on the line: before the robot moved on it, or after the search"
         return NoContact("probe", what, "does something else close the loop: a cable, dirt, a disturbance?")
     if contact.confirmed is None:
-        what = f"the probe never said whether contact on {line.sphere} held: its line was lost"
+        what = f"the probe did not report whether the contact on {line.sphere} held: its line was lost"
         return NoContact("probe", what, "look at the serial line: its health counts spoilt and repeated lines")
     if not contact.confirmed:
         return NoContact("probe", f"contact on {line.sphere} did not hold (a bounce)", "clean tip and sphere")

@@ -19,7 +19,7 @@ from cellctl.operations.simulated import SimulatedCell
 pytestmark = pytest.mark.campaign
 
 FIVE_MISTAKES = """procedure: selfcal
-title: Five mistakes
+title: Five errors
 cell: {cell}
 parameters:
   touches_fit: {{type: integer, default: 5, min: 10, max: 200}}
@@ -38,7 +38,7 @@ steps:
 """
 
 
-def test_a_procedure_with_five_mistakes_names_all_five_and_opens_no_socket(
+def test_a_procedure_with_five_errors_names_all_five_and_opens_no_socket(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     procedure = tmp_path / "five.yaml"
@@ -65,7 +65,7 @@ def test_a_refused_procedure_ends_with_exit_code_2_and_leaves_no_run(tmp_path: P
     procedure.write_text(FIVE_MISTAKES.format(cell=cell_with(tmp_path)))
     done = cellctl("run", procedure, "--runs", tmp_path / "runs")
     assert done.returncode == 2
-    assert "5 mistakes, nothing was moved" in done.stderr
+    assert "5 errors, nothing was moved" in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "runs").exists()
 

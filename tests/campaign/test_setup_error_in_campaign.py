@@ -33,7 +33,7 @@ def test_a_wrong_certified_distance_ends_the_run_with_exit_code_2_its_line_and_n
     assert not (run / "model.json").exists()
     show_end(ended.outcome, result_of(run, ended.outcome, 1.0), run, quiet=False)
     said = capsys.readouterr().err
-    assert "run failed: 1 mistake\n" in said
+    assert "run failed: 1 error\n" in said
     assert f"{stated}:24:31: spacing S1–S2: 705.412 mm given" in said
     assert "no model was made and no table was pushed" in said
     assert "nothing was moved" not in said

@@ -125,7 +125,7 @@ def test_an_option_that_cannot_be_met_is_refused_with_2(cellctl, files, capsys, 
     assert not (files / "model.json").exists()
 
 
-def test_mistakes_in_robot_and_data_come_together(cellctl, files, capsys):
+def test_errors_in_robot_and_data_come_together(cellctl, files, capsys):
     (files / "robot.yaml").write_text("name: 3\n")
     (files / "positions.csv").write_text("")
     assert cellctl("fit", "robot.yaml", "positions.csv") == 2
@@ -245,5 +245,5 @@ def test_a_page_is_written_where_it_is_asked_for(cellctl, files):
 def test_robot_file_and_data_set_in_the_wrong_order_are_recognised(cellctl, files, capsys):
     assert cellctl("fit", "positions.csv", "robot.yaml") == 2
     said = capsys.readouterr().err
-    assert "cellctl: 1 mistake\npositions.csv: is taken for the robot file" in said
+    assert "cellctl: 1 error\npositions.csv: is taken for the robot file" in said
     assert "cellctl fit robot.yaml positions.csv" in said

@@ -88,7 +88,7 @@ def test_joints_and_measurements_in_one_file_need_no_pairing(cellctl, files, cap
         (["messung.dat"], "cellctl import JOINTS POSITIONS"),
         (["messung.dat", "none.csv"], "none.csv: cannot be read"),
         (["messung.dat", "positionen.csv", "-o", "positionen.csv"], "is read here"),
-        (["messung.dat", "positionen.csv", "--json", "-"], "give -o DATA.csv too"),
+        (["messung.dat", "positionen.csv", "--json", "-"], "give -o FILE too"),
         (["messung.dat", "positionen.csv", "--unit", "feet"], "mm or cm or m"),
         (["messung.dat", "positionen.csv", "--unit", "mm"], "headings say m"),
         (["messung.dat", "positionen.csv", "--columns", "X"], "'X' is not column=heading"),
@@ -102,12 +102,12 @@ def test_wrong_calls_end_with_2_and_the_cure_and_write_nothing(cellctl, files, t
     assert {path.name: path.read_bytes() for path in files.iterdir()} == before
 
 
-def test_the_mistakes_of_both_files_are_told_at_once(cellctl, files, typed, capsys):
+def test_the_errors_of_both_files_are_told_at_once(cellctl, files, typed, capsys):
     (files / "j.csv").write_text("J1;J2;J3\n0,1;0,2;0,3\n")
     (files / "p.csv").write_text("X;Y;Z\n1,234;2,345;3,456\n")
     assert cellctl("import", "j.csv", "p.csv") == 2
     said = capsys.readouterr().err
-    assert "2 mistakes" in said
+    assert "2 errors" in said
     assert "j.csv:1: degrees or radians?" in said
     assert "p.csv:2: '1,234' may be 1234 or 1.234" in said
 

@@ -25,7 +25,7 @@ def told(files, cellctl, capsys):
         (files / "data.csv").write_text(csv_text(columns))
         assert cellctl("fit", "robot.yaml", "data.csv", "--json", "r.json", *options) in (0, 1)
         lines = capsys.readouterr().out.splitlines()
-        begin = lines.index("Not seen by these rows:")
+        begin = lines.index("Not observable with these rows:")
         end = next(place for place in range(begin + 1, len(lines)) if not lines[place].startswith("  "))
         return lines[begin + 1 : end], json.loads((files / "r.json").read_text())
 

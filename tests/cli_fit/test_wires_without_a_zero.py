@@ -119,7 +119,7 @@ def test_a_held_out_wire_is_judged_with_the_zero_that_its_own_rows_have(fitted):
     rng = np.random.default_rng(6)
     text = joined(*two_wires(rng), lengths(rng, 30, "left"))
     _, result = fitted(text, "--model", "geometry", "--by", "zero")
-    assert result == {}  # the absolute lengths have no label: an empty cell is a mistake
+    assert result == {}  # the absolute lengths have no label: an empty cell is an error
     text = joined(*two_wires(rng))
     code, result = fitted(text, "--model", "geometry", "--by", "zero")
     assert code == 0

@@ -28,7 +28,7 @@ def cellctl(*words: object) -> int:
     ],
     ids=["sphere to identify on", "sphere to prove on", "spacing", "zero sigma", "far sphere", "proof out of reach"],
 )
-def test_a_mistake_in_the_cell_is_refused_before_anything_connects(
+def test_an_error_in_the_cell_is_refused_before_anything_connects(
     settings: list[str],
     changes: dict[str, str],
     words: str,
@@ -45,7 +45,7 @@ def test_a_mistake_in_the_cell_is_refused_before_anything_connects(
     assert not Path("runs").exists()
 
 
-def test_a_mistake_in_the_robot_file_is_refused_by_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_in_the_robot_file_is_refused_by_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = tmp_path / "robot.yaml"
     robot.write_text(ROBOT.read_text().replace("repeatability:", "repeatabillity:"))
     cell = cell_with(tmp_path, replace={f"{ROOT}/procedures/robots/kr5_r1400.yaml": str(robot)})

@@ -107,7 +107,7 @@ def test_a_robot_whose_standstill_nobody_confirmed_is_not_said_to_be_held(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = said_at_the_end(run_with(tmp_path), capsys, DeviceUncertain("robot", "lost"), moved=True, held=False)
-    assert "nobody confirmed that the robot stands still: look at it" in said
+    assert "it is not confirmed that the robot stands still: look at it" in said
     assert "held" not in said
 
 
@@ -138,13 +138,13 @@ def test_nothing_was_moved_is_said_where_something_could_have_been(
     assert ("nothing was moved" in capsys.readouterr().err) == moves
 
 
-def test_of_many_mistakes_the_first_are_shown_and_the_others_counted(capsys: pytest.CaptureFixture[str]) -> None:
+def test_of_many_errors_the_first_are_shown_and_the_others_counted(capsys: pytest.CaptureFixture[str]) -> None:
     def call() -> None:
         raise InputError(Problem("data.csv", line, 0, "is no number") for line in range(1, 101))
 
     assert ends.exit_code_of(call) == 2
     said = capsys.readouterr().err.splitlines()
-    assert said[0] == "cellctl: 100 mistakes"
+    assert said[0] == "cellctl: 100 errors"
     assert said[-2:] == ["data.csv:20: is no number", "… and 80 more"]
 
 
@@ -152,7 +152,7 @@ def test_of_many_mistakes_the_first_are_shown_and_the_others_counted(capsys: pyt
     ("events", "words", "cure"),
     [
         (PUSH, f"table {SHORT} was pushed by this run, is not proved, and may be in force", True),
-        ([*PUSH, *WITHDRAWN, *ABORTED], f"table {SHORT} was taken back", False),
+        ([*PUSH, *WITHDRAWN, *ABORTED], f"table {SHORT} was rolled back", False),
     ],
     ids=["not taken back", "taken back"],
 )

@@ -48,7 +48,7 @@ def test_a_shipped_procedure_is_checked_by_its_name(installed: Path, folder: Pat
     done = ended(folder, installed / start[0], *start[1:], "check", "sphere_selfcal", "--cell", "sphere_cell")
     assert done.returncode == 0, done.stderr
     (site,) = installed.glob("lib/python*/site-packages")
-    assert done.stdout.startswith(f"{site}/procedures/sphere_selfcal.yaml: no mistakes found")
+    assert done.stdout.startswith(f"{site}/procedures/sphere_selfcal.yaml: no errors found")
 
 
 @pytest.mark.long

@@ -79,7 +79,7 @@ def test_every_reason_is_told_at_once(cellctl, controller, table, cell, capsys):
     controller.identity = replace(controller.identity, serial="925185", simulated=False)
     remade(table, payload=9.0)
     assert cellctl("table", "push", table, "--cell", cell) == 2
-    assert "3 mistakes, nothing was written" in capsys.readouterr().err
+    assert "3 errors, nothing was written" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

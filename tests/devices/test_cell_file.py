@@ -24,7 +24,7 @@ def load(tmp_path: Path):
 
 
 def refused(load, text: str) -> list[tuple[int, str, str]]:
-    """Line, what and cure of each mistake."""
+    """Line, what and cure of each error."""
     with pytest.raises(InputError) as caught:
         load(text)
     return [(problem.line, problem.what, problem.cure) for problem in caught.value.problems]
@@ -49,7 +49,7 @@ def test_an_address_at_top_level_is_told_where_it_belongs(load) -> None:
 @pytest.mark.parametrize(
     ("key", "meant"), [("device", "devices"), ("limit", "limits"), ("simulated", "simulate"), ("artifact", "artefact")]
 )
-def test_a_misspelt_key_is_a_mistake_with_what_is_probably_meant(load, key: str, meant: str) -> None:
+def test_a_misspelt_key_is_an_error_with_what_is_probably_meant(load, key: str, meant: str) -> None:
     assert refused(load, f"devices: {{probe: '{PROBE}'}}\n{key}: {{}}\n") == [
         (4, f"'{key}' is not known here", f"did you mean '{meant}'?")
     ]

@@ -105,7 +105,7 @@ def test_without_a_set_up_check_limits_are_tried_by_opening(lamps, tmp_path) -> 
         ("x", "installed: "),
     ],
 )
-def test_what_yields_no_description_is_a_mistake_in_the_address(lamps, dim, scheme: str, words: str) -> None:
+def test_what_yields_no_description_is_an_error_in_the_address(lamps, dim, scheme: str, words: str) -> None:
     (found,) = lamps.findings("light", Address.parse(f"{scheme}://ceiling"), dim)
     assert words in found.what
     assert not found.warning

@@ -275,7 +275,7 @@ def test_what_is_asked_at_the_wrong_time_is_refused_with_the_reason(tmp_path: Pa
 
 
 @pytest.mark.parametrize("text", ["${some.values}", "${some.none} > 1"])
-def test_an_if_that_cannot_be_decided_is_a_mistake_of_the_procedure_at_its_place(text: str, tmp_path: Path) -> None:
+def test_an_if_that_cannot_be_decided_is_an_error_of_the_procedure_at_its_place(text: str, tmp_path: Path) -> None:
     steps = f"  - {{id: some, do: test.numbers}}\n  - id: many\n    if: {text}\n    then: [{{id: hold, do: test.hold}}]"
     engine, _, _ = engine_for(steps, tmp_path)
     outcome = asyncio.run(engine.run())

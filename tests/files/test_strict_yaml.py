@@ -1,4 +1,4 @@
-"""YAML that means what it says, and mistakes that say where they stand."""
+"""YAML that means what it says, and errors that say where they stand."""
 
 from __future__ import annotations
 
@@ -180,13 +180,13 @@ def test_what_is_not_yaml_or_not_plain_is_refused_with_its_line(text, line):
         ("a: &\n", "'*' and '&' have a meaning of their own"),
     ],
 )
-def test_what_is_not_yaml_is_said_in_our_words_with_a_cure(text, what):
+def test_what_is_not_yaml_is_reported_in_our_words_with_a_cure(text, what):
     (problem,) = refused(text)
     assert problem.what == what
     assert problem.cure
 
 
-def test_nesting_without_end_is_a_mistake_not_a_crash():
+def test_nesting_without_end_is_an_error_not_a_crash():
     assert "nested" in refused("[" * 5000)[0].what
 
 

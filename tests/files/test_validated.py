@@ -1,4 +1,4 @@
-"""From YAML to a model: every mistake at once, each where it stands, with its cure."""
+"""From YAML to a model: every error at once, each where it stands, with its cure."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_part_of_a_document_is_validated_and_placed_in_the_whole():
     assert (caught.value.problems[0].line, caught.value.problems[0].column) == (5, 21)
 
 
-def test_all_mistakes_come_at_once_in_the_order_of_the_file():
+def test_all_errors_come_at_once_in_the_order_of_the_file():
     problems = problems_in("limits: {sped: 1, travel: fast}\ncount: many\nmoves:\n  - {kind: line}\ntip: 4\n")
     assert [(p.line, p.column) for p in problems] == [(1, 1), (1, 9), (1, 10), (1, 27), (2, 8), (4, 5), (5, 6)]
 
@@ -99,7 +99,7 @@ def test_all_mistakes_come_at_once_in_the_order_of_the_file():
         ("- 1\n- 2\n", (1, 1), "the file: ", ""),
     ],
 )
-def test_a_mistake_is_told_in_words_where_it_stands(text, place, what, cure):
+def test_an_error_is_told_in_words_where_it_stands(text, place, what, cure):
     problem = problems_in(text)[0]
     assert (problem.line, problem.column) == place
     assert what in problem.what
@@ -112,7 +112,7 @@ def test_an_empty_file_is_said_to_be_empty():
 
 
 @pytest.mark.parametrize("at", [("cells",), ("name", "x"), ("moves", 3)])
-def test_a_part_that_is_not_there_is_a_mistake_with_a_place(at):
+def test_a_part_that_is_not_there_is_an_error_with_a_place(at):
     (problem,) = problems_in("name: a\nmoves: []\n", at)
     assert "missing" in problem.what
     assert problem.line > 0

@@ -26,6 +26,6 @@ def test_a_plate_may_be_left_out(tmp_path: Path) -> None:
     assert load_artefact(written(tmp_path, "tip_radius: 1")).plate is None
 
 
-def test_a_sphere_that_sinks_into_the_plate_is_a_mistake(tmp_path: Path) -> None:
+def test_a_sphere_that_sinks_into_the_plate_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="sphere 'S1' is not above the plate"):
         load_artefact(written(tmp_path, "plate: {z: 280}"))

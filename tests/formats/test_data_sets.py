@@ -152,7 +152,7 @@ def test_a_standard_deviation_of_nearly_nothing_silences_no_other_row():
     assert "sX is 1e-12" in found.rejected[0].reason
 
 
-def test_degrees_in_columns_of_radians_are_one_mistake_and_not_one_for_each_row():
+def test_degrees_in_columns_of_radians_are_one_error_and_not_one_for_each_row():
     rows = "".join(f"{angle},{angle - 60},{angle},4,5\n" for angle in range(10, 50, 2))
     with pytest.raises(InputError) as refused:
         measured(f"q1,q2,X,Y,Z\n{rows}")
@@ -338,7 +338,7 @@ def test_records_come_back_from_their_text_bit_for_bit(values):
 
 
 @given(st.text(max_size=200))
-def test_no_text_whatever_ends_in_anything_but_a_data_set_or_a_named_mistake(text):
+def test_no_text_whatever_ends_in_anything_but_a_data_set_or_a_named_error(text):
     with contextlib.suppress(InputError):
         assert measurements(ROBOT, DataSet.parse(text, "data.csv")).lines
 

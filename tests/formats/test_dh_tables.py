@@ -25,7 +25,7 @@ def load(tmp_path, text, convention=None):
     return load_dh_table(tmp_path / "table.csv", convention)
 
 
-def mistakes(tmp_path, text, convention=None):
+def errors(tmp_path, text, convention=None):
     with pytest.raises(InputError) as caught:
         load(tmp_path, text, convention)
     return [(problem.line, f"{problem.what} {problem.cure}") for problem in caught.value.problems]
@@ -48,7 +48,7 @@ def test_a_full_table_puts_the_tool_where_its_rows_say(tmp_path):
 
 
 def test_a_bare_table_needs_its_convention_and_gets_beta_where_axes_are_parallel(tmp_path):
-    assert "--table" in mistakes(tmp_path, BARE)[0][1]
+    assert "--table" in errors(tmp_path, BARE)[0][1]
     chain = load(tmp_path, BARE, "mdh-hayati").chain
     assert [name for name in chain.parameters if name.startswith(("d", "beta"))] == ["d1", "beta2", "d3"]
     np.testing.assert_allclose(chain.forward(np.zeros(3))[:3, 3], [-1184.3, 0, 127.3], atol=1e-9)
@@ -73,7 +73,7 @@ def test_a_bare_table_needs_its_convention_and_gets_beta_where_axes_are_parallel
 )
 def test_a_wrong_cell_is_named_by_its_line(tmp_path, old, new, line, words):
     assert old in TABLE
-    found = mistakes(tmp_path, TABLE.replace(old, new, 1))
+    found = errors(tmp_path, TABLE.replace(old, new, 1))
     assert found[0][0] == line
     assert words in found[0][1]
 
@@ -97,10 +97,10 @@ def damaged(text, data):
 
 
 def test_a_convention_asked_for_must_be_the_tables(tmp_path):
-    assert "dh-craig" in mistakes(tmp_path, TABLE, "mdh-hayati")[0][1]
+    assert "dh-craig" in errors(tmp_path, TABLE, "mdh-hayati")[0][1]
     assert load(tmp_path, TABLE, "dh-craig").chain.convention == "dh-craig"
 
 
 def test_a_table_of_frames_alone_holds_no_joint(tmp_path):
     only_base = "\n".join(TABLE.splitlines()[:2]) + "\n"
-    assert "no joint" in mistakes(tmp_path, only_base)[0][1]
+    assert "no joint" in errors(tmp_path, only_base)[0][1]

@@ -1,4 +1,4 @@
-"""Robot and artefact files: the shipped ones load, every mistake is named where it stands."""
+"""Robot and artefact files: the shipped ones load, every error is named where it stands."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def load(tmp_path, text):
     return RobotFile.load(tmp_path / "robot.yaml")
 
 
-def mistakes(tmp_path, text):
+def errors(tmp_path, text):
     with pytest.raises(InputError) as caught:
         load(tmp_path, text)
     return [(p.line, f"{p.what} {p.cure}") for p in caught.value.problems]
@@ -58,11 +58,11 @@ def test_a_reading_reaches_the_model_through_sign_and_offset(tmp_path):
     np.testing.assert_allclose(np.rad2deg(load(tmp_path, GOOD).joint_map().model([30.0, 5.0])), [-20.0, 5.0])
 
 
-def test_all_mistakes_come_at_once_each_with_its_line(tmp_path):
+def test_all_errors_come_at_once_each_with_its_line(tmp_path):
     text = (
         GOOD.replace("a: 50,", "a: fifty,").replace("repeatability: 0.05", "repeatability: -1").replace("tool:", "tol:")
     )
-    assert [line for line, _ in mistakes(tmp_path, text)] == [4, 9, 10]
+    assert [line for line, _ in errors(tmp_path, text)] == [4, 9, 10]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_all_mistakes_come_at_once_each_with_its_line(tmp_path):
 )
 def test_what_no_robot_can_be_is_refused_where_it_stands(tmp_path, old, new, line, words):
     assert old in GOOD
-    found = mistakes(tmp_path, GOOD.replace(old, new, 1))
+    found = errors(tmp_path, GOOD.replace(old, new, 1))
     assert found[0][0] == line
     assert words in found[0][1]
 
@@ -144,14 +144,14 @@ def test_a_robots_content_is_what_its_file_says_and_is_read_back_from_it(tmp_pat
 )
 def test_what_no_robot_by_its_axes_can_be_is_refused_where_it_stands(tmp_path, old, new, line, words):
     assert old in POE
-    found = mistakes(tmp_path, POE.replace(old, new, 1))
+    found = errors(tmp_path, POE.replace(old, new, 1))
     assert found[0][0] == line
     assert words in found[0][1]
 
 
 def test_a_joint_too_few_is_refused(tmp_path):
     text = GOOD.replace("  - {min: -90, max: 90, max_speed: 100}\n", "")
-    assert "1 joints for 2 links" in mistakes(tmp_path, text)[0][1]
+    assert "1 joints for 2 links" in errors(tmp_path, text)[0][1]
 
 
 def test_a_cell_file_serves_as_artefact():

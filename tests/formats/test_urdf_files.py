@@ -46,7 +46,7 @@ def load(tmp_path, text, tip=None):
     return load_urdf(tmp_path / "arm.urdf", tip)
 
 
-def mistakes(tmp_path, text, tip=None):
+def errors(tmp_path, text, tip=None):
     with pytest.raises(InputError) as caught:
         load(tmp_path, text, tip)
     return [(problem.line, f"{problem.what} {problem.cure}") for problem in caught.value.problems]
@@ -75,7 +75,7 @@ def test_a_speed_of_nothing_is_not_known(tmp_path):
 
 def test_where_links_branch_the_tip_is_asked_for_and_taken(tmp_path):
     branched = ARM.replace("</robot>\n", BRANCH)
-    (line, words), *more = mistakes(tmp_path, branched)
+    (line, words), *more = errors(tmp_path, branched)
     assert (line, more) == (2, [])
     assert "--tip: pen, camera" in words
     robot = load(tmp_path, branched, "camera")
@@ -83,7 +83,7 @@ def test_where_links_branch_the_tip_is_asked_for_and_taken(tmp_path):
     readings = np.array([0.4, -0.3])
     q = robot.joint_map().model(np.rad2deg(readings))
     assert_same_pose(robot.chain.forward(q), forward_of_urdf(branched, "camera", readings))
-    assert "'nose'" in mistakes(tmp_path, branched, "nose")[0][1]
+    assert "'nose'" in errors(tmp_path, branched, "nose")[0][1]
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_where_links_branch_the_tip_is_asked_for_and_taken(tmp_path):
 )
 def test_what_cannot_be_calibrated_is_refused_where_it_stands(tmp_path, old, new, line, words):
     assert old in ARM
-    found = mistakes(tmp_path, ARM.replace(old, new, 1))
+    found = errors(tmp_path, ARM.replace(old, new, 1))
     assert words in found[0][1]
     assert line in (0, found[0][0])
 
@@ -132,25 +132,25 @@ def test_an_entity_bomb_is_refused_before_it_grows(tmp_path):
     bomb = '<!DOCTYPE robot [<!ENTITY a "ha">' + "".join(
         f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(20)
     )
-    assert "DOCTYPE" in mistakes(tmp_path, f"{bomb}]><robot>&u;</robot>")[0][1]
+    assert "DOCTYPE" in errors(tmp_path, f"{bomb}]><robot>&u;</robot>")[0][1]
 
 
-def test_several_mistakes_come_at_once(tmp_path):
+def test_several_errors_come_at_once(tmp_path):
     text = ARM.replace('xyz="0 0 0.4"', 'xyz="a"').replace('xyz="0.6 0 0.8"', 'xyz="b"')
-    assert [line for line, _ in mistakes(tmp_path, text)] == [10, 14]
+    assert [line for line, _ in errors(tmp_path, text)] == [10, 14]
 
 
 @pytest.mark.parametrize("text", ["", "<robot/>", "<sdf/>", "name: yaml\n", "<robot><link name='a'/></robot>"])
 def test_a_file_that_is_no_robot_is_refused(tmp_path, text):
-    assert mistakes(tmp_path, text)
+    assert errors(tmp_path, text)
 
 
 def test_joints_in_a_circle_are_refused(tmp_path):
     ring = "".join(
         f'<joint name="{a}" type="revolute"><parent link="{a}"/><child link="{b}"/></joint>' for a, b in ["ab", "ba"]
     )
-    assert "circle" in mistakes(tmp_path, f"<robot>{ring}</robot>")[0][1]
-    assert "circle" in mistakes(tmp_path, f"<robot>{ring}</robot>", "a")[0][1]
+    assert "circle" in errors(tmp_path, f"<robot>{ring}</robot>")[0][1]
+    assert "circle" in errors(tmp_path, f"<robot>{ring}</robot>", "a")[0][1]
 
 
 def test_a_file_that_is_not_there_is_said_so(tmp_path):

@@ -381,7 +381,7 @@ def _operate(sign: str, a: Any, b: Any) -> Any:
 
 
 def _number(value: Any) -> Any:
-    """A whole number that does not fit is a mistake of the program: KRL stops there."""
+    """A whole number that does not fit is an error of the program: KRL stops there."""
     assert isinstance(value, float) or value == whole(value), f"{value} does not fit into 32 bits"
     return value
 

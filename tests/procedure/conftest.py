@@ -116,8 +116,8 @@ def load():
 
 
 @pytest.fixture
-def mistakes(load, registry):
-    """The mistakes in a procedure, as text without the file's name."""
+def errors(load, registry):
+    """The errors in a procedure, as text without the file's name."""
 
     def find(text: str, parameters=None, devices=DEVICES) -> list[str]:
         procedure = load(text)

@@ -1,4 +1,4 @@
-"""`if`, `confirm` and `interlocks` in a procedure file: what they mean, and every mistake in them before the run."""
+"""`if`, `confirm` and `interlocks` in a procedure file: what they mean, and every error in them before the run."""
 
 import pytest
 
@@ -79,7 +79,7 @@ def test_branches_confirmations_and_interlocks_are_read(load, found):
         ("steps:\n", "cleanup:\n  - {id: c, confirm: Done}\nsteps:\n", "clean-up has no loops, no 'if' and no"),
     ],
 )
-def test_each_mistake_is_named(found, right, wrong, expected):
+def test_each_error_is_named(found, right, wrong, expected):
     text = BRANCHES.replace(right, wrong, 1)
     assert text != BRANCHES
     assert expected in "\n".join(found(text))

@@ -1,4 +1,4 @@
-"""Every mistake is found before anything moves, at once, at its place, with its cure."""
+"""Every error is found before anything moves, at once, at its place, with its cure."""
 
 import pytest
 
@@ -7,16 +7,16 @@ from cellctl.files import InputError
 from cellctl.procedure import checked_parameters
 
 
-def test_a_good_procedure_has_no_mistakes(mistakes, good):
-    assert mistakes(good) == []
+def test_a_good_procedure_has_no_errors(errors, good):
+    assert errors(good) == []
 
 
-def test_no_step_is_tried_again_after_an_uncertain_state(mistakes, good):
-    (mistake,) = mistakes(good.replace("NoContact", "DeviceUncertain"))
-    assert "never tried again after DeviceUncertain" in mistake
+def test_no_step_is_tried_again_after_an_uncertain_state(errors, good):
+    (error,) = errors(good.replace("NoContact", "DeviceUncertain"))
+    assert "never tried again after DeviceUncertain" in error
 
 
-def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, good):
+def test_five_errors_are_named_at_once_each_with_its_place_and_cure(errors, good):
     text = (
         good.replace("do: sphere.plan", "do: sphere.pln")
         .replace('speed_mm_s: "${search_speed}"', "speed_mm_s: 50")
@@ -24,7 +24,7 @@ def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, 
         .replace("NoContact", "NoContakt")
         .replace("title:", "titel:")
     )
-    assert mistakes(text) == [
+    assert errors(text) == [
         "2:1: 'titel' is not known in a procedure\n    did you mean 'title'?",
         "11:9: there is no step 'sphere.pln'\n    did you mean 'sphere.plan'?",
         "20:47: input 'speed_mm_s' of sphere.touch: has to be at most 20 (here: 50)\n    give at most 20",
@@ -115,91 +115,89 @@ def test_five_mistakes_are_named_at_once_each_with_its_place_and_cure(mistakes, 
         ),
     ],
 )
-def test_each_mistake_stands_where_it_is_with_what_to_do(mistakes, good, right, wrong, expected):
-    """`@` stands before the place at which the mistake has to be reported."""
+def test_each_error_stands_where_it_is_with_what_to_do(errors, good, right, wrong, expected):
+    """`@` stands before the place at which the error has to be reported."""
     assert right in good
     marked = good.replace(right, wrong, 1)
     before = marked[: marked.index("@")]
     place = f"{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
-    found = mistakes(marked.replace("@", ""))
-    assert any(mistake.startswith(f"{place}: {expected}") for mistake in found), found
+    found = errors(marked.replace("@", ""))
+    assert any(error.startswith(f"{place}: {expected}") for error in found), found
 
 
 @pytest.mark.parametrize("text", ["", "[]", "procedure: p\n", "procedure: p\nsteps: []\n", "procedure: p\nsteps: 3\n"])
-def test_a_procedure_without_steps_is_refused(mistakes, text):
-    assert any("step" in mistake for mistake in mistakes(text))
+def test_a_procedure_without_steps_is_refused(errors, text):
+    assert any("step" in error for error in errors(text))
 
 
 @pytest.mark.parametrize(
     ("right", "wrong"),
     [("do: sphere.plan", "do: x.plan"), ("type: integer", "type: int"), ("${plan.touches}", "${plan.tuches}")],
 )
-def test_what_follows_from_a_mistake_is_not_reported_as_another(mistakes, good, right, wrong):
-    assert len(mistakes(good.replace(right, wrong, 1))) == 1
+def test_what_follows_from_an_error_is_not_reported_as_another(errors, good, right, wrong):
+    assert len(errors(good.replace(right, wrong, 1))) == 1
 
 
-def test_a_name_that_could_mean_the_variable_or_the_result_is_refused(mistakes, good):
+def test_a_name_that_could_mean_the_variable_or_the_result_is_refused(errors, good):
     later = '      - {id: again, do: sphere.touch, with: {touch: "${touch}", speed_mm_s: 5}}\ncleanup:'
-    found = mistakes(good.replace("cleanup:", later))
+    found = errors(good.replace("cleanup:", later))
     assert found == [
         "23:53: ${touch} could be the loop's variable or the result of step 'touch'\n    give one of them another name"
     ]
 
 
-def test_the_result_of_a_step_without_one_cannot_be_referred_to(mistakes, good):
+def test_the_result_of_a_step_without_one_cannot_be_referred_to(errors, good):
     later = '      - {id: again, do: sphere.touch, with: {touch: "${first}", speed_mm_s: 5}}\ncleanup:'
-    found = mistakes(good.replace("- id: touch", "- id: first").replace("cleanup:", later))
+    found = errors(good.replace("- id: touch", "- id: first").replace("cleanup:", later))
     assert found == ["23:53: step 'first' gives no result\n    remove the reference"]
 
 
-def test_clean_up_uses_no_result_since_it_may_begin_before_any(mistakes, good):
-    found = mistakes(good.replace("do: robot.stop,", 'do: sphere.plan, with: {fit: "${plan.seconds}"},'))
+def test_clean_up_uses_no_result_since_it_may_begin_before_any(errors, good):
+    found = errors(good.replace("do: robot.stop,", 'do: sphere.plan, with: {fit: "${plan.seconds}"},'))
     assert "clean-up cannot use the result of 'plan'" in found[0]
 
 
-def test_a_loop_variable_is_unknown_outside_its_loop(mistakes, good):
-    found = mistakes(
-        good.replace("as: touch", "as: one").replace('"${touch}"', '"${one}"').replace("${order}", "${one}")
-    )
+def test_a_loop_variable_is_unknown_outside_its_loop(errors, good):
+    found = errors(good.replace("as: touch", "as: one").replace('"${touch}"', '"${one}"').replace("${order}", "${one}"))
     assert found[0].startswith("12:42: 'one' is the variable of loop 'points' and is known only inside it")
 
 
-def test_values_that_the_run_will_tell_are_left_alone_the_others_are_not(mistakes, good):
+def test_values_that_the_run_will_tell_are_left_alone_the_others_are_not(errors, good):
     text = good.replace(
         'touch: "${touch}"',
         'options: {a: "${plan.seconds}", b: wide}, ladder: ["${plan.seconds}", 1], touch: "${touch}"',
     )
-    assert [m.split(" (here")[0] for m in mistakes(text)] == [
+    assert [m.split(" (here")[0] for m in errors(text)] == [
         "20:51: input 'options.b' of sphere.touch: has to be a number"
     ]
 
 
-def test_a_parameter_out_of_the_steps_range_is_found_through_the_reference(mistakes, good):
-    found = mistakes(good, parameters={"touches_fit": 5000, "search_speed": 5.0, "order": "random"})
+def test_a_parameter_out_of_the_steps_range_is_found_through_the_reference(errors, good):
+    found = errors(good, parameters={"touches_fit": 5000, "search_speed": 5.0, "order": "random"})
     assert found == [
         "12:17: input 'fit' of sphere.plan: has to be at most 2000 (here: 5000)\n"
         "    give at most 2000 (touches to identify from)"
     ]
 
 
-def test_a_device_that_the_cell_has_not_is_named_once(mistakes, good):
-    found = mistakes(good, devices={"robot": None})
-    assert [mistake.splitlines()[0] for mistake in found] == [
+def test_a_device_that_the_cell_has_not_is_named_once(errors, good):
+    found = errors(good, devices={"robot": None})
+    assert [error.splitlines()[0] for error in found] == [
         "19:13: step sphere.touch needs a device 'probe', and the cell has none"
     ]
 
 
-def test_a_driver_that_cannot_do_what_the_step_needs_is_named_with_what_it_lacks(mistakes, good):
-    found = mistakes(good, devices={"robot": SearchingRobot, "probe": SearchingRobot})
+def test_a_driver_that_cannot_do_what_the_step_needs_is_named_with_what_it_lacks(errors, good):
+    found = errors(good, devices={"robot": SearchingRobot, "probe": SearchingRobot})
     assert "needs 'probe' to be a ContactProbe, and its driver lacks arm, contact, disarm" in found[0]
-    assert mistakes(good, devices={"robot": SearchingRobot, "probe": ContactProbe}) == []
+    assert errors(good, devices={"robot": SearchingRobot, "probe": ContactProbe}) == []
 
 
-def test_nothing_is_said_of_devices_where_the_cell_is_not_known(mistakes, good):
-    assert mistakes(good, devices=None) == []
+def test_nothing_is_said_of_devices_where_the_cell_is_not_known(errors, good):
+    assert errors(good, devices=None) == []
 
 
-def test_mistakes_in_the_settings_come_together_with_those_in_the_file(load, good, registry):
+def test_errors_in_the_settings_come_together_with_those_in_the_file(load, good, registry):
     procedure = load(good.replace("sphere.plan", "sphere.pln"))
     with pytest.raises(InputError) as caught:
         checked_parameters(procedure, ["touches_fot=3", "search_speed=fast"], registry, None)

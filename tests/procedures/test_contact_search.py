@@ -146,7 +146,7 @@ def test_a_robot_that_is_lost_on_the_retreat_leaves_the_contact_recorded() -> No
     [
         ({"pressed": False}, {}, "for a moment only"),
         ({"confirmed": False}, {}, "did not hold"),
-        ({"confirmed": None}, {}, "never said"),
+        ({"confirmed": None}, {}, "did not report"),
         ({"at": 23.0}, {"stops_at": 23.0}, "something else was touched"),
         ({}, {"stops_at": None}, "no contact on S1 within 18 mm"),
     ],

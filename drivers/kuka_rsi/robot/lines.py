@@ -103,7 +103,7 @@ class ControllerLines:
             raise refusal(self._device, reply, "HELLO")
         stat = await eki.first_stat()
         if stat.program == "ERROR":
-            what = f"a message stands at the controller: {stat.message}"
+            what = f"the controller shows a message: {stat.message}"
             raise DeviceFault(self._device, what, cure_of(stat.message))
         serial = reply.ident.get("Serial", "")
         model, kss = reply.ident.get("Model", ""), reply.ident.get("KSS", "")

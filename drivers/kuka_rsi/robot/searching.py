@@ -36,7 +36,7 @@ def foreign_datagrams(process: CyclicProcess) -> str:
     """How many datagrams came from another address than the controller's, as text."""
     sender = process.block.foreign_sender()
     last = f" (the last one seen from {sender})" if sender else ""
-    return f"{process.block.words[Slot.FOREIGN]} datagrams came from elsewhere than {process.heard}{last}"
+    return f"{process.block.words[Slot.FOREIGN]} datagrams came from other hosts than {process.heard}{last}"
 
 
 @final

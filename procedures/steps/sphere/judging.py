@@ -53,7 +53,7 @@ def verdict_of(context: StepContext) -> SphereVerdict:
 async def table_taken_back(context: StepContext, robot: TableStore) -> TableStateRow:
     """Put the table before into force again; the row of the one that was taken back. Raises DeviceUncertain."""
     row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
-    context.say(f"table {row.short} did no good and is no longer in force")
+    context.say(f"table {row.short} is not better than nominal: rolled back, no longer in force")
     return row
 
 

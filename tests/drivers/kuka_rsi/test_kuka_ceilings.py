@@ -109,7 +109,7 @@ def test_check_and_run_warn_of_a_limit_above_what_a_search_needs_and_go_on(
     file = cell_with(tmp_path, replace={"speed_deg_s: 2.5": "speed_deg_s: 3"})
     check(SELFCAL, file)
     said = capsys.readouterr()
-    assert "no mistakes found" in said.out
+    assert "no errors found" in said.out
     assert said.err.startswith(f"cellctl: 1 warning\n{file}:")
     assert "robot limit speed_deg_s: 3 is more than a search needs (2.5)\n    give 2.5 or less" in said.err
     with pytest.raises(JournalError, match="there is no journal"):  # the run goes as far as what it would go on with

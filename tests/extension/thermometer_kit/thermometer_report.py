@@ -1,7 +1,8 @@
 """The section of the report about the invented thermometer."""
 
-from cellctl.report.section import ReportSection
 from thermometer_steps import TemperatureRow
+
+from cellctl.report.section import ReportSection
 
 
 def build(run):

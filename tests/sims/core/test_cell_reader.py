@@ -57,7 +57,7 @@ def test_errors_are_switched_off_or_scaled(edited):
     assert [cell.simulate.errors[kind] for kind in ("tool", "servo", "geometry", "encoder")] == [0.0, 1.0, 2.5, 1.0]
 
 
-def test_all_mistakes_of_both_files_are_named_at_once(edited):
+def test_all_errors_of_both_files_are_named_at_once(edited):
     def edit(cell, robot):
         cell["simulate"] = {
             "seed": -1,

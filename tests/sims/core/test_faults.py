@@ -107,7 +107,7 @@ def test_events_are_counted_from_one(faults):
     assert [faults.announce("robot.search"), faults.announce("probe.arm"), faults.announce("robot.search")] == [1, 1, 2]
 
 
-def test_an_event_that_no_description_has_is_the_simulators_mistake(faults):
+def test_an_event_that_no_description_has_is_the_simulators_error(faults):
     with pytest.raises(KeyError, match=r"probe\.sulks"):
         faults.announce("probe.sulks")
 

@@ -82,7 +82,7 @@ def run(request, tmp_path):
         process.communicate(timeout=PATIENCE_S)
 
 
-def mistakes(run, devices, **simulate):
+def errors(run, devices, **simulate):
     return json.loads(run("check", devices, **simulate).communicate(timeout=PATIENCE_S)[0])
 
 
@@ -111,7 +111,7 @@ def test_it_runs_with_its_settings_event_fault_and_request(run):
 
 def test_check_knows_its_section_and_its_faults(run):
     fault = {"fault": "tracker.deaf"}
-    found = mistakes(run, {"laser": "invented://a"}, tracker={"noise_mm": -1, "colour": "red"}, faults=[fault])
+    found = errors(run, {"laser": "invented://a"}, tracker={"noise_mm": -1, "colour": "red"}, faults=[fault])
     assert [text.split(":")[0] for text in found] == [
         "simulate.tracker.colour", "simulate.tracker.noise_mm", "simulate.faults[0]",
     ]  # fmt: skip
@@ -120,26 +120,26 @@ def test_check_knows_its_section_and_its_faults(run):
 
 def test_an_event_that_no_device_of_the_cell_has_is_named_with_those_that_there_are(run):
     fault = {"fault": "tracker.blind", "event": "probe.arm"}
-    (found,) = mistakes(run, {"laser": "invented://a"}, faults=[fault])
+    (found,) = errors(run, {"laser": "invented://a"}, faults=[fault])
     assert found.startswith("simulate.faults[0]: ")
     assert "'probe.arm'; there are tracker.measure" in found
 
 
 def test_how_many_of_a_kind_there_can_be_is_said_by_the_description(run):
     two = {"laser": "invented://a", "second": "invented://b"}
-    assert mistakes(run, two) == []
-    (found,) = mistakes(run, {**two, "third": "invented://c"})
+    assert errors(run, two) == []
+    (found,) = errors(run, {**two, "third": "invented://c"})
     assert "only 2 devices of invented can be simulated" in found
 
 
-def test_a_device_that_nobody_simulates_is_a_mistake_at_check(run):
-    (found,) = mistakes(run, {"laser": "invented://a", "hand": "gripper://b"})
+def test_a_device_that_nobody_simulates_is_an_error_at_check(run):
+    (found,) = errors(run, {"laser": "invented://a", "hand": "gripper://b"})
     assert "there is no simulator for 'gripper', only for contact+serial and invented and kuka+rsi" in found
 
 
 def test_a_package_that_cannot_be_loaded_is_named(run, tmp_path):
     (tmp_path / "packages/invented_tracker.py").write_text("import nothing_of_that_name\n")
-    (found,) = mistakes(run, {"laser": "invented://a"})
+    (found,) = errors(run, {"laser": "invented://a"})
     assert "the simulator 'invented' (invented_tracker:SIMULATOR) cannot be loaded" in found
 
 

@@ -166,7 +166,7 @@ def test_a_parent_that_is_gone_already_ends_it_too(start, probe_cell):
     assert process.wait(PATIENCE_S) == 0
 
 
-def test_all_mistakes_of_a_cell_file_are_one_block_and_exit_code_2(request, probe_cell):
+def test_all_errors_of_a_cell_file_are_one_block_and_exit_code_2(request, probe_cell):
     path = probe_cell(clock="never", faults=[{"fault": "probe.sulks"}])
     done = run(request, "run", path)
     assert done.returncode == 2

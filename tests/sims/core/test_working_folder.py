@@ -22,4 +22,4 @@ def test_check_takes_its_own_simulators_drivers_and_steps(request, folder):
         [cellctl, "check", procedure], cwd=folder, capture_output=True, text=True, timeout=90, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert "no mistakes found" in done.stdout
+    assert "no errors found" in done.stdout

@@ -45,7 +45,7 @@ def test_the_shipped_configuration_is_read_in_its_order():
         ('TAG="AK.A6"', 'TAG="AK.A5"', r"RECEIVE: AK\.A5 is there twice"),
     ],
 )
-def test_a_mistake_is_named_with_the_file(tmp_path, old, new, named):
+def test_an_error_is_named_with_the_file(tmp_path, old, new, named):
     path = changed(tmp_path, old, new)
     with pytest.raises(BadConfig, match=named) as caught:
         read_config(path)
