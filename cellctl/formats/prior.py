@@ -47,7 +47,7 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
         groups=groups,
         candidates=None,
         nominal=measured.task.model,
-        region=prior.joint_region.measured(prior.robot.joint_map(), prior.outside_mm, prior.scatter_mm),
+        region=prior.measured_region(),
     )
     return replace(measured, task=task)
 

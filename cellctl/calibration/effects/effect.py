@@ -79,17 +79,18 @@ class Effect(ABC):
     and closed.
 
     group: name of the kind, by which it is freed or held, named in `--model`, and stored. title: the same for people.
-    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model by itself
-    (`never`). of_touches: whether `auto` begins with it where the tool touches. needs: what it needs, where rows do not
-    show it. missing: conditions that it needs at a prediction, each with what is predicted without it. prior_scales:
-    bounds of what the evidence may scale its prior by; None: it is never scaled.
+    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model where the
+    rows show that something is missing (`by evidence`; a residual model). of_touches: whether `auto` begins with it
+    where the tool touches. needs: what it needs, where rows do not show it. missing: conditions that it needs at a
+    prediction, each with what is predicted without it. prior_scales: bounds of what the evidence may scale its prior
+    by; None: it is never scaled.
     """
 
     __slots__ = ()
 
     group: ClassVar[Group]
     title: ClassVar[str]
-    chosen: ClassVar[Literal["named", "tried", "never"]] = "tried"
+    chosen: ClassVar[Literal["named", "tried", "by evidence"]] = "tried"
     of_touches: ClassVar[bool] = False
     needs: ClassVar[str] = ""
     missing: ClassVar[tuple[tuple[Condition, str], ...]] = ()

@@ -23,10 +23,10 @@ from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
-    discrepancy_scales,
-    may_lack,
+    may_join,
+    scales_with,
     widened,
-    with_discrepancy,
+    with_kind,
     without_functions,
 )
 from cellctl.calibration.selection.sample import sampled
@@ -136,19 +136,21 @@ def identify(
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
 
     Outliers are left out. Where the rest is clearly noisier than its stated σ, the robot further from nominal than the
-    tolerances, or something missing from the model, noise, prior scales and a discrepancy are what the evidence
-    supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked something
-    come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where known.
+    tolerances, or something missing from the model, noise, prior scales and a residual model are what the
+    evidence supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked
+    something come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where
+    known.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
     rows = task.rows.pick(chosen)
     kept, apart = rows_together(without_functions(task), rows) if together is None else together
     inliers = rows.pick(kept)
     nominal, weighed = identify_kept(task, inliers, weights)
-    wider = _with_discrepancy(task, inliers, weighed)
-    if wider is not None:
-        task, weights = wider
-        nominal, weighed = identify_kept(task, inliers, weights)
+    for kind in may_join(task):
+        wider = _with_residual_model(kind, task, inliers, weighed)
+        if wider is not None:
+            task, weights = wider
+            nominal, weighed = identify_kept(task, inliers, weights)
     may_come_back = together is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
     while may_come_back and not kept.all():
         back = ~kept & (weighed.p_values(rows) >= OUTLIER_P)
@@ -171,15 +173,18 @@ def identify(
     )
 
 
-def _with_discrepancy(task: Task, rows: RowBlocks, weighed: Weighed) -> tuple[Task, Weights] | None:
-    """`task` with a discrepancy, and the weights then; None where the rows do not support one."""
-    if not may_lack(task) or len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
+def _with_residual_model(
+    kind: type[ResidualModel], task: Task, rows: RowBlocks, weighed: Weighed
+) -> tuple[Task, Weights] | None:
+    """`task` with a residual model of this kind, and the weights then; None where the rows do not support it."""
+    if len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
         return None
-    wider = with_discrepancy(task, rows)
+    wider = with_kind(task, kind, rows)
+    if wider is None:
+        return None
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
-    scales = discrepancy_scales(
-        weighed.found, nominal_start(wider, rows), sample, certain(task), weighed.weights.factors(rows)
-    )
+    start, known = nominal_start(wider, rows), weighed.weights.factors(rows)
+    scales = scales_with(kind.group, weighed.found, start, sample, certain(task), known)
     return None if scales is None else (wider, Weights.of(rows, scales))
 
 

@@ -9,7 +9,7 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.calibration.effects import Effect, OwnTurns
+from cellctl.calibration.effects import Effect, OwnTurns, ResidualModel
 from cellctl.calibration.model.parameter import Parameter, of_chain
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.kinematics import Bools, Floats, SerialChain
@@ -63,6 +63,22 @@ class RobotModel:
         """The parameters' values (P,), in their units."""
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
         return np.concatenate([chain, self._amounts])
+
+    @cached_property
+    def residual_models(self) -> tuple[ResidualModel, ...]:
+        """Those of its effects that are random functions of the posture."""
+        return tuple(effect for effect in self.effects if isinstance(effect, ResidualModel))
+
+    def open_variance(self, at: At) -> Floats:
+        """What its residual models leave open at each posture (N,): mm² of the tool's place on each axis."""
+        postures = Postures.of(at)
+        return np.asarray(sum((each.variance(postures) for each in self.residual_models), np.zeros(len(postures))))
+
+    def outside(self, at: At) -> Floats:
+        """How far each posture (N,) is outside those that its residual models need: 0 to 1, a share of variance."""
+        postures = Postures.of(at)
+        of_each = [np.zeros(len(postures)), *(each.outside(postures) for each in self.residual_models)]
+        return np.asarray(np.max(of_each, axis=0))
 
     def amount(self, name: str) -> float | None:
         """The value of parameter `name` as it is now; None where this model has none of that name."""

@@ -20,7 +20,7 @@ def shape_sigma(model: RobotModel, covariance: Floats, at: At) -> Floats:
     """
     shape = shape_columns(model, at)
     variance = np.sum((shape @ covariance) * shape, axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1) + 3.0 * model.open_variance(at), 0.0)))
 
 
 def shape_columns(model: RobotModel, at: At) -> Floats:

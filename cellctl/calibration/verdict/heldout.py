@@ -40,7 +40,7 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
             block,
             hidden=own,
             taken=taken,
-            doubted=reliability.region.outside(block.q) / np.sqrt(3.0),
+            extra_sigma=reliability.region.outside(block.q) / np.sqrt(3.0),
             tails=reliability.tails,
         )
         for block, own in zip(noisy.blocks, hidden, strict=True)
