@@ -96,7 +96,7 @@ def _fitted(setup: Setup, nominal: Misfit) -> tuple[State, list[Any]]:
 
 def _as_uncertain(block: Measured, mm: float) -> Measured:
     """The block with its standard deviations raised in proportion, to `mm` in the median of its distances."""
-    lengths = block.sigma[:, np.array(block.quantities) != "rotation"]
+    lengths = block.sigma[:, block.of_length]
     return block.changed(sigma=block.sigma * max(mm / float(np.median(lengths)), 1.0))
 
 
@@ -125,7 +125,7 @@ def _predicted_by_joints(setup: Setup, state: State) -> float:
     for block in setup.task.rows.blocks:
         if len(block) < 2:
             continue
-        left = block.residual(state)[:, np.array(block.quantities) != "rotation"]
+        left = block.residual(state)[:, block.of_length]
         left = left - left.mean(axis=0)
         total += float(np.sum(left**2))
         kernels = [_kernel(block.q, *weights) for weights in WEIGHTS]

@@ -40,12 +40,6 @@ class OwnTurns:
         """How the tool moves (N, 6, K) with the amounts; arms (N, 6, n): with the joints."""
         return np.asarray(arms[:, :, self.joints] * self.values[:, None, :])
 
-    def dense(self, joints: int) -> Floats:
-        """Φ (N, n, K)."""
-        result = np.zeros((len(self.values), joints, len(self.joints)))
-        result[:, self.joints, np.arange(len(self.joints))] = self.values
-        return result
-
 
 STORED = "stored"
 """Key of a field's metadata: the name of a setting in model files, where that is not the field's."""

@@ -78,7 +78,7 @@ class Linear:
         deviations (χ² with k degrees of freedom); and the most probable unknowns by the kept rows (F,).
         """
         residual, foreseen, x = self._foreseen(kept)
-        return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
+        return squared_distances(residual, foreseen), x
 
     def scatter(self, kept: Bools) -> Floats:
         """By how much the numbers of each kind (Q,) scatter more than said about where the *other* kept rows foresee
@@ -120,6 +120,11 @@ class Linear:
         """JᵀJ of the numbers of each of `_kinds`: (their count, F, F)."""
         lines = (self.columns[self.factors == each] for each in self._kinds)
         return np.stack([mine.T @ mine for mine in lines])
+
+
+def squared_distances(residual: Floats, covariance: Floats) -> Floats:
+    """rᵀS⁻¹r (N,) of residuals r (N, k) with covariances S (N, k, k)."""
+    return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
 
 
 def _flat(columns: Floats) -> Floats:

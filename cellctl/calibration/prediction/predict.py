@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from scipy.stats import chi2
 
+from cellctl.calibration.estimation.linear import squared_distances
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
@@ -79,7 +80,7 @@ def predict_rows(
     """
     variance, p_value = np.empty(len(rows)), np.empty(len(rows))
     extra = np.hypot(extra_sigma, np.sqrt(found.model.open_variance(rows.postures)))
-    lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
+    lengths = rows.of_length
     for start in range(0, len(rows), BLOCK):
         part = np.s_[start : start + BLOCK]
         block = rows.pick(part)
@@ -96,8 +97,7 @@ def predict_rows(
         spread = spread + (scaled**2)[:, :, None] * np.eye(residual.shape[1])
         spread = spread + np.matmul(moved, np.swapaxes(lines, -1, -2))
         wider = spread + (tails**2 - 1.0) * np.eye(residual.shape[1])
-        squared = np.einsum("nk,nk->n", residual, np.linalg.solve(wider, residual[..., None])[..., 0])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)
-        p_value[part] = chi2.sf(squared, residual.shape[1])
+        p_value[part] = chi2.sf(squared_distances(residual, wider), residual.shape[1])
     return PredictedRows(variance, p_value)

@@ -93,6 +93,11 @@ class RowsAtJoints(ABC):
     def quantities(self) -> tuple[str, ...]:
         """See `Rows`."""
 
+    @property
+    def of_length(self) -> Bools:
+        """Which of the k numbers of a row are lengths, mm; the others are angles."""
+        return np.array([quantity != "rotation" for quantity in self.quantities])
+
     @abstractmethod
     def residual(self, state: State) -> Floats:
         """See `Rows`."""

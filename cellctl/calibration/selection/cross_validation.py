@@ -73,8 +73,7 @@ class Folded:
         system = System.of(unknowns, deviations, rows, certain)
         mm = np.zeros(linear.away.shape)
         for block, mine, _ in rows.parts():
-            lengths = np.array([quantity != "rotation" for quantity in block.quantities])
-            mm[mine, : len(lengths)] = block.sigma * lengths
+            mm[mine, : len(block.quantities)] = block.sigma * block.of_length
         own = tuple((test, _normals(linear, test)) for test in folds)
         return cls(linear, system, mm, own, registering[unknowns.free])
 

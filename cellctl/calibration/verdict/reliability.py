@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import binom, chi2
 
 from cellctl.calibration.estimation.identify import Identification, Weights, certain
+from cellctl.calibration.estimation.linear import squared_distances
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.residuals.posture_basis import PostureBasis
@@ -86,7 +87,7 @@ def mostly_outside(measured: Floats, predicted: Floats) -> bool:
 
 def _axes(rows: RowBlocks) -> int:
     """How many axes a row's error has: 3 of a point, 1 of a distance."""
-    return max((sum(name != "rotation" for name in block.quantities) for block in rows.blocks if len(block)), default=1)
+    return max((int(block.of_length.sum()) for block in rows.blocks if len(block)), default=1)
 
 
 def _scatter(found: Identification, used: RowBlocks) -> float:
@@ -95,7 +96,7 @@ def _scatter(found: Identification, used: RowBlocks) -> float:
     """
     excess = []
     for block, _, own in used.parts():
-        lengths = np.array([name != "rotation" for name in block.quantities])
+        lengths = block.of_length
         if len(block) and lengths.any():
             grown = np.maximum(found.noise[own][lengths] ** 2 - 1.0, 0.0)
             excess.append(float(np.mean(grown * block.sigma[:, lengths] ** 2)))
@@ -106,10 +107,6 @@ def _far_sigma(found: Identification) -> float:
     """1 σ on each axis, mm, of the model's own residual models where nothing was measured; 0 without any."""
     unknowns, models = found.identified.unknowns, found.identified.state.model.residual_models
     return math.hypot(*(each.far_sigma(unknowns.sigma[unknowns.among(frozenset({each.group}))]) for each in models))
-
-
-def _squares(residual: Floats, covariance: Floats) -> Floats:
-    return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
 
 
 def _tails(predicted: Predicted, noise: Floats) -> float:
@@ -124,7 +121,7 @@ def _tails(predicted: Predicted, noise: Floats) -> float:
     added = own[:, :, None] * np.eye(own.shape[1])
 
     def inside(factor: float) -> int:
-        return int(np.count_nonzero(_squares(residual, covariance + (factor**2 - 1.0) * added) <= limits))
+        return int(np.count_nonzero(squared_distances(residual, covariance + (factor**2 - 1.0) * added) <= limits))
 
     if binom.cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
         return 1.0
@@ -149,7 +146,7 @@ def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> flo
     best, chosen = -np.inf, most
     for tried in most * np.append(0.0, np.geomspace(0.01, 1.0, STEPS)):
         whole = covariance + tried**2 * added
-        fit = -0.5 * float(np.sum(_squares(residual, whole) + np.linalg.slogdet(whole)[1]))
+        fit = -0.5 * float(np.sum(squared_distances(residual, whole) + np.linalg.slogdet(whole)[1]))
         if fit > best:
             best, chosen = fit, float(tried)
     return chosen
