@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _READ_BOUND_S = 0.05
 """Wall time after which a read with nothing to read returns, so that the thread can be ended."""
 _WRITE_BOUND_S = 0.2
-"""Wall time after which a line that cannot be sent says that nobody takes it."""
+"""Wall time after which a line that cannot be sent counts as lost: nothing reads it."""
 
 _CURES = {
     errno.ENOENT: "is the {device} plugged in? `ls /dev/serial/by-id` shows the ports that are there",
@@ -36,7 +36,7 @@ _BAUDS = range(1200, 4_000_001)
 @final
 @dataclass(frozen=True, slots=True)
 class SerialPlace:
-    """What a device's address says of its port: `path` (`/dev/ttyACM0`), `baud`; `example`: a right address."""
+    """The port in a device's address: `path` (`/dev/ttyACM0`), `baud`; `example`: a right address."""
 
     path: str
     baud: int
@@ -83,7 +83,7 @@ class SerialPort:
             _, ready, _ = select.select([], [line], [], _WRITE_BOUND_S)
             if not ready:
                 raise TimeoutError("write timeout")
-            with suppress(BlockingIOError):  # somebody else was quicker: wait anew
+            with suppress(BlockingIOError):  # another reader was first: wait again
                 data = data[os.write(line, data) :]
 
     def waiting(self) -> bool:
@@ -106,7 +106,7 @@ class SerialPort:
 
 def open_port(device: str, place: SerialPlace) -> SerialPort:
     """Open the port of `device` exclusively. Raises DeviceUnreachable, with the cure."""
-    import termios  # lazily, as it and pyserial are for those alone who talk to a port
+    import termios  # lazily, as it and pyserial are only needed where a port is opened
 
     from serial import Serial
 

@@ -31,7 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m sims", description="The hardware of a cell, simulated.")
     verbs = parser.add_subparsers(required=True, metavar="run|check|truth|schema")
     _add_run(verbs.add_parser("run", help="stand in for the hardware of a cell file that has a simulate: section"))
-    _add_check(verbs.add_parser("check", help="every mistake in a cell file, as JSON; starts nothing"))
+    _add_check(verbs.add_parser("check", help="every error in a cell file, as JSON; starts nothing"))
     _add_truth(verbs.add_parser("truth", help="the simulated robot's true tool centre point at given joints"))
     schema = verbs.add_parser("schema", help="the JSON Schema of the simulate: section, all installed simulators in it")
     schema.set_defaults(do=_schema)
@@ -46,7 +46,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--parent", type=int, metavar="PID", help="end when this process is gone")
     run.add_argument("--truth-log", type=Path, help="a JSON line per contact, for tests")
     run.add_argument("--state", type=Path, help="file in which the cell remembers where it stands, from run to run")
-    run.add_argument("--wait-for-host", action="store_true", help="lockstep: time stands at 0 until a host attaches")
+    run.add_argument("--wait-for-host", action="store_true", help="lockstep: time stays at 0 until a host attaches")
     run.set_defaults(do=_run)
 
 
@@ -70,7 +70,7 @@ def _run(asked: argparse.Namespace) -> None:
 
 
 def _check(asked: argparse.Namespace) -> int:
-    """Print the mistakes as a JSON list of texts, each begun by the value's path in the file; 2 where there are any."""
+    """Print the errors as a JSON list of texts, each begun by the value's path in the file; 2 where there are any."""
     try:
         read_cell(asked.cell, to_run=True)
     except CellError as error:

@@ -34,7 +34,7 @@ ERRORS = {
 
 
 class CellError(Exception):
-    """The cell cannot be simulated as its files stand; the text is one block that names every mistake."""
+    """The cell cannot be simulated as its files stand; the text is one block that names every error."""
 
     def __init__(self, path: Path, problems: list[str]) -> None:
         self.problems = problems
@@ -116,7 +116,7 @@ class SimCell:
 
 
 def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
-    """The cell of a cell file that has a `simulate:` section. Raises CellError, with every mistake of both files.
+    """The cell of a cell file that has a `simulate:` section. Raises CellError, with every error of both files.
 
     `to_run`: each of its devices must have a simulator.
     """
@@ -168,7 +168,7 @@ def _load(path: Path) -> Any:
 
 
 def _load_model(cell: Path, model: str, problems: list[str]) -> Any:
-    """The robot file's content; what keeps it from being read is a mistake of the cell like another."""
+    """The robot file's content; what keeps it from being read is an error of the cell like another."""
     if not model:
         return None
     try:

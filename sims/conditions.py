@@ -12,7 +12,7 @@ REFERENCE_C = 20.0
 @final
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """How a pose was come to, and in what state.
+    """How a pose was approached, and in what state.
 
     `directions`: which way each joint's reading moved last: 1, −1, or 0 (the middle of its play); none given: all 0.
     `temperature_c`: of all links, °C. `payload_kg`: hung on the tool centre point, besides the tool.

@@ -60,7 +60,7 @@ class ControlPort:
         return f"{host}:{port}"
 
     def wait_for_host(self) -> None:
-        """Let T stand at 0 until a host attaches (lockstep)."""
+        """Keep T at 0 until a host attaches (lockstep)."""
         self._awaited = self.kernel.hold("host", FOR_EVER_NS)
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class ControlPort:
         self._listener.close()
 
     def answer(self, connection: Connection, request: dict[str, Any]) -> dict[str, Any] | None:
-        """Do what is asked; None where nothing is to be said. Raises Refused."""
+        """Do what is asked; None where there is no answer. Raises Refused."""
         match request:
             case {"tock": int(time_ns)}:
                 connection.tocked(time_ns, _counts(request.get("wires", {})))

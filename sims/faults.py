@@ -1,4 +1,4 @@
-"""Faults: what goes wrong, and when. The devices' simulators ask whether one is active, or are told when it starts.
+"""Faults: what goes wrong, and when. The devices' simulators ask whether one is active, or are called when it starts.
 
 A fault starts at a time of the cell, or at an event, which a device's simulator announces by its name.
 """

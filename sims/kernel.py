@@ -26,6 +26,8 @@ class HasFileno(Protocol):
 File = int | HasFileno
 
 
+BUSY_NS = 60_000_000_000
+"""How long a peer that reported that it computes may be silent, of wall time; its end closes its line at once."""
 PATIENCE_NS = 10_000_000_000
 """Wall time after which a peer that does not answer is taken for dead. One that ends hangs up and is not waited for."""
 
@@ -86,8 +88,8 @@ class Hold:
         return self._held is not None
 
     def extend(self) -> None:
-        """The peer says that it is still at work: its patience begins anew."""
-        self.deadline_ns = time.monotonic_ns() + PATIENCE_NS
+        """The peer reports that it is at work: on a busy machine it may then be silent for up to `BUSY_NS`."""
+        self.deadline_ns = time.monotonic_ns() + BUSY_NS
 
     def release(self) -> None:
         """The awaited answer is there. Twice is once."""

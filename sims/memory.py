@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TextIO, TypeVar, final
 
 Part = Mapping[str, Any]
-"""What one part of the cell has to tell, as JSON has it."""
+"""The state of one part of the cell, as JSON."""
 
 
 PATIENCE_S = 10.0
@@ -29,7 +29,7 @@ class BadMemory(ValueError):
 
 @final
 class Memory:
-    """Each part of the cell says what it has to remember with `keep`, and finds what it said last with `recall`.
+    """Each part of the cell registers its state with `keep`, and finds its last state with `recall`.
 
     `path`: the file, loaded where it exists; None remembers nothing. `whose`: what the memory belongs to; a file that
     says otherwise is refused. Raises BadMemory, OSError.
@@ -43,7 +43,7 @@ class Memory:
         self._parts: dict[str, Callable[[], Part]] = {}
 
     def recall(self, part: str, read: Callable[[Any], Recalled]) -> Recalled | None:
-        """What `part` told last, as `read` makes it out; None where nobody remembers. Raises BadMemory."""
+        """The last state of `part`, as `read` reads it; None where there is none. Raises BadMemory."""
         if part not in self._recalled:
             return None
         try:
@@ -51,12 +51,12 @@ class Memory:
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             raise BadMemory(f"{self._path} is damaged: {part}: {error!r}") from None
 
-    def keep(self, part: str, tell: Callable[[], Part]) -> None:
-        """From now on each `save` writes what `tell` says of `part`."""
-        self._parts[part] = tell
+    def keep(self, part: str, state: Callable[[], Part]) -> None:
+        """From now on each `save` writes the `state` of `part`."""
+        self._parts[part] = state
 
     def save(self) -> None:
-        """Write what every part tells now. Where that fails, say so once: a robot does not stop for a full disk."""
+        """Write the state of every part. A failure is reported once: a robot does not stop for a full disk."""
         try:
             self.write()
         except OSError as error:
@@ -71,7 +71,7 @@ class Memory:
         """
         if self._path is None:
             return
-        text = json.dumps({"cell": self._whose, **{part: tell() for part, tell in self._parts.items()}})
+        text = json.dumps({"cell": self._whose, **{part: state() for part, state in self._parts.items()}})
         unfinished = self._path.with_name(f".{self._path.name}.new")
         unfinished.write_text(text, encoding="utf-8")
         unfinished.replace(self._path)
@@ -99,7 +99,7 @@ def sole_user(path: Path | None) -> Iterator[None]:
 
 
 def _holder(lock: TextIO) -> str:
-    """The process named in the lock's file, with its command line where this system tells it."""
+    """The process named in the lock's file, with its command line where this system gives it."""
     lock.seek(0)
     process = lock.read().strip()
     try:
@@ -119,18 +119,18 @@ def _taken(lock: int) -> bool:
 
 def _load(path: Path, whose: Part) -> dict[str, Any]:
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        state = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise BadMemory(f"{path} is damaged: {error}") from None
-    if not isinstance(told, dict) or not isinstance(told.get("cell"), dict):
+    if not isinstance(state, dict) or not isinstance(state.get("cell"), dict):
         raise BadMemory(f"{path} is not a simulated cell's memory")
-    if told["cell"] != whose:
+    if state["cell"] != whose:
         raise BadMemory(
-            f"{path} is the memory of another cell: {_said(told['cell'])}; this one is {_said(whose)}. "
+            f"{path} is the memory of another cell: {_described(state['cell'])}; this one is {_described(whose)}. "
             "Delete it to begin anew, or name another file"
         )
-    return told
+    return state
 
 
-def _said(whose: Part) -> str:
+def _described(whose: Part) -> str:
     return ", ".join(f"{key} {value}" for key, value in whose.items())

@@ -96,7 +96,7 @@ class RobotFile:
 
 
 def read_robot(section: Section) -> RobotFile:
-    """The robot of a robot file; mistakes are noted in the section's problems."""
+    """The robot of a robot file; errors are noted in the section's problems."""
     convention = section.word("convention", among=[HAYATI, CRAIG, POE])
     by_axes = convention == POE
     links = tuple(_link(link) for link in section.each("links", required=not by_axes))

@@ -30,7 +30,7 @@ from sims.wires import Wire
 class Settings:
     """What the command line says besides the cell: seed and clock win over the cell file's. `state`: its memory.
 
-    `wait_for_host`: in lockstep, T stands at 0 until a host attaches.
+    `wait_for_host`: in lockstep, T stays at 0 until a host attaches.
     """
 
     seed: int | None = None

@@ -1,4 +1,4 @@
-"""Typed looks into a YAML mapping, which collect every mistake instead of stopping at the first."""
+"""Typed looks into a YAML mapping, which collect every error instead of stopping at the first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _WORDS = {3: "three"}
 
 @final
 class Section:
-    """A mapping at a place (`simulate.rsi`) of a file. A mistake is noted in `problems`; something harmless given."""
+    """A mapping at a place (`simulate.rsi`) of a file. An error is noted in `problems`; something harmless given."""
 
     def __init__(self, value: object, where: str, problems: list[str]) -> None:
         self.where = where
@@ -28,7 +28,7 @@ class Section:
         return f"{self.where}.{key}" if self.where else key
 
     def note(self, key: str, what: str) -> None:
-        """A mistake at `key`."""
+        """An error at `key`."""
         self.problems.append(f"{self.place(key)}: {what}")
 
     def only(self, known: Iterable[str]) -> None:

@@ -27,7 +27,7 @@ class Setting:
     what: str = ""
 
     def read(self, section: Section) -> Any:
-        """Its value in a section of the cell file; mistakes are noted there."""
+        """Its value in a section of the cell file; errors are noted there."""
         if section.entries.get(self.name) is None:
             return self.default
         if self.kind == "word":
@@ -61,7 +61,7 @@ FOR_MS = Setting("for_ms", "number", None, 0.0, what="Without it a fault stays."
 @final
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A fault that there can be. `momentary`: it happens and is over, only its start is told."""
+    """A fault that there can be. `momentary`: it happens and is over, only its start is reported."""
 
     name: str
     what: str
@@ -70,6 +70,6 @@ class FaultKind:
 
 
 def read_settings(settings: tuple[Setting, ...], section: Section) -> dict[str, Any]:
-    """Name → value of each setting; mistakes, and unknown keys, are noted in the section."""
+    """Name → value of each setting; errors, and unknown keys, are noted in the section."""
     section.only(setting.name for setting in settings)
     return {setting.name: setting.read(section) for setting in settings}

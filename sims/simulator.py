@@ -65,7 +65,7 @@ class Started(Protocol):
         """Hang up, and let go of ports and terminals."""
 
 
-def _no_mistakes(address: str) -> list[str]:
+def _no_errors(address: str) -> list[str]:
     return []
 
 
@@ -75,7 +75,7 @@ class Simulator:
     """One kind of device. Importing it costs nothing: `start` imports the rest.
 
     `schemes`: of the addresses that it stands in for. `start` raises CannotStart, BadMemory. `section`: the key of its
-    `settings` in `simulate:`. `address_mistakes`: what is wrong with an address. `events`: name → when the simulator
+    `settings` in `simulate:`. `address_errors`: what is wrong with an address. `events`: name → when the simulator
     announces it to the fault schedule (`faults.announce`). `most`: how many of the kind a cell may have; None: any.
     """
 
@@ -85,7 +85,7 @@ class Simulator:
     settings: tuple[Setting, ...] = ()
     faults: tuple[FaultKind, ...] = ()
     events: Mapping[str, str] = field(default_factory=dict)
-    address_mistakes: Callable[[str], list[str]] = _no_mistakes
+    address_errors: Callable[[str], list[str]] = _no_errors
     most: int | None = 1
 
 

@@ -50,7 +50,7 @@ class Simulators:
                 scheme, known = urlsplit(address).scheme, " and ".join(sorted(self._by_scheme))
                 found.append(f"devices.{device}: there is no simulator for '{scheme}', only for {known}")
             else:
-                found += [f"devices.{device}: {mistake}" for mistake in one.address_mistakes(address)]
+                found += [f"devices.{device}: {error}" for error in one.address_errors(address)]
         for one in self.all:
             devices = [device for device, address in addresses.items() if self.of(address) is one]
             if one.most is not None and len(devices) > one.most:
@@ -70,7 +70,7 @@ def installed() -> Simulators:
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
             description = point.load()
-        except Exception as error:  # another package's code: whatever it raises is said, with its name
+        except Exception as error:  # another package's code: whatever it raises is reported, with its name
             raise BadSimulator(f"the simulator '{point.name}' ({point.value}) cannot be loaded: {error!r}") from error
         if not isinstance(description, Simulator):
             raise BadSimulator(f"the simulator '{point.name}' ({point.value}) is no sims.simulator.Simulator")

@@ -8,7 +8,7 @@ from cellctl.cli.ends import SHOWN
 from cellctl.devices.cell import Cell
 
 
-def say_warnings(cell: Cell) -> None:
+def show_warnings(cell: Cell) -> None:
     """Say what in the cell file is allowed and probably not meant; nothing where all is well."""
     count = len(cell.warnings)
     if count:

@@ -26,7 +26,7 @@ def check(
 
     Example: cellctl check sphere_selfcal
     """
-    from cellctl.cli.cell_warnings import say_warnings
+    from cellctl.cli.cell_warnings import show_warnings
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.files import InputError
     from cellctl.operations.campaign import load_campaign
@@ -37,7 +37,7 @@ def check(
     except InputError as error:
         write_json({"procedure": str(procedure), "mistakes": _listed(error.problems)}, json_)
         raise
-    say_warnings(campaign.cell)
+    show_warnings(campaign.cell)
     devices = sorted(campaign.cell.addresses)
     if json_ != "-":
         typer.echo(f"{procedure}: no mistakes found (cell '{campaign.cell.name}': {', '.join(devices)}).")

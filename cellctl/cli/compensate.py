@@ -35,7 +35,7 @@ def compensate(
     """
     from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
     from cellctl.formats import DataSet, ModelFile
-    from cellctl.formats.table_making import foreseen, sigma_among_rows
+    from cellctl.formats.table_making import sigma_among_rows, table_figures
     from cellctl.formats.targets import read_targets
     from cellctl.operations.learnt_on import learnt_on
 
@@ -44,7 +44,7 @@ def compensate(
     identified = ModelFile.load(model)
     wanted = read_targets(DataSet.load(targets), identified.robot)
     table = _table(identified, wanted, str(targets), method, learnt_on(model, identified, serial))
-    figures = {**foreseen(table), "sigma_among_rows_mm": sigma_among_rows(identified, table)}
+    figures = {**table_figures(table), "sigma_among_rows_mm": sigma_among_rows(identified, table)}
     if out:
         table.save(out)
         if json_ != "-":
@@ -57,7 +57,7 @@ def compensate(
 def _refuse(method: str, out: Path | None, json_: str | None) -> None:
     from cellctl.files import InputError, Problem
 
-    known = ("pseudo-target",)  # not imported from the mathematics: a mistake in the call is told without loading it
+    known = ("pseudo-target",)  # not imported from the mathematics: an error in the call is told without loading it
     problems = []
     if method not in known:
         problems.append(Problem("--method", 0, 0, f"'{method}' is not known, or not ready yet", " or ".join(known)))
@@ -121,12 +121,12 @@ def _outside(model: ModelFile, wanted: Targets, file: str, table: TableFile) -> 
     ]
 
 
-def _words(table: TableFile, said: dict[str, Any], out: Path) -> str:
-    before, after, sigma = (said[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
-    among = said["sigma_among_rows_mm"]
+def _words(table: TableFile, figures: dict[str, Any], out: Path) -> str:
+    before, after, sigma = (figures[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    among = figures["sigma_among_rows_mm"]
     return (
-        f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {said['rows']} rows, "
-        f"joints corrected by up to {said['max_correction_deg']:.3f}°.\n"
+        f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {figures['rows']} rows, "
+        f"joints corrected by up to {figures['max_correction_deg']:.3f}°.\n"
         f"Foreseen, in the model's frame: {before['mean']:.3f} mm off (mean; max {before['max']:.3f}) "
         f"with nominal joints, {after['mean']:.4f} mm with these.\n"
         f"1 σ of the model (RMS): {sigma['rms']:.3f} mm in its frame"

@@ -62,9 +62,9 @@ def exit_code_of(call: Callable[[], object]) -> int:
     except typer.Exit as end:
         return end.exit_code
     except typer.Abort:
-        return _said("aborted", Exit.ABORTED)
+        return _ended("aborted", Exit.ABORTED)
     except (KeyboardInterrupt, Interrupted):
-        return _said("aborted by the operator", Exit.ABORTED)
+        return _ended("aborted by the operator", Exit.ABORTED)
     except Exception as error:
         return _ended_by(error)
 
@@ -77,21 +77,21 @@ def _ended_by(error: Exception) -> int:
 
     match error:
         case InputError():
-            return _said(_mistakes(error), Exit.BAD_INPUT)
+            return _ended(errors_text(error), Exit.BAD_INPUT)
         case DeviceUncertain():
-            return _said(str(error), Exit.UNCERTAIN)
+            return _ended(str(error), Exit.UNCERTAIN)
         case DeviceUnreachable():
-            return _said("\n    ".join([str(error), *_notes(error)]), Exit.DEVICE_FAILED)
+            return _ended("\n    ".join([str(error), *_notes(error)]), Exit.DEVICE_FAILED)
         case DeviceError():
-            return _said(str(error), Exit.DEVICE_FAILED)
+            return _ended(str(error), Exit.DEVICE_FAILED)
         case JournalError():
-            return _said(str(error), Exit.BAD_INPUT)
+            return _ended(str(error), Exit.BAD_INPUT)
         case _:
             return _other(error)
 
 
-def _mistakes(error: InputError) -> str:
-    """How many there are, and the first of them."""
+def errors_text(error: InputError) -> str:
+    """How many errors there are, the first of them, and what holds for all."""
     count = len(error.problems)
     lines = [", ".join([f"{count} mistake{'s' * (count > 1)}", *_notes(error)])]
     lines += [str(problem) for problem in error.problems[:SHOWN]]
@@ -109,16 +109,16 @@ def _other(error: Exception) -> int:
     if show:
         context = getattr(error, "ctx", None)
         usage = f"\n    {context.get_usage()}" if context else ""
-        return _said(show() + usage, Exit.BAD_INPUT)
+        return _ended(show() + usage, Exit.BAD_INPUT)
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
-        return _said(f"{where}{error.strerror or error}", Exit.BAD_INPUT)
+        return _ended(f"{where}{error.strerror or error}", Exit.BAD_INPUT)
     if os.environ.get("CELLCTL_DEBUG"):
         traceback.print_exc()
     what = f"a mistake in cellctl itself: {type(error).__name__}: {error}"
-    return _said(f"{what}\n    run again with --debug and report the traceback", Exit.DEVICE_FAILED)
+    return _ended(f"{what}\n    run again with --debug and report the traceback", Exit.DEVICE_FAILED)
 
 
-def _said(text: str, code: Exit) -> int:
+def _ended(text: str, code: Exit) -> int:
     print(f"cellctl: {text}", file=sys.stderr)
     return code

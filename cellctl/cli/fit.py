@@ -77,7 +77,7 @@ def fit(
     from cellctl.calibration import fit as fitted
     from cellctl.cli.fit_progress import shown_progress
     from cellctl.cli.fit_split import split_of
-    from cellctl.cli.fit_words import name_rows, say
+    from cellctl.cli.fit_words import name_rows, show
     from cellctl.cli.outputs import write_json
     from cellctl.formats import ModelFile, fit_report
     from cellctl.formats.measurements import refuse_alike
@@ -87,7 +87,7 @@ def fit(
     measured = _measured(files, asked)
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
-    if check and not asked.free_groups:  # what is free may be as far off as a mistake would put it
+    if check and not asked.free_groups:  # what is free may be as far off as an error would put it
         with shown_progress("check") as progress:
             refuse_setup_errors(measured, SetupFiles(files.document, data, artefact), NO_CHECK, progress)
     with shown_progress("fit") as progress:
@@ -106,7 +106,7 @@ def fit(
     with unwritten.noted():
         write_json({**report, "seconds": round(time.perf_counter() - began, 3)}, json_)
     if json_ != "-":
-        say(report)
+        show(report)
     name_rows(report)
     unwritten.refuse()
     if report["verdict"] != "better":
@@ -127,7 +127,7 @@ class _Files:
 
     @classmethod
     def of(cls, robot: Path, data: Path, asked: Asked) -> _Files:
-        """All files, with all mistakes in them at once."""
+        """All files, with all errors in them at once."""
         from cellctl.files import sha256_of
         from cellctl.formats import DataSet, ModelFile, load_artefact
 
@@ -160,7 +160,7 @@ def _robot(path: Path) -> tuple[Document, RobotFile]:
 
 
 def _is_robot(path: Path) -> bool:
-    """Whether a file holds a robot, whatever mistakes are in it."""
+    """Whether a file holds a robot, whatever errors are in it."""
     try:
         content = load_yaml(path).data
     except InputError:

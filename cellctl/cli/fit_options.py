@@ -1,4 +1,4 @@
-"""What `cellctl fit` was asked for: every mistake in the options at once, and what they come to."""
+"""What `cellctl fit` was asked for: every error in the options at once, and what they come to."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def spacing_of(words: str) -> Spacing:
 
 
 def option(name: str, what: str, cure: str) -> Problem:
-    """A mistake in an option."""
+    """An error in an option."""
     return Problem(f"--{name}", 0, 0, what, cure)
 
 

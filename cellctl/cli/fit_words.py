@@ -18,7 +18,7 @@ _CAUSES = 5
 _LETTERS = 160
 
 
-def say(report: dict[str, Any]) -> None:
+def show(report: dict[str, Any]) -> None:
     """The figures as a table, what cannot be seen, mastering offsets, and the verdict as the last line."""
     from rich.console import Console
 

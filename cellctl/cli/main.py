@@ -8,7 +8,7 @@ def main() -> None:
     try:  # the imports take a while, and Ctrl-C does not wait for them
         import signal
 
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # whoever handles that one
         from cellctl.cli import ends, streams
         from cellctl.cli.verbs import app
 

@@ -36,10 +36,11 @@ def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) ->
 
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.engine.status import status_of
+    from cellctl.procedure import StepRegistry
 
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])
-    found = status_of(folder)
+    found = status_of(folder, StepRegistry.installed())
     if json_:
         write_json(asdict(found), json_)
         return
@@ -153,8 +154,8 @@ def _lines(found: Status) -> list[str]:
     lines = [f"{found.run}: {found.state}" + (f", process {found.process}" if found.process else "")]
     lines += [f"  held by    {found.held_by}"] if found.held_by else []
     lines += [f"  interlock  {text}" for text in found.broken if text != found.held_by]
-    lines += [f"  step       {found.step}"] if found.step else []
+    lines += [f"  step       {found.step}{f' ({found.phase})' if found.phase else ''}"] if found.step else []
     lines.append(f"  done       {found.done} of {found.total} steps{share}")
-    lines += [f"  left       {time_left(found.left_s)} in this loop"] if found.left_s is not None else []
+    lines += [f"  left       {time_left(found.left_s)}"] if found.left_s is not None else []
     lines += [f"  message    {found.message}"] if found.message else []
     return [*lines, *([f"  CONFIRM    {found.confirm}  (`cellctl confirm`)"] if found.confirm else [])]

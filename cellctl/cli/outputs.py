@@ -16,7 +16,7 @@ from cellctl.files import InputError, Problem, is_stream, write_atomically
 
 def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[Path | None]) -> None:
     """Raise InputError where an output (by its option; None is none) cannot be a file, is one of the `inputs`, or is
-    given twice. `-` is stdout for the JSON, and a mistake elsewhere.
+    given twice. `-` is stdout for the JSON, and an error elsewhere.
     """
     wanted = {option: Path(path) for option, path in outputs.items() if path is not None}
     if str(wanted.get("--json")) == "-":

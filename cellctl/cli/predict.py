@@ -54,7 +54,7 @@ def predict(
     if extrapolated:
         seen = f"{extrapolated} of {len(readings)} rows lie outside the joints of the fit (seen = 0)"
         typer.echo(f"cellctl: {seen}: their σ is wider by what the model may be wrong by there", err=True)
-    for words in _unsaid(identified, at):
+    for words in _assumed(identified, at):
         typer.echo(f"cellctl: {words}", err=True)
 
 
@@ -78,7 +78,7 @@ def _predicted(model: ModelFile, readings: Floats, at: Postures) -> tuple[str, i
     return text_of(rows), int(np.count_nonzero(~seen))
 
 
-def _unsaid(model: ModelFile, at: Postures) -> list[str]:
+def _assumed(model: ModelFile, at: Postures) -> list[str]:
     """Conditions that the model knows effects of, and the rows do not have."""
     return [words for effect in model.robot_model().effects for words in effect.lacks(at)]
 

@@ -32,27 +32,29 @@ def run(
 
     Example: cellctl run sphere_selfcal --seed 3 --json result.json
     """
-    from cellctl.cli.cell_warnings import say_warnings
+    from cellctl.cli.cell_warnings import show_warnings
     from cellctl.cli.confirming import ConfirmingAtTerminal, interactive
     from cellctl.cli.ends import NOTHING_MOVED, adding
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.cli.progress import progress
-    from cellctl.cli.run_end import exit_of, keep_json, report_of, say_end
+    from cellctl.cli.run_end import exit_of, keep_json, report_of, show_end
     from cellctl.operations.campaign import load_campaign
     from cellctl.operations.launch import Options
     from cellctl.operations.parent import parent_of_run
     from cellctl.operations.start import new_run, run_to_resume
+    from cellctl.operations.system import require_cells
 
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
     with adding(NOTHING_MOVED):
+        require_cells()
         _refuse(resume, acknowledge, seed, clock)
         extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)
         options = Options(seed, clock, extra, None, acknowledge, parent, confirm_all, asking)
         refuse_outputs({"--json": json_}, [procedure, cell])
         campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
         refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
-        say_warnings(campaign.cell)
+        show_warnings(campaign.cell)
         if resume:
             prepared = run_to_resume(campaign, runs, resume, set_ or [], options)
         else:
@@ -61,7 +63,7 @@ def run(
         typer.echo(f"cellctl: {prepared.table}", err=True)
     with adding(NOTHING_MOVED), progress(campaign, prepared.folder, quiet=to_stdout) as watcher:
         outcome, result = prepared.carry_out(watcher)
-    say_end(outcome, result, prepared.folder, quiet=to_stdout)
+    show_end(outcome, result, prepared.folder, quiet=to_stdout)
     keep_json(result, json_, prepared.folder)
     report_of(prepared.folder)
     raise typer.Exit(exit_of(outcome))

@@ -5,18 +5,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cellctl.cli.ends import Exit
+from cellctl.cli.ends import Exit, errors_text
 from cellctl.cli.outputs import write_json
-from cellctl.engine import Outcome, State
+from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
 from cellctl.journal import JournalError, RunResult, fold, read_journal
 from cellctl.operations.results import table_line
-
-_BY_STATE = {
-    State.ABORTED: Exit.ABORTED,
-    State.FAILED: Exit.DEVICE_FAILED,
-    State.UNCERTAIN: Exit.UNCERTAIN,
-}
 
 
 def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
@@ -40,13 +34,21 @@ def report_of(folder: Path) -> None:
 
 def exit_of(outcome: Outcome) -> Exit:
     """The exit code of a run's end."""
-    if outcome.state is not State.FINISHED:
-        return Exit.BAD_INPUT if isinstance(outcome.error, InputError) else _BY_STATE[outcome.state]
-    better = outcome.verdict is None or outcome.verdict.better
-    return Exit.GOOD if better else Exit.NOT_BETTER
+    match outcome.state, outcome.error:
+        case State.FINISHED, _:
+            better = outcome.verdict is None or outcome.verdict.better
+            return Exit.GOOD if better else Exit.NOT_BETTER
+        case State.UNCERTAIN, _:
+            return Exit.UNCERTAIN
+        case _, InputError():
+            return Exit.BAD_INPUT
+        case State.ABORTED, error if not isinstance(error, AbortedByInterlock):
+            return Exit.ABORTED
+        case _:
+            return Exit.DEVICE_FAILED
 
 
-def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
+def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
     """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
@@ -55,14 +57,15 @@ def say_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -
             for line in result.lines:
                 print(line)
             print(f"Run folder: {folder}")
-        if said := table_line(state, folder, only_unproved=True):
-            print(f"cellctl: {said}", file=sys.stderr)
+        if pushed := table_line(state, folder, only_unproved=True):
+            print(f"cellctl: {pushed}", file=sys.stderr)
         return
-    lines = [f"cellctl: run {outcome.state.value}: {outcome.error or 'the clean-up did not succeed'}"]
+    error = errors_text(outcome.error) if isinstance(outcome.error, InputError) else outcome.error
+    lines = [f"cellctl: run {outcome.state.value}: {error or 'the clean-up did not succeed'}"]
     lines += [f"    {trouble}" for trouble in outcome.troubles]
     lines.append(f"    {_where_the_robot_is(outcome)}")
-    if said := table_line(state, folder):
-        lines.append(f"    {said}")
+    if pushed := table_line(state, folder):
+        lines.append(f"    {pushed}")
     lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
 

@@ -116,7 +116,9 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
     ]
     if summary["process"]:
         lines.append(f"  run by     process {summary['process']}")
-    lines += [f"  {name:10} {who['model']}, serial {who['serial']}" for name, who in state.identities.items()]
+    lines += [
+        f"  {name:10} {identity['model']}, serial {identity['serial']}" for name, identity in state.identities.items()
+    ]
     attempts = f"attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
     lines.append(f"  points     {summary['points']} measured; {attempts}")
     if summary["sentence"]:

@@ -45,14 +45,14 @@ def push(
     file = TableFile.load(table)
     place = TableCell.load(cell, seed, state)
 
-    async def work(store: TableStore, who: Any) -> dict[str, Any]:
-        return await push_checked(store, who, file, table, place)
+    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
+        return await push_checked(store, identity, file, table, place)
 
     with adding("nothing was written"):
         result = _on(place, work)
     if place.cell.simulated and state is None:
         typer.echo("cellctl: the simulated controller has forgotten it again: --state FILE is its memory", err=True)
-    _say(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
+    _show(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
 
 
 @app.command()
@@ -75,15 +75,15 @@ def show(
     refuse_outputs({"--json": json_}, [table, cell, state])
     if table:
         file = TableFile.load(table)
-        _say(json_, file.model_dump(), table_words(file))
+        _show(json_, file.model_dump(), table_words(file))
         return
     assert cell is not None
 
-    async def work(store: TableStore, who: Any) -> dict[str, Any]:
-        return {"serial": who.serial, **state_of(await store.table_state())}
+    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
+        return {"serial": identity.serial, **state_of(await store.table_state())}
 
     result = _on(TableCell.load(cell, seed, state), work)
-    _say(json_, result, state_words(result))
+    _show(json_, result, state_words(result))
 
 
 @app.command()
@@ -107,11 +107,11 @@ def verify(
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(TableFile.load(table))
 
-    async def work(store: TableStore, who: Any) -> dict[str, Any]:
-        found = differences(wanted, who.serial, await store.read_table())
+    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
+        found = differences(wanted, identity.serial, await store.read_table())
         return {
             "id": wanted.id,
-            "serial": who.serial,
+            "serial": identity.serial,
             "rows": len(wanted.rows),
             "same": not found,
             "differences": found,
@@ -119,7 +119,7 @@ def verify(
 
     result = _on(TableCell.load(cell, seed, state), work)
     same = f"Table {wanted.id[:12]} is in force on {result['serial']}, all {result['rows']} rows as in the file."
-    _say(json_, result, same if result["same"] else "\n".join(["Not the table in force:", *result["differences"]]))
+    _show(json_, result, same if result["same"] else "\n".join(["Not the table in force:", *result["differences"]]))
     if not result["same"]:
         raise typer.Exit(Exit.NOT_BETTER)
 
@@ -137,11 +137,11 @@ def rollback(
 
     refuse_outputs({"--json": json_}, [cell, state])
 
-    async def work(store: TableStore, who: Any) -> dict[str, Any]:
-        return {"serial": who.serial, **state_of(await store.rollback_table())}
+    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
+        return {"serial": identity.serial, **state_of(await store.rollback_table())}
 
     result = _on(TableCell.load(cell, seed, state), work)
-    _say(json_, result, state_words(result))
+    _show(json_, result, state_words(result))
 
 
 def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) -> Result:
@@ -149,8 +149,8 @@ def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) 
     import asyncio
 
     async def go() -> Result:
-        async with place.connected() as (store, who):
-            return await work(store, who)
+        async with place.connected() as (store, identity):
+            return await work(store, identity)
 
     return asyncio.run(go())
 
@@ -162,7 +162,7 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
         raise InputError(Problem("cellctl table show", 0, 0, "shows one thing", "a table file, or --cell CELL"))
 
 
-def _say(json_: str | None, result: dict[str, Any], words: str) -> None:
+def _show(json_: str | None, result: dict[str, Any], words: str) -> None:
     from cellctl.cli.outputs import write_json
 
     if json_ != "-":  # first of all: whatever becomes of the file, the table is in force

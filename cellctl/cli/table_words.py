@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cellctl.formats import TableFile
-from cellctl.formats.table_making import foreseen
+from cellctl.formats.table_making import table_figures
 
 
 def state_words(state: dict[str, Any]) -> str:
@@ -19,15 +19,15 @@ def state_words(state: dict[str, Any]) -> str:
 
 def table_words(table: TableFile) -> str:
     """A table file in a few lines."""
-    said = foreseen(table)
-    before, after, sigma = (said[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    figures = table_figures(table)
+    before, after, sigma = (figures[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
     kind = "a simulated" if table.simulated else "a real"
     return "\n".join(
         [
             f"Table {table.id}",
             f"  for        {table.robot.name}, {kind} controller, serial {table.robot.serial}",
             f"  made       {table.created}, {table.source.method}, run {table.source.run or '-'}",
-            f"  rows       {said['rows']}, joints corrected by up to {said['max_correction_deg']:.3f}°",
+            f"  rows       {figures['rows']}, joints corrected by up to {figures['max_correction_deg']:.3f}°",
             f"  foreseen   {before['mean']:.3f} mm off with nominal joints, {after['mean']:.4f} mm with these (means)",
             f"  σ          {sigma['rms']:.3f} mm (RMS), {sigma['max']:.3f} mm (max)",
         ]

@@ -20,6 +20,7 @@ from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
 from cellctl.cli.operate import abort, confirm, continue_, pause, status
 from cellctl.cli.predict import predict
+from cellctl.cli.replay import replay
 from cellctl.cli.report import report
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
@@ -94,6 +95,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "show": show,
     "runs": runs,
     "report": report,
+    "replay": replay,
     "import": import_data,
     "fit": fit,
     "predict": predict,

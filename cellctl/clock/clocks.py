@@ -222,6 +222,8 @@ class LockstepClock(Clock):
             self._changed.clear()
             if not self._standing and self._all_read():
                 return
+            if self._standing:
+                self._send({"busy": tick})  # before the work can keep this loop from running
             try:
                 async with asyncio.timeout(_BUSY_EVERY_S):  # not wait_for, which may swallow a cancellation (3.11)
                     await self._changed.wait()

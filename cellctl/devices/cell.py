@@ -25,6 +25,12 @@ TABLE_CORRECTION_DEG = 2.0
 """The most that a table may correct a joint by, deg, where the cell file does not say: a robot of this class is within
 half a degree, and a row beside a singularity is not."""
 
+_RESERVED = {
+    TABLE: f"'{TABLE}' in `limits:` stands for compensation tables",
+    **dict.fromkeys(("control", "time", "seed", "pid"), "the simulators' ready file has an entry of this name"),
+}
+"""Names that no device can have, each with the reason."""
+
 
 class _Simulate(BaseModel):
     model_config = ConfigDict(extra="allow")  # the simulators read, and check, the rest
@@ -69,7 +75,7 @@ class Cell:
 
     @classmethod
     def load(cls, path: Path, drivers: DriverRegistry) -> Self:
-        """Load and check a cell file; opens no device. Raises InputError with every mistake."""
+        """Load and check a cell file; opens no device. Raises InputError with every error."""
         document = load_yaml(path)
         if not isinstance(document.data, dict):
             raise InputError(document.problem((), "is not a cell file", "it is a mapping: name, model, devices …"))
@@ -131,9 +137,6 @@ def table_correction_deg(document: Document) -> float:
 def _table_limits(document: Document, model: _CellModel) -> list[Problem]:
     at = ("limits", TABLE)
     problems = []
-    if TABLE in model.devices:
-        cure = f"call it something else: '{TABLE}' in `limits:` stands for compensation tables"
-        problems.append(document.problem(("devices", TABLE), f"a device cannot be called '{TABLE}'", cure, key=True))
     for name, value in model.limits.get(TABLE, {}).items():
         if name != "correction_deg":
             problems.append(document.problem((*at, name), f"unknown table limit '{name}'", "correction_deg", key=True))
@@ -147,6 +150,9 @@ def _addresses(document: Document, model: _CellModel) -> tuple[dict[str, Address
     addresses: dict[str, Address] = {}
     problems: list[Problem] = []
     for name, value in model.devices.items():
+        if name in _RESERVED:
+            what, cure = f"a device cannot be called '{name}'", f"give it another name: {_RESERVED[name]}"
+            problems.append(document.problem(("devices", name), what, cure, key=True))
         try:
             if not isinstance(value, str):
                 raise ValueError("a device is given by its address, scheme://…")
@@ -168,14 +174,14 @@ def _findings(
     folder: Path,
     reach_mm: float | None,
 ) -> tuple[list[Problem], list[Problem]]:
-    """What the drivers find in their devices' addresses and limits: mistakes, and warnings."""
-    mistakes: list[Problem] = []
+    """What the drivers find in their devices' addresses and limits: errors, and warnings."""
+    problems: list[Problem] = []
     warnings: list[Problem] = []
     for name, address in addresses.items():
         surroundings = Surroundings(WallClock(), folder, model.limits.get(name, {}), reach_mm)
         for found in drivers.findings(name, address, surroundings):
-            (warnings if found.warning else mistakes).append(_placed(document, name, found))
-    return mistakes, warnings
+            (warnings if found.warning else problems).append(_placed(document, name, found))
+    return problems, warnings
 
 
 def _placed(document: Document, device: str, found: Finding) -> Problem:

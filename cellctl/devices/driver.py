@@ -17,10 +17,10 @@ class DriverDescription:
     """A driver, as its entry point in the group `cellctl.devices` yields it; the entry point's name is the URL scheme.
 
     `open(name, address, surroundings)`: makes the device of that name at that address; opens nothing; raises ValueError
-    for a mistake in the address or the limits. `abilities`: the Protocol of `cellctl.devices`, or the driver's own
+    for an error in the address or the limits. `abilities`: the Protocol of `cellctl.devices`, or the driver's own
     class, that says what its devices can do. The other fields are for drivers that offer more:
 
-    `check_address(address, folder)`: mistakes in the files that the address names, paths read against `folder`.
+    `check_address(address, folder)`: errors in the files that the address names, paths read against `folder`.
     `check_setup(address, surroundings)`: findings about limits and address; `open` is then tried without the limits.
     `controller_files(cell, address, surroundings)`: file name → text of what a person loads on the device's controller
     for the cell of that name; raises ValueError with what is wrong with the address or the limits.

@@ -38,7 +38,7 @@ class DriverRegistry:
             raise ValueError(f"the driver for '{scheme}://' ({entry.value}) is not a DriverDescription")
         return driver
 
-    def kind(self, scheme: str) -> type:
+    def abilities(self, scheme: str) -> type:
         """The Protocol or class that says what the devices of `scheme` can do. Raises ValueError."""
         return self.driver(scheme).abilities
 
@@ -47,15 +47,15 @@ class DriverRegistry:
         return self.driver(address.scheme).open(name, address, surroundings)
 
     def findings(self, name: str, address: Address, surroundings: Surroundings) -> list[Finding]:
-        """Mistakes and warnings about an address, its settings and limits; opens nothing."""
+        """Errors and warnings about an address, its settings and limits; opens nothing."""
         try:
             driver = self.driver(address.scheme)
             driver.open(name, address, replace(surroundings, limits={}) if driver.check_setup else surroundings)
         except ValueError as error:
             return [Finding(str(error))]
-        mistakes = driver.check_address(address, surroundings.folder) if driver.check_address else []
+        errors = driver.check_address(address, surroundings.folder) if driver.check_address else []
         found = driver.check_setup(address, surroundings) if driver.check_setup else []
-        return [*map(Finding, mistakes), *found]
+        return [*map(Finding, errors), *found]
 
     def controller_files(self, cell: str, address: Address, surroundings: Surroundings) -> dict[str, str] | None:
         """File name → text of what has to be loaded on the device's controller; None where its driver has none.

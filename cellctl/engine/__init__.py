@@ -3,8 +3,10 @@
 from cellctl.engine.context import Context, Surround
 from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
 from cellctl.engine.mailbox_folder import MailboxFolder
-from cellctl.engine.outcome import Outcome
-from cellctl.engine.runner import Aborted, Engine, Plan
+from cellctl.engine.outcome import Aborted, AbortedByInterlock, Outcome
+from cellctl.engine.passes import Passes
+from cellctl.engine.plan import Plan
+from cellctl.engine.runner import Engine
 from cellctl.engine.states import ENDS, TRANSITIONS, IllegalTransition, State
 from cellctl.engine.watcher import NobodyWatching, Watcher
 
@@ -12,6 +14,7 @@ __all__ = [
     "ENDS",
     "TRANSITIONS",
     "Aborted",
+    "AbortedByInterlock",
     "Action",
     "ActionName",
     "Context",
@@ -22,6 +25,7 @@ __all__ = [
     "NobodyWatching",
     "Operator",
     "Outcome",
+    "Passes",
     "Plan",
     "State",
     "Surround",

@@ -85,11 +85,11 @@ class Context:
 
     def identity(self, name: str) -> Identity:
         """Who the device `name` said it is. Raises InputError where the run has connected no such device."""
-        who = self.journal.identities.get(name)
-        if who is None:
+        identity = self.journal.identities.get(name)
+        if identity is None:
             what = f"step {self.step} asks who '{name}' is, and the cell has no such device"
             raise InputError(Problem(self.run.cell.file, 0, 0, what, f"add '{name}' to the cell file"))
-        return Identity(**who)
+        return Identity(**identity)
 
     async def record(self, row: Row) -> None:
         """Commit a row; when this returns it survives a crash."""

@@ -9,6 +9,7 @@ from typing import final
 from cellctl.clock import calendar_time
 from cellctl.engine.interlocks import Interlocks
 from cellctl.engine.mailbox import Action, Mailbox, Operator
+from cellctl.engine.outcome import Aborted, AbortedByInterlock
 from cellctl.engine.recorder import Recorder
 from cellctl.journal import InterlockChanged, OperatorAction
 from cellctl.procedure import Interlock, OnBreak, Resume
@@ -21,12 +22,12 @@ BY_OPERATOR = "by the operator"
 class Control:
     """Takes actions, records each with who and when, and does it, or says why not.
 
-    `aborted`: why the run is aborted, empty where it is not. `cancel`: ends the work; None where none is under way.
+    `aborted`: why the run is aborted, None where it is not. `cancel`: ends the work; None where none is under way.
     `ending`: the steps are over and the run cleans up, so that nothing more can be asked of it.
     """
 
     def __init__(self, mailbox: Mailbox, recorder: Recorder) -> None:
-        self.aborted = ""
+        self.aborted: Aborted | None = None
         self.cancel: Callable[[], object] | None = None
         self.ending = False
         self.interlocks: Interlocks | None = None
@@ -39,9 +40,16 @@ class Control:
     def take(self, action: Action) -> None:
         """Record an action and do it, or record why it is refused."""
         refused = self._refusal(action)
-        who, text = action.who, action.text
+        operator, text = action.operator, action.text
         event = OperatorAction(
-            action.name, who.name, text, who.host, who.via, calendar_time(), refused=refused, id=action.id
+            action.name,
+            operator.name,
+            text,
+            operator.host,
+            operator.via,
+            calendar_time(),
+            refused=refused,
+            id=action.id,
         )
         self._recorder.append(event, final=True)
         if refused:
@@ -52,12 +60,12 @@ class Control:
             case "resume":
                 self._paused = ""
             case "abort":
-                self.abort(text or "aborted by the operator")
+                self.abort(Aborted(text or "aborted by the operator"))
             case "confirm" if self._asked:
-                self._asked.set_result(who)
+                self._asked.set_result(operator)
         self._changed.set()
 
-    def abort(self, why: str) -> None:
+    def abort(self, why: Aborted) -> None:
         """End the work; the first reason stays."""
         self.aborted = self.aborted or why
         if self.cancel:
@@ -91,7 +99,7 @@ class Control:
         if holds:
             return
         if interlock.on_break is OnBreak.ABORT:
-            self.abort(f"aborted: {text}")
+            self.abort(AbortedByInterlock(f"aborted: {text}"))
             return
         if interlock.resume is Resume.OPERATOR:
             self._paused = self._paused or text

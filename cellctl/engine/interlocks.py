@@ -112,6 +112,6 @@ class Interlocks:
             return False, f"{name}: {error.device}: {error.what}"
         except TimeoutError:
             return False, f"{name}: {interlock.device} did not say within {_ANSWER_S:g} s"
-        except Exception as error:  # a driver's own mistake must not make an interlock silent
+        except Exception as error:  # a driver's own error must not make an interlock silent
             return False, f"{name}: {interlock.device} cannot say: {type(error).__name__}: {error}"
         return holds, text if holds else f"{name} does not hold ({interlock.device}: {interlock.condition})"

@@ -32,7 +32,7 @@ class Action:
     """One thing that an operator asks for. `text`: the reason; `id`: of the file that brought it, empty without one."""
 
     name: ActionName
-    who: Operator
+    operator: Operator
     text: str = ""
     id: str = ""
 
@@ -49,21 +49,21 @@ class Mailbox:
         self._waiting: list[Action] = []
         self._take: Callable[[Action], object] | None = None
 
-    def pause(self, who: Operator | None = None) -> None:
+    def pause(self, operator: Operator | None = None) -> None:
         """Stop before the next step."""
-        self.post(Action("pause", who or Operator.here("program")))
+        self.post(Action("pause", operator or Operator.here("program")))
 
-    def resume(self, who: Operator | None = None) -> None:
+    def resume(self, operator: Operator | None = None) -> None:
         """Go on after a pause."""
-        self.post(Action("resume", who or Operator.here("program")))
+        self.post(Action("resume", operator or Operator.here("program")))
 
-    def abort(self, why: str = "aborted by the operator", who: Operator | None = None) -> None:
+    def abort(self, why: str = "aborted by the operator", operator: Operator | None = None) -> None:
         """End the campaign: cancel what runs, clean up; `why`, for who reads of it. A second abort changes nothing."""
-        self.post(Action("abort", who or Operator.here("program"), why))
+        self.post(Action("abort", operator or Operator.here("program"), why))
 
-    def confirm(self, who: Operator | None = None) -> None:
+    def confirm(self, operator: Operator | None = None) -> None:
         """Confirm what the run waits for."""
-        self.post(Action("confirm", who or Operator.here("program")))
+        self.post(Action("confirm", operator or Operator.here("program")))
 
     def post(self, action: Action) -> None:
         """Hand an action to the engine, or keep it until one asks."""

@@ -28,11 +28,18 @@ class MailboxFolder:
     def __init__(self, run_folder: Path) -> None:
         self._folder = run_folder / "mailbox"
 
-    def put(self, action: ActionName, who: Operator, text: str = "") -> str:
+    def put(self, action: ActionName, operator: Operator, text: str = "") -> str:
         """Leave an action for the engine; its id, which the journal will name. Raises OSError."""
         self._folder.mkdir(exist_ok=True)
         number = secrets.token_hex(8)
-        data = {"id": number, "action": action, "operator": who.name, "host": who.host, "via": who.via, "text": text}
+        data = {
+            "id": number,
+            "action": action,
+            "operator": operator.name,
+            "host": operator.host,
+            "via": operator.via,
+            "text": text,
+        }
         write_atomically(self._folder / f"{number}.json", json.dumps({**data, "written": calendar_time()}))
         return number
 
@@ -82,5 +89,5 @@ def _read(data: dict[str, Any]) -> tuple[str, Action]:
     json.dumps(data, ensure_ascii=False).encode()  # the journal is UTF-8
     if name not in get_args(ActionName):
         raise ValueError(f"'{name}' is no action")
-    who = Operator(str(data["operator"]), str(data["host"]), str(data.get("via", "")))
-    return str(data["written"]), Action(cast("ActionName", name), who, str(data.get("text", "")), str(data["id"]))
+    operator = Operator(str(data["operator"]), str(data["host"]), str(data.get("via", "")))
+    return str(data["written"]), Action(cast("ActionName", name), operator, str(data.get("text", "")), str(data["id"]))

@@ -25,3 +25,12 @@ class Outcome:
     seconds: float
     moved: bool
     held: bool
+
+
+class Aborted(Exception):
+    """The operator ended the run, or what started it is gone; the text says which."""
+
+
+@final
+class AbortedByInterlock(Aborted):
+    """An interlock ended the run: a condition of a device did not hold. The command line ends with exit code 3."""

@@ -79,5 +79,4 @@ class Recorder:
 
 def _failed(path: str, attempt: int, error: BaseException) -> StepEnded:
     outcomes = {asyncio.CancelledError: Outcome.CANCELLED, TimeoutError: Outcome.TIMED_OUT}
-    failure = StepFailure(type(error).__name__, str(error), getattr(error, "cure", ""))
-    return StepEnded(path, attempt, outcomes.get(type(error), Outcome.FAILED), None, failure)
+    return StepEnded(path, attempt, outcomes.get(type(error), Outcome.FAILED), None, StepFailure.of(error))

@@ -1,69 +1,30 @@
-"""The runner: connects, does the steps one after another, cleans up whatever happened, and keeps the journal."""
+"""The runner: connects, has the steps done, cleans up whatever happened, and keeps the journal."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
-from contextlib import nullcontext, suppress
-from dataclasses import asdict, dataclass
-from functools import partial
-from typing import Any, final
+from contextlib import suppress
+from dataclasses import asdict
+from typing import final
 
 from cellctl.clock import Clock
 from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, SearchingRobot
 from cellctl.engine.cleaning import CLEANUP_SECONDS, stop_and_close
-from cellctl.engine.context import AfterConnect, Context, Surround
-from cellctl.engine.control import BY_OPERATOR, Control
-from cellctl.engine.interlocks import Interlocks, StoppedByInterlock
+from cellctl.engine.context import AfterConnect, Surround
+from cellctl.engine.control import Control
+from cellctl.engine.interlocks import Interlocks
 from cellctl.engine.mailbox import Mailbox
 from cellctl.engine.mailbox_folder import MailboxFolder
-from cellctl.engine.outcome import Outcome
+from cellctl.engine.outcome import Aborted, Outcome
+from cellctl.engine.plan import Plan
 from cellctl.engine.recorder import Recorder
 from cellctl.engine.states import State, checked
+from cellctl.engine.step_execution import StepExecution
 from cellctl.engine.waiting import ended, error_of
 from cellctl.engine.watcher import NobodyWatching, Watcher
-from cellctl.files import InputError
-from cellctl.journal import (
-    DevicesConnected,
-    Journal,
-    RunEnded,
-    RunState,
-    StateChanged,
-    StepEnded,
-    StepStarted,
-)
-from cellctl.journal import Outcome as StepOutcome
-from cellctl.procedure import (
-    Action,
-    AnyStepKind,
-    Confirm,
-    If,
-    Loop,
-    OnResume,
-    Procedure,
-    Step,
-    StepRegistry,
-    UnresolvedReference,
-    inputs_of,
-    resolve,
-    step_path,
-)
+from cellctl.journal import DevicesConnected, Journal, RunEnded, RunState, StateChanged
+from cellctl.procedure import Step, inputs_of, step_path
 from cellctl.records import VerdictRow
-
-
-class Aborted(Exception):
-    """The operator ended the run, or what started it is gone; the text says which."""
-
-
-@final
-@dataclass(slots=True)
-class Plan:
-    """What to run: the procedure with its parameters' values, the kinds of steps, and the devices by name."""
-
-    procedure: Procedure
-    parameters: Mapping[str, Any]
-    registry: StepRegistry
-    devices: dict[str, Device]
 
 
 @final
@@ -94,8 +55,7 @@ class Engine:
         self._connected: list[Device] = []
         self._answered: set[str] = set()
         self._stopped: set[str] = set()
-        self._moved = False
-        self._done = dict(self._record.finished)
+        self._steps = StepExecution(plan, run, self._recorder, self._control, self._interlocks, self._enter)
         self.state = State.IDLE
 
     async def run(self, after_connect: AfterConnect | None = None) -> Outcome:
@@ -118,7 +78,7 @@ class Engine:
         if cancelled:
             raise asyncio.CancelledError
         error = error or self._recorder.error
-        return Outcome(end, error, tuple(troubles), verdict, seconds, self._moved, self._held())
+        return Outcome(end, error, tuple(troubles), verdict, seconds, self._steps.moved, self._held())
 
     async def _worked(self, after_connect: AfterConnect | None) -> tuple[BaseException | None, list[str], bool]:
         """The work and its clean-up: what ended the work, what failed in the clean-up, was the caller cancelled."""
@@ -130,7 +90,7 @@ class Engine:
         self._control.ending = True
         error = error_of(work)
         if isinstance(error, asyncio.CancelledError):
-            error = Aborted(self._control.aborted or "aborted: the program that runs it was cancelled")
+            error = self._control.aborted or Aborted("aborted: the program that runs it was cancelled")
         cleaning = asyncio.create_task(self._clean_up(error), name="clean-up")
         cancelled |= await ended(cleaning)
         return error, cleaning.result(), cancelled
@@ -148,7 +108,7 @@ class Engine:
         await self._interlocks.look()
         watching = asyncio.create_task(self._interlocks.watch(), name="interlocks")
         try:
-            await self._actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
+            await self._steps.actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
         finally:
             watching.cancel()
             with suppress(asyncio.CancelledError):
@@ -171,116 +131,6 @@ class Engine:
             raise DeviceUnreachable("cell", "devices do not answer:\n" + "\n".join(str(f) for f in failed))
         return tuple(result for result in results if isinstance(result, Identity))
 
-    async def _actions(self, actions: tuple[Action, ...], scope: dict[str, Any], outer: str) -> None:
-        for action in actions:
-            path = step_path(outer, action.id)
-            match action:
-                case Step():
-                    scope[action.id] = await self._step(action, scope, path)
-                case Loop():
-                    await self._loop(action, scope, outer)
-                case If():
-                    branch = action.then if self._decided(action, scope, path) else action.otherwise
-                    await self._actions(branch, dict(scope), path)
-                case Confirm():
-                    await self._confirm(action, path)
-
-    async def _loop(self, loop: Loop, scope: dict[str, Any], outer: str) -> None:
-        values = resolve(loop.for_each, scope)
-        path = step_path(outer, loop.id)
-        for index, value in enumerate(values):
-            self._recorder.show(partial(_pass_begins, path, index, len(values)))
-            inner = {**scope, loop.variable: value}
-            await self._actions(loop.steps, inner, step_path(outer, loop.id, index))
-        self._recorder.show(partial(_pass_begins, path, len(values), len(values)))
-
-    def _decided(self, action: If, scope: Mapping[str, Any], path: str) -> bool:
-        """What the `if` is decided to, once for the whole run: a resumed run takes the branch that it took before."""
-        if path in self._done:
-            return bool(self._done[path]["value"])
-        assert action.expression is not None
-        try:
-            value = action.expression.value(scope)
-        except (UnresolvedReference, ValueError) as error:
-            raise InputError(self._plan.procedure.document.problem((*action.at, "if"), str(error))) from error
-        attempt = self._record.next_attempt(path)
-        self._recorder.append(StepStarted(path, attempt, False, "if"))
-        self._recorder.append(StepEnded(path, attempt, StepOutcome.DONE, {"value": value}))
-        return value
-
-    async def _confirm(self, action: Confirm, path: str) -> None:
-        async def confirmed() -> dict[str, Any]:
-            self._recorder.said(path, action.text)
-            with self._clock.standing():
-                return asdict(await self._control.confirmation())
-
-        if path in self._done and action.on_resume is OnResume.SKIP:
-            return
-        while True:
-            await self._at_border()
-            started = StepStarted(path, self._record.next_attempt(path), False, "confirm")
-            with suppress(StoppedByInterlock):
-                async with self._interlocks.stoppable():
-                    await self._recorder.attempt(started, action.timeout_s, confirmed)
-                return
-
-    async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
-        """Do one step, with its retries; or take its result where it is done. Raises what its last attempt raised."""
-        if path in self._done and step.on_resume is OnResume.SKIP:
-            result: dict[str, Any] | None = self._done[path]
-            return result
-        kind = self._plan.registry.find(step.do)
-        inputs = inputs_of(self._plan.procedure, step, kind, scope)
-        retryable = tuple(kind.retryable()[name] for name in step.retry.on)
-        failed = 0
-        while True:
-            await self._at_border()
-            self._moved = self._moved or kind.moves
-            try:
-                async with self._interlocks.stoppable():
-                    return await self._attempt(kind, inputs, step, path, step.timeout_s)
-            except StoppedByInterlock:
-                self._recorder.said(path, "stopped by an interlock; it is done again when the run goes on")
-            except retryable as error:
-                failed += 1
-                if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person has to look first
-                    raise
-                self._recorder.said(path, f"attempt {failed} of {step.retry.attempts} failed, trying again: {error}")
-
-    async def _attempt(
-        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None
-    ) -> dict[str, Any] | None:
-        attempt = self._record.next_attempt(path)
-        context = Context(
-            step=path,
-            attempt=attempt,
-            run=self._run,
-            needs=frozenset(kind.needs),
-            journal=self._record,
-            append=self._recorder.append,
-        )
-
-        async def done() -> dict[str, Any] | None:
-            return kind.dump_result(await kind(context, inputs))
-
-        return await self._recorder.attempt(StepStarted(path, attempt, kind.moves, step.do), limit, done)
-
-    async def _at_border(self) -> None:
-        """Between two steps: look at the interlocks, and wait while something keeps the run from going on."""
-        await self._interlocks.look()
-        if self._control.aborted:
-            await asyncio.sleep(0)  # the cancellation arrives here, before the next step begins
-        reason = self._control.held_by()
-        if not reason:
-            return
-        self._enter(State.PAUSED, reason)
-        while self._control.held_by():
-            # Waiting for a person alone, a simulated cell's time stands still; broken interlocks need it to go on.
-            with nullcontext() if self._interlocks.broken else self._clock.standing():
-                await self._control.change()
-            await self._interlocks.look()
-        self._enter(State.RUNNING, BY_OPERATOR if reason == BY_OPERATOR else "the interlocks hold again")
-
     async def _clean_up(self, error: BaseException | None) -> list[str]:
         """Try every clean-up step and stop and close every device; what failed, in words."""
         self._enter(State.CLEANING, str(error) if error else "")
@@ -297,7 +147,7 @@ class Engine:
         try:
             kind = self._plan.registry.find(step.do)
             inputs = inputs_of(self._plan.procedure, step, kind, self._plan.parameters)
-            await self._attempt(kind, inputs, step, path, step.timeout_s or CLEANUP_SECONDS)
+            await self._steps.attempt(kind, inputs, step, path, step.timeout_s or CLEANUP_SECONDS)
         except Exception as failure:
             return [f"clean-up step '{step.id}' failed: {failure}"]
         return []
@@ -317,7 +167,3 @@ class Engine:
     def _enter(self, state: State, reason: str) -> None:
         before, self.state = self.state, checked(self.state, state)
         self._recorder.append(StateChanged(before.value, state.value, reason), final=state != State.RUNNING)
-
-
-def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:
-    watcher.loop(path, index, count)

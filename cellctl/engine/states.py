@@ -39,7 +39,7 @@ TRANSITIONS: dict[State, frozenset[State]] = {
 
 
 class IllegalTransition(RuntimeError):
-    """The engine tried to go from one state to another that the table does not allow: a mistake of ours."""
+    """The engine tried to go from one state to another that the table does not allow: an error of ours."""
 
 
 def checked(current: State, following: State) -> State:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
+from cellctl.engine.step_count import StepCount, time_left_s
 from cellctl.files import InputError, parse_yaml
 from cellctl.journal import (
     Entry,
     InterlockChanged,
-    RunState,
     Said,
     StateChanged,
     StepStarted,
@@ -19,7 +20,14 @@ from cellctl.journal import (
     read_journal,
     writer_of,
 )
-from cellctl.procedure import Action, If, Loop, UnresolvedReference, read_procedure, resolve, step_path
+from cellctl.procedure import (
+    BrokenSteps,
+    StepRegistry,
+    UnknownStep,
+    expected_passes,
+    phase_titles,
+    read_procedure,
+)
 
 
 @final
@@ -28,15 +36,17 @@ class Status:
     """Where a run is.
 
     `state`: the engine's word, or `cut off while …`. `process`: who runs it, None where nobody does. `step`: the step
-    under way. `done` of `total` steps, as far as the loops' lists are known yet. `left_s`: of the loop under way, in
-    seconds of the cell's time, None where no pass of it is done. `message`: the last line for the operator. `confirm`:
-    the text that waits to be confirmed. `held_by`: why the run is paused. `broken`: interlocks that do not hold.
+    under way, `phase`: its title. `done` of `total` steps, as far as the loops' lists are known yet. `left_s`: of the
+    whole run, in seconds of wall time, None where that is not known yet. `message`: the last line for the operator.
+    `confirm`: the text that waits to be confirmed. `held_by`: why the run is paused. `broken`: interlocks that do not
+    hold.
     """
 
     run: str
     state: str
     process: str | None
     step: str
+    phase: str
     done: int
     total: int
     left_s: float | None
@@ -46,20 +56,21 @@ class Status:
     broken: tuple[str, ...]
 
 
-def status_of(run_folder: Path) -> Status:
+def status_of(run_folder: Path, registry: StepRegistry) -> Status:
     """Where the run in `run_folder` is. Raises JournalError."""
     writer = writer_of(run_folder)
     entries = list(read_journal(run_folder))
     state, now = fold(entries), _Now()
     for entry in entries:
         now.apply(entry)
-    steps = _Steps(state, now.began_ns)
+    steps, titles, left_s = StepCount(state.finished), dict[str, str](), None
     if state.started:
-        try:
+        # a run of a version with other rules, or with other packages: the count is not known
+        with suppress(InputError, UnknownStep, BrokenSteps):
             procedure = read_procedure(parse_yaml(state.started.procedure.text, state.started.procedure.path))
             steps.count(procedure.steps, dict(state.parameters), "")
-        except InputError:  # written by a version with other rules: the count is not known
-            pass
+            titles = phase_titles(procedure, registry)
+            left_s = time_left_s(entries, procedure, expected_passes(procedure, state.parameters, registry))
     under_way = [step.step for step in state.in_flight] if writer else []
     step = under_way[-1] if under_way else ""
     return Status(
@@ -67,9 +78,10 @@ def status_of(run_folder: Path) -> Status:
         state=state.state if writer or state.ended else f"cut off while {state.state}",
         process=writer.pid if writer else None,
         step=step,
+        phase=titles.get(step.rpartition(".")[2], ""),
         done=steps.done,
         total=steps.total,
-        left_s=steps.left_s,
+        left_s=left_s if writer else None,
         message=now.message,
         confirm=now.asked.get(step, "") if now.kinds.get(step) == "confirm" else "",
         held_by=now.held_by if state.state == "paused" else "",
@@ -89,7 +101,6 @@ class _Now:
 
     message: str = ""
     held_by: str = ""
-    began_ns: dict[str, int] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
     asked: dict[str, str] = field(default_factory=dict)
     broken: dict[str, str] = field(default_factory=dict)
@@ -98,7 +109,6 @@ class _Now:
         match entry.event:
             case StepStarted(step=step, do=do):
                 self.kinds[step] = do
-                self.began_ns[step] = entry.time_ns
             case Said(text, step):
                 self.message = text
                 self.asked[step] = text
@@ -110,43 +120,3 @@ class _Now:
                     self.broken[name] = text
             case _:
                 pass
-
-
-@final
-class _Steps:
-    """How many steps a run has, as far as its loops are known, and how many are done."""
-
-    def __init__(self, state: RunState, began_ns: Mapping[str, int]) -> None:
-        self.done = self.total = 0
-        self.left_s: float | None = None
-        self._state, self._finished, self._began_ns = state, state.finished, began_ns
-
-    def count(self, actions: tuple[Action, ...], scope: dict[str, Any], outer: str) -> None:
-        for action in actions:
-            path = step_path(outer, action.id)
-            if isinstance(action, Loop):
-                self._loop(action, scope, outer)
-                continue
-            self.total += 1
-            self.done += path in self._finished
-            scope[action.id] = self._finished.get(path)
-            if isinstance(action, If) and path in self._finished:
-                branch = action.then if self._finished[path]["value"] else action.otherwise
-                self.count(branch, dict(scope), path)
-
-    def _loop(self, loop: Loop, scope: dict[str, Any], outer: str) -> None:
-        try:
-            values = resolve(loop.for_each, scope)
-        except UnresolvedReference:  # the step that gives the list is not done yet
-            return
-        before, passes, counted = self.done, 0, self.total
-        for index, value in enumerate(values):
-            done, total = self.done, self.total
-            self.count(loop.steps, {**scope, loop.variable: value}, step_path(outer, loop.id, index))
-            passes += self.done - done == self.total - total
-        if self.done > before and self.done - before < self.total - counted and passes:
-            began = self._began_ns.get(self._first(step_path(outer, loop.id, 0)), self._state.last_ns)
-            self.left_s = (self._state.last_ns - began) * 1e-9 / passes * (len(values) - passes)
-
-    def _first(self, prefix: str) -> str:
-        return next((path for path in self._began_ns if path.startswith(f"{prefix}.")), "")

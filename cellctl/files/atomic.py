@@ -59,12 +59,13 @@ def _replace(path: Path, data: bytes) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    with contextlib.suppress(OSError):  # the file is there; not every file system can make sure of its name
-        _settle(path.parent)
+    if hasattr(os, "O_DIRECTORY"):  # elsewhere (Windows) a folder cannot be opened
+        with contextlib.suppress(OSError):  # the file is there; not every file system can make sure of its name
+            _settle(path.parent)
 
 
 def _settle(folder: Path) -> None:
-    directory = os.open(folder, os.O_RDONLY)
+    directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(directory)
     finally:

@@ -1,4 +1,4 @@
-"""Mistakes in what a person wrote, as data: all at once, each with its place and its cure."""
+"""Errors in what a person wrote, as data: all at once, each with its place and its cure."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import final
 @final
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One mistake: where it stands, what is wrong, what to do about it.
+    """One error: where it stands, what is wrong, what to do about it.
 
-    `line` and `column` count from 1; 0 says that the mistake is the whole file's (or the whole line's).
+    `line` and `column` count from 1; 0 says that the error is the whole file's (or the whole line's).
     """
 
     file: str

@@ -1,4 +1,4 @@
-"""From a YAML document to a typed model: every mistake at once, each where it stands."""
+"""From a YAML document to a typed model: every error at once, each where it stands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def validated(document: Document, model: type[Model], at: Path = ()) -> Model:
-    """The part of `document` at `at` as `model`. Raises InputError with all mistakes, placed in the file."""
+    """The part of `document` at `at` as `model`. Raises InputError with all errors, placed in the file."""
     value = _part(document, at)
     try:
         return model.model_validate(value)
@@ -39,7 +39,7 @@ def _part(document: Document, at: Path) -> Any:
 def problems_of(
     error: ValidationError, document: Document, at: Path = (), model: type[BaseModel] | None = None
 ) -> list[Problem]:
-    """The mistakes in a pydantic error as problems placed in `document`, whose part at `at` was validated."""
+    """The errors in a pydantic error as problems placed in `document`, whose part at `at` was validated."""
     found: dict[tuple[Path, str], Problem] = {}
     for detail in error.errors(include_url=False):
         path = _known_part(document, (*at, *detail["loc"]), named=detail["type"] in ("missing", "extra_forbidden"))
@@ -52,7 +52,7 @@ def problems_of(
 def _known_part(document: Document, path: tuple[Any, ...], *, named: bool) -> Path:
     """`path` without the parts that only pydantic knows (names of union members and validators).
 
-    Where the mistake is a name that is missing or not known, the last part is that name.
+    Where the error is a name that is missing or not known, the last part is that name.
     """
     known: Path = ()
     for index, part in enumerate(path):

@@ -100,7 +100,7 @@ def load_artefact(path: Path) -> Artefact:
 
 
 def artefact_of(document: Document, at: Place) -> Artefact:
-    """The artefact at `at` of a loaded document. Raises InputError with every mistake."""
+    """The artefact at `at` of a loaded document. Raises InputError with every error."""
     artefact = validated(document, Artefact, at)
     problems = [] if artefact.points or artefact.planes else [_nothing(document, at)]
     problems += [*_doubles(document, artefact, at), *_above_plate(document, artefact, at)]

@@ -1,4 +1,4 @@
-"""What a fit came to, as the JSON that `cellctl fit` and a campaign give out, and as one sentence."""
+"""The result of a fit: JSON of `cellctl fit` and of a campaign, and the verdict in sentences."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _LINES = 5
 
 
 NOISY = 1.5
-"""From this factor on it is said that the rows scatter more than they should."""
+"""From this noise scale on the verdict names it."""
 
 
 def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] = ()) -> dict[str, Any]:
     """The result's figures with outliers and rejected rows by line; the time it took is left to the caller.
 
-    outliers: rows left out of the fit; test_outliers: held-out rows far beyond what the model foresees, in the figures
-    all the same. labels: of the held-out rows, one by one, where figures are wanted for each (`by`).
+    outliers: rows left out of the fit; test_outliers: held-out rows far beyond the predicted error, kept in the
+    figures. labels: of the held-out rows, one by one, where figures are wanted for each (`by`).
     """
     return {
         **result.summary(),
@@ -40,14 +40,15 @@ def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] 
 
 
 def sentence(measured: Measurements, result: FitResult) -> str:
-    """The verdict in one sentence, with what must not be read without it: σ over the region, scatter, wild rows."""
+    """The verdict, with what must not be read without it: σ over the region, scatter, held-out outliers."""
     from cellctl.calibration import verdict_sentence
 
     kind, reason = measured.noun, result.verdict_reason
     if not result.n_test:
-        said = f"Not proved: no {kind} were held out ({result.fit.mean:.3f} mm mean on those of the fit)."
+        mean = f"{result.fit.mean:.3f} mm (mean of {result.n_fit})"
+        verdict = f"Error of the {kind} of the fit: {mean}. Not proved: no {kind} were held out."
     else:
-        said = verdict_sentence(
+        verdict = verdict_sentence(
             result.verdict,
             result.nominal,
             result.test,
@@ -57,32 +58,34 @@ def sentence(measured: Measurements, result: FitResult) -> str:
             prior=result.prior,
             against=result.against,
         )
-    return f"{said.removesuffix('.')}; {'; '.join(_besides(measured, result))}."
+    return " ".join([verdict, *(f"{each}." for each in _besides(measured, result))])
 
 
 def _besides(measured: Measurements, result: FitResult) -> list[str]:
     kind, noise = measured.noun, float(result.identification.noise.max())
     over = "the joints of the fit" if measured.task.region is None else "the measured region"
-    clauses = [f"1 σ over {over} {result.predicted_volumetric_rms:.3f} mm"]
+    sentences = [f"1 σ over {over}: {result.predicted_volumetric_rms:.3f} mm"]
     if result.sigma_ok is False:
-        clauses.append(f"do not rely on σ: {result.sigma_reason}")
+        sentences.append(f"Do not rely on σ: {result.sigma_reason}")
     if result.placing and result.placing.moved:
-        clauses.append(f"instrument, robot or tool moved since the prior model ({result.placing.as_is_mm:.3f} mm RMS)")
+        sentences.append(
+            f"Instrument, robot or tool moved since the prior model ({result.placing.as_is_mm:.3f} mm RMS)"
+        )
     if _base_held_elsewhere(measured, result):
-        clauses.append("the prior model does not fit where it was: if the instrument was moved, leave --free out")
+        sentences.append("The prior model does not fit where it was: if the instrument was moved, leave --free out")
     if noise >= NOISY:
-        clauses.append(
-            f"the {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
+        sentences.append(
+            f"The {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
         )
     if noise >= NOISY and measured.task.prior is None and "geometry" not in result.model.split("+"):
-        clauses.append("links are not in this model: what they would explain counts as scatter, and is not in that σ")
+        sentences.append("The model has no links: their errors count as scatter and are not in this σ")
     if measured.task.prior is not None and measured.task.groups is None and result.identification.loosened:
-        clauses.append(_changed(result.identification.loosened))
+        sentences.append(_changed(result.identification.loosened))
     if result.unforeseen:
         lines = [str(line) for line in sorted(measured.lines[row] for row in result.unforeseen)]
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
-        clauses.append(f"{len(lines)} of the held-out {kind} far beyond what the model foresees (line {where})")
-    return clauses
+        sentences.append(f"{len(lines)} of the held-out {kind} are outliers by the predicted error (line {where})")
+    return sentences
 
 
 def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
@@ -95,14 +98,14 @@ def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
 
 
 def _changed(loosened: Mapping[str, float]) -> str:
-    """What an update found of a robot that has changed since its prior model."""
+    """A robot that has changed since its prior model: by how much, and what to do."""
     by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in loosened.items())
     again = f"if something hit the robot, or was exchanged, fit again with --free {','.join(loosened)}"
-    return f"further from the prior model than its σ says: {by} ({again})"
+    return f"The robot is further from the prior model than the model's σ allows: {by} ({again})"
 
 
 def _promise(measured: Measurements) -> str:
-    return "the data set says" if measured.own_sigma else "the robot file says"
+    return "the data set states" if measured.own_sigma else "the robot file states"
 
 
 def _named(measured: Measurements, rows: Sequence[int], reason: Callable[[int], str]) -> list[dict[str, Any]]:
@@ -113,13 +116,13 @@ def _named(measured: Measurements, rows: Sequence[int], reason: Callable[[int], 
 
 def _far_out(measured: Measurements, result: FitResult, row: int) -> str:
     error = _error(measured, result, row)
-    return f"{error:.3f} mm off, where the others are {result.fit.rms:.3f} mm off (RMS): left out of the fit"
+    return f"error {error:.3f} mm, the others {result.fit.rms:.3f} mm (RMS): an outlier, left out of the fit"
 
 
 def _unforeseen(measured: Measurements, result: FitResult, row: int) -> str:
     place = result.unforeseen.index(row)
-    error, foreseen = result.unforeseen_mm[place], result.foreseen_mm[place]
-    return f"held out and {error:.3f} mm off, where {foreseen:.3f} mm (1 σ) was foreseen of it: counted all the same"
+    error, predicted = result.unforeseen_mm[place], result.foreseen_mm[place]
+    return f"held out: error {error:.3f} mm, predicted {predicted:.3f} mm (1 σ): an outlier, counted in the figures"
 
 
 def _error(measured: Measurements, result: FitResult, row: int) -> float:

@@ -26,17 +26,17 @@ class Postures(BaseModel):
 
 
 def postures_of(document: Document, robot: RobotFile) -> Postures:
-    """The postures of a loaded cell file, each one that `robot` can take. Raises InputError with every mistake."""
+    """The postures of a loaded cell file, each one that `robot` can take. Raises InputError with every error."""
     postures = validated(document, Postures, ("postures",))
-    mistakes = _mistakes(document, ("home",), postures.home, robot)
+    problems = _problems(document, ("home",), postures.home, robot)
     for index, posture in enumerate(postures.touch):
-        mistakes += _mistakes(document, ("touch", index), posture, robot)
-    if mistakes:
-        raise InputError(mistakes)
+        problems += _problems(document, ("touch", index), posture, robot)
+    if problems:
+        raise InputError(problems)
     return postures
 
 
-def _mistakes(document: Document, at: tuple[str | int, ...], readings: list[float], robot: RobotFile) -> list[Problem]:
+def _problems(document: Document, at: tuple[str | int, ...], readings: list[float], robot: RobotFile) -> list[Problem]:
     place = ("postures", *at)
     if len(readings) != len(robot.joints):
         what = f"{len(readings)} joint readings for a robot with {len(robot.joints)} joints"

@@ -155,12 +155,12 @@ class RobotFile(BaseModel):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a robot file. Raises InputError with every mistake, each with its line and column."""
+        """Read a robot file. Raises InputError with every error, each with its line and column."""
         return cls.from_document(load_yaml(path))
 
     @classmethod
     def from_document(cls, document: Document) -> Self:
-        """A robot from a loaded document. Raises InputError with every mistake."""
+        """A robot from a loaded document. Raises InputError with every error."""
         problems = form_problems(document)
         try:
             robot = validated(document, cls)

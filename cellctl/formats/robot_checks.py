@@ -1,4 +1,4 @@
-"""What no robot can be, found in a robot file: every mistake where it stands."""
+"""What no robot can be, found in a robot file: every error where it stands."""
 
 from __future__ import annotations
 

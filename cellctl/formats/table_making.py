@@ -123,7 +123,7 @@ def table_of(
     )
 
 
-def foreseen(table: TableFile) -> dict[str, Any]:
+def table_figures(table: TableFile) -> dict[str, Any]:
     """A table in figures: rows, largest correction (deg); distances foreseen before and after, σ (mm)."""
     import numpy as np
 

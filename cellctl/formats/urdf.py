@@ -35,7 +35,7 @@ def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
     """The robot whose joints lead from the root link to link `tip`, which may be left out where there is only one.
 
     A joint's reading is its URDF position, in degrees. The base is `base_link` and the flange `tool0`, where these lie
-    before the first and behind the last turning joint; else the root and the tip. Raises InputError, each mistake with
+    before the first and behind the last turning joint; else the root and the tip. Raises InputError, each error with
     its line: no URDF, branches and no tip named, joints that slide or follow others, closed loops.
     """
     root = load_xml(path)

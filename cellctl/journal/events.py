@@ -111,6 +111,11 @@ class StepFailure:
     text: str
     cure: str = ""
 
+    @classmethod
+    def of(cls, error: BaseException) -> StepFailure:
+        """The failure that `error` is."""
+        return cls(type(error).__name__, str(error), getattr(error, "cure", ""))
+
 
 @final
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A campaign put together from its files: procedure, parameters, cell; every mistake in them at once."""
+"""A campaign put together from its files: procedure, parameters, cell; every error in them at once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
-from cellctl.operations.simulated import simulation_mistakes
+from cellctl.operations.simulated import simulation_errors
 from cellctl.operations.system import require_cells
 from cellctl.procedure import (
     CellFiles,
@@ -29,7 +29,7 @@ from cellctl.procedure import (
 @final
 @dataclass(frozen=True)
 class Campaign:
-    """A procedure and a cell without a mistake that can be found without opening a device."""
+    """A procedure and a cell without an error that can be found without opening a device."""
 
     procedure: Procedure
     parameters: dict[str, Any]
@@ -54,14 +54,14 @@ def load_campaign(
     """Load and check a procedure and its cell (or another one), robot file and artefact included. Opens no device.
 
     seed: the run's, None: the cell file's. resumed: the steps found nothing to refuse when the run began, and are not
-    asked again. Raises InputError with all mistakes in the files and in the settings.
+    asked again. Raises InputError with all errors in the files and in the settings.
     """
     require_cells()
     drivers, registry = DriverRegistry(), StepRegistry.installed()
     problems: list[Problem] = []
     procedure = load_procedure(procedure_file)
     cell = _cell(procedure, cell_file, drivers, problems)
-    kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()} if cell else None
+    kinds = {name: drivers.abilities(address.scheme) for name, address in cell.addresses.items()} if cell else None
     parameters: dict[str, Any] = {}
     try:
         parameters = checked_parameters(procedure, settings, registry, kinds, _conditions(procedure, cell, drivers))
@@ -98,13 +98,13 @@ def _cell(
         problems += error.problems
         return None
     if cell.simulated:
-        problems += simulation_mistakes(cell.document, path)
+        problems += simulation_errors(cell.document, path)
     problems += _robot_and_artefact(cell)
     return cell
 
 
 def _robot_and_artefact(cell: Cell) -> list[Problem]:
-    """Mistakes in the robot file that the cell names, and in its artefact where it has one."""
+    """Errors in the robot file that the cell names, and in its artefact where it has one."""
     problems: list[Problem] = []
     artefact = (lambda: artefact_of(cell.document, ("artefact",)),) if "artefact" in cell.document.data else ()
     for load in (lambda: RobotFile.load(cell.robot_file), *artefact):

@@ -56,8 +56,8 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
         watcher = options.asking(watcher, mailbox)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, *([] if under_nohup() else [signal.SIGHUP])):
-        who = Operator.here(signal.Signals(number).name)
-        loop.add_signal_handler(number, mailbox.abort, "aborted by the operator", who)
+        operator = Operator.here(signal.Signals(number).name)
+        loop.add_signal_handler(number, mailbox.abort, "aborted by the operator", operator)
     parent = Operator.here("end of the parent process")
     with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why, parent)):
         return await _with_simulators(campaign, options, folder, mailbox, watcher)
@@ -109,8 +109,10 @@ def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, s
         event = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
     record.apply(journal.append(event))
     if options.acknowledged:
-        who = Operator.here("--acknowledge")
-        looked = OperatorAction("acknowledge", who.name, host=who.host, via=who.via, calendar=calendar_time())
+        operator = Operator.here("--acknowledge")
+        looked = OperatorAction(
+            "acknowledge", operator.name, host=operator.host, via=operator.via, calendar=calendar_time()
+        )
         record.apply(journal.append(looked))
     return journal
 

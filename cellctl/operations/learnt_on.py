@@ -54,8 +54,8 @@ def _by_journal(folder: Path) -> LearntOn | None:
     """The one device with axes of the run in `folder` is called robot in every step."""
     if not (folder / "journal.sqlite").exists():
         return None
-    who = fold(read_journal(folder)).identities.get("robot")
-    return LearntOn(str(who["serial"]), bool(who["simulated"]), _run_of(folder)) if who else None
+    identity = fold(read_journal(folder)).identities.get("robot")
+    return LearntOn(str(identity["serial"]), bool(identity["simulated"]), _run_of(folder)) if identity else None
 
 
 def _run_of(folder: Path) -> str | None:

@@ -1,9 +1,9 @@
-"""What a run was made with: versions of the main libraries, and hashes of the code."""
+"""What a run was made with: versions of the main libraries, the computer, and hashes of the code."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,12 +12,16 @@ from cellctl import __version__
 from cellctl.files import sha256_of
 
 _GROUPS = ("cellctl.devices", "cellctl.steps")
+_NAMED = 5
+"""So many changed files are named."""
+
 _LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
 
 
 def versions() -> dict[str, str]:
-    """Name → version: cellctl, Python and the libraries that a result depends on."""
+    """Name → version: cellctl, Python and the libraries that a result depends on; platform and processor."""
     found = {"cellctl": __version__, "python": platform.python_version()}
+    found |= {"platform": platform.platform(), "processor": _processor()}
     for name in _LIBRARIES:
         try:
             found[name] = version(name)
@@ -34,9 +38,27 @@ def sources() -> dict[str, str]:
     return {name: sha256_of(file.read_bytes()) for name, file in files}
 
 
+def changed_sources(before: Mapping[str, str]) -> str:
+    """`: a.py, b.py and 3 more`: the files that are not as they were `before`; empty where nothing is known of that."""
+    now = sources() if before else {}
+    names = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f": {', '.join(names[:_NAMED])}{more}" if names else ""
+
+
 def code_hash() -> str:
     """SHA-256 over `sources`: the same code, the same hash."""
     return sha256_of(sources())
+
+
+def _processor() -> str:
+    """The processor's model: libraries of linear algebra choose their code, and so the last digits, by it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, platform.processor() or platform.machine())
 
 
 def _files(package: str) -> Iterator[tuple[str, Path]]:

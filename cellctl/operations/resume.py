@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast, final
@@ -13,7 +12,7 @@ from cellctl.files import InputError, Problem, sha256_of
 from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
 from cellctl.journal.schema import FILE_NAME, LOCK_NAME
 from cellctl.operations.campaign import Campaign
-from cellctl.operations.provenance import code_hash, sources
+from cellctl.operations.provenance import changed_sources, code_hash
 from cellctl.operations.results import SIMULATOR_MEMORY, table_line
 
 
@@ -46,21 +45,19 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
         raise InputError(_problem(folder, "ended before it began: nothing was moved", cure))
     if state.state == "finished":
         raise InputError(_problem(folder, "is finished: there is nothing to go on with", "run the procedure anew"))
-    said = table_line(state, folder)
+    line = table_line(state, folder)
     changed = _changes(campaign, started, settings)
     if changed:
         cure = "run the procedure anew, or put back what it was"
-        cure += f"\n    {said}" if said else ""
+        cure += f"\n    {line}" if line else ""
         raise InputError([_problem(folder, text, cure) for text in changed])
     if (state.uncertain or state.state == "uncertain") and not acknowledged:
-        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {said}" if said else ""))
+        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {line}" if line else ""))
     same = replace(campaign, parameters=dict(started.parameters))
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 
 
 _BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY}
-_NAMED = 5
-"""So many changed files are named."""
 
 _LOOK = (
     "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
@@ -84,20 +81,12 @@ def _changes(campaign: Campaign, started: RunStarted, settings: list[str]) -> li
     if started.robot and sha256_of(campaign.cell.robot_file.read_text(encoding="utf-8")) != started.robot.sha256:
         changed.append(f"the robot file {started.robot.path} has changed since")
     if code_hash() != started.code_sha256:
-        changed.append(f"the code of cellctl, its drivers or steps has changed since{_which(started.sources)}")
+        changed.append(f"the code of cellctl, its drivers or steps has changed since{changed_sources(started.sources)}")
     for setting in settings:
         name = setting.partition("=")[0]
         if campaign.parameters.get(name) != started.parameters.get(name):
             changed.append(f"parameter {name} was {started.parameters.get(name)!r} in this run")
     return changed
-
-
-def _which(before: Mapping[str, str]) -> str:
-    """The source files that differ from those `before`, a few of them by name; nothing where the run did not say."""
-    now = sources() if before else {}
-    names = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f": {', '.join(names[:_NAMED])}{more}" if names else ""
 
 
 def _what_is_uncertain(state: RunState) -> str:

@@ -110,7 +110,7 @@ def simulator_command(
     return command
 
 
-def simulation_mistakes(document: Document, path: Path) -> list[Problem]:
+def simulation_errors(document: Document, path: Path) -> list[Problem]:
     """What the simulators find wrong with a cell file, each placed in it. They start nothing for that."""
     command = [sys.executable, "-P", "-m", "sims", "check", str(path)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)

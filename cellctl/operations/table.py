@@ -26,13 +26,19 @@ def controller_table(table: TableFile) -> ControllerTable:
 
 
 def refuse_table(
-    table: TableFile, file: Path, who: Identity, robot: RobotFile, correction_deg: float, *, made: str | None = None
+    table: TableFile,
+    file: Path,
+    identity: Identity,
+    robot: RobotFile,
+    correction_deg: float,
+    *,
+    made: str | None = None,
 ) -> None:
-    """Raise InputError with every reason why `table`, of `file`, must not go to the controller `who` of `robot`.
+    """Raise InputError with every reason why `table`, of `file`, must not go to the controller `identity` of `robot`.
 
     correction_deg: the most that it may correct a joint by; made: the id that it must have, None: any.
     """
-    serial, simulated = who.serial, who.simulated
+    serial, simulated = identity.serial, identity.simulated
     found = table_problems(table, serial=serial, simulated=simulated, robot=robot, correction_deg=correction_deg)
     if made is not None and made != table.id:
         found.insert(0, f"it is table {table.id[:12]}…, this run made {made[:12]}…")

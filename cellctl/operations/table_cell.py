@@ -45,7 +45,7 @@ class TableCell:
 
     @asynccontextmanager
     async def connected(self) -> AsyncIterator[tuple[TableStore, Identity]]:
-        """The device, connected alone, and who it says it is."""
+        """The device, connected alone, and its identity."""
         extra = ("--state", str(self.state)) if self.state else ()
         async with connected(self.cell, self.drivers, [self.device], seed=self.seed, extra=extra) as devices:
             found = devices[self.device]
@@ -53,16 +53,16 @@ class TableCell:
 
 
 async def push_checked(
-    store: TableStore, who: Identity, table: TableFile, file: Path, place: TableCell
+    store: TableStore, identity: Identity, table: TableFile, file: Path, place: TableCell
 ) -> dict[str, Any]:
-    """Push `table`, of `file`, to the connected controller `who`, and read it once more after it came into force.
+    """Push `table`, of `file`, to the connected controller `identity`, and read it once more after it came into force.
 
     Raises InputError with every reason why it is not for this controller (nothing is written then), DeviceError.
     """
-    refuse_table(table, file, who, place.robot, place.cell.table_correction_deg)
-    await push_verified(store, who.serial, controller_table(table))
+    refuse_table(table, file, identity, place.robot, place.cell.table_correction_deg)
+    await push_verified(store, identity.serial, controller_table(table))
     done = {"pushed": True, "verified": True, "active": True}
-    return {"id": table.id, "serial": who.serial, "rows": len(table.rows), **done}
+    return {"id": table.id, "serial": identity.serial, "rows": len(table.rows), **done}
 
 
 def state_of(state: TableState) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def state_of(state: TableState) -> dict[str, Any]:
 
 def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
     """The one device of the cell that keeps tables. Raises InputError."""
-    kinds = {name: drivers.kind(address.scheme) for name, address in cell.addresses.items()}
+    kinds = {name: drivers.abilities(address.scheme) for name, address in cell.addresses.items()}
     names = [name for name, kind in kinds.items() if not missing_abilities(kind, TableStore)]
     if len(names) == 1:
         return names[0]

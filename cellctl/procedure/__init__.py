@@ -24,6 +24,7 @@ from cellctl.procedure.model import (
     walk,
 )
 from cellctl.procedure.parameters import resolve_parameters
+from cellctl.procedure.phases import phase_titles
 from cellctl.procedure.references import Reference, UnresolvedReference, resolve
 from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
 from cellctl.procedure.section import section_of
@@ -65,6 +66,7 @@ __all__ = [
     "expected_passes",
     "inputs_of",
     "load_procedure",
+    "phase_titles",
     "read_procedure",
     "resolve",
     "resolve_parameters",

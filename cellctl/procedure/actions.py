@@ -1,4 +1,4 @@
-"""The actions of a procedure file: steps, loops, `if` and `confirm`, read with all their mistakes."""
+"""The actions of a procedure file: steps, loops, `if` and `confirm`, read with all their errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cellctl.procedure.model import Action, Confirm, If, Loop, OnResume, Retry, 
 from cellctl.procedure.references import Reference
 
 _STEP = ("id", "do", "with", "timeout", "retry", "on_resume")
-_LOOP = ("id", "for_each", "as", "steps")
+_LOOP = ("id", "title", "for_each", "as", "steps")
 _IF = ("id", "if", "then", "else")
 _CONFIRM = ("id", "confirm", "timeout", "on_resume")
 
@@ -85,6 +85,7 @@ def _loop(findings: Findings, value: Any, at: Path) -> Loop:
         at=at,
         line=line,
         column=column,
+        title=fields.text("title"),
     )
 
 

@@ -64,7 +64,7 @@ def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registr
 def check_cell(
     procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, context: CellContext
 ) -> list[Problem]:
-    """What the steps of `procedure`, which has no other mistake, refuse of the cell. Opens nothing."""
+    """What the steps of `procedure`, which has no other error, refuse of the cell. Opens nothing."""
     found: dict[Problem, None] = {}
     for action in procedure.actions():
         kind = registry.find(action.do) if isinstance(action, Step) else None
@@ -72,7 +72,7 @@ def check_cell(
             try:
                 kind.check(context, _known(action, kind, parameters))
             except InputError as error:
-                found |= dict.fromkeys(error.problems)  # several steps find the same mistake
+                found |= dict.fromkeys(error.problems)  # several steps find the same error
     return list(found)
 
 

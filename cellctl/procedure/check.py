@@ -1,4 +1,4 @@
-"""All mistakes of a procedure before anything moves: structure, names, references, steps, inputs, devices, settings."""
+"""All errors of a procedure before anything moves: structure, names, references, steps, inputs, devices, settings."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def check(
     devices: Devices | None,
     conditions: DeviceConditions | None = None,
 ) -> list[Problem]:
-    """Every mistake in `procedure`, those of reading it included, sorted by place; empty where it can be run.
+    """Every error in `procedure`, those of reading it included, sorted by place; empty where it can be run.
 
     `parameters`: name → value; one that is missing is taken as not known yet. `devices` None: the cell is not known
-    (its file has mistakes of its own), and nothing is said about devices. `conditions` None: those of the devices are
+    (its file has errors of its own), and nothing is said about devices. `conditions` None: those of the devices are
     not known. Opens nothing.
     """
     checker = _Checker(procedure, registry, devices)
@@ -59,7 +59,7 @@ def checked_parameters(
 ) -> dict[str, Any]:
     """The parameters of a procedure that is good to run, `settings` (`name=value`) included.
 
-    Raises InputError with every mistake in settings and procedure at once.
+    Raises InputError with every error in settings and procedure at once.
     """
     values, problems = read_settings(procedure, settings)
     problems += check(procedure, values, registry, devices, conditions)

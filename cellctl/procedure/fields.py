@@ -1,4 +1,4 @@
-"""Reading one mapping of a document key by key: mistakes are collected, and reading goes on."""
+"""Reading one mapping of a document key by key: errors are collected, and reading goes on."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 @final
 class Findings:
-    """The mistakes found in one document so far."""
+    """The errors found in one document so far."""
 
     def __init__(self, document: Document) -> None:
         self.document = document
         self.problems: list[Problem] = []
 
     def report(self, at: Path, what: str, cure: str = "", *, key: bool = False) -> None:
-        """Note a mistake at the value (or key) at `at`."""
+        """Note an error at the value (or key) at `at`."""
         self.problems.append(self.document.problem(at, what, cure, key=key))
 
 
@@ -51,7 +51,7 @@ class Fields:
         return key in self._value
 
     def report(self, key: str, what: str, cure: str = "") -> None:
-        """Note a mistake at the value of `key`."""
+        """Note an error at the value of `key`."""
         self._findings.report((*self.at, key), what, cure)
 
     def raw(self, key: str, *, needed: bool = False) -> Any:

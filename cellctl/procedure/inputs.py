@@ -47,7 +47,7 @@ def inputs_of(procedure: Procedure, step: Step, kind: AnyStepKind, scope: Mappin
 def input_problems(
     error: ValidationError, document: Document, at: Path, kind: AnyStepKind, unknown: Iterable[Path] = ()
 ) -> list[Problem]:
-    """The mistakes in `error`, each placed under `at`; nothing is said about what depends on `unknown` inputs."""
+    """The errors in `error`, each placed under `at`; nothing is said about what depends on `unknown` inputs."""
     skipped = tuple(unknown)
     found: dict[tuple[Path, str], Problem] = {}
     for detail in error.errors(include_url=False):

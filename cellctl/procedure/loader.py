@@ -1,4 +1,4 @@
-"""From a procedure file to the model of it. Mistakes do not end the reading; they are all in `Procedure.problems`."""
+"""From a procedure file to the model of it. Errors do not end the reading; they are all in `Procedure.problems`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _parameter(findings: Findings, name: str, value: Any, at: Path) -> Parameter
         help=fields.text("help"),
         at=at,
     )
-    if len(findings.problems) > before:  # what follows from a mistake is not another one
+    if len(findings.problems) > before:  # what follows from an error is not another one
         return parameter
     _bounds_make_sense(fields, parameter)
     if "default" not in fields or len(findings.problems) > before:

@@ -79,7 +79,10 @@ class Step:
 @final
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Steps done once for each element of a list (`for_each`: a reference or the list), named `variable` inside."""
+    """Steps done once for each element of a list (`for_each`: a reference or the list), named `variable` inside.
+
+    `title`: what the operator reads while its steps run; empty: the titles of the steps.
+    """
 
     id: str
     for_each: Reference | list[Value]
@@ -88,6 +91,7 @@ class Loop:
     at: Path
     line: int
     column: int
+    title: str = ""
 
 
 @final
@@ -157,8 +161,8 @@ class Interlock:
 class Procedure:
     """A procedure file. `cell` is its default cell's path, joined to the procedure's folder.
 
-    `problems` are the mistakes that reading it met; the part that could be read is here all the same, so that `check`
-    can name the other mistakes with them. A procedure with problems must not be run.
+    `problems` are the errors that reading it met; the part that could be read is here all the same, so that `check`
+    can name the other errors with them. A procedure with problems must not be run.
     """
 
     document: Document

@@ -23,7 +23,7 @@ _CALLED = {
 def resolve_parameters(procedure: Procedure, settings: Sequence[str] = ()) -> dict[str, Any]:
     """Every parameter's value: its default, or what `settings` (`name=value` each) say.
 
-    Raises InputError with all mistakes in the settings.
+    Raises InputError with all errors in the settings.
     """
     values, problems = read_settings(procedure, settings)
     if problems:
@@ -32,7 +32,7 @@ def resolve_parameters(procedure: Procedure, settings: Sequence[str] = ()) -> di
 
 
 def read_settings(procedure: Procedure, settings: Sequence[str]) -> tuple[dict[str, Any], list[Problem]]:
-    """The values that are good, and the mistakes; a parameter without a good value is not among the values."""
+    """The values that are good, and the errors; a parameter without a good value is not among the values."""
     given: dict[str, str] = {}
     problems: list[Problem] = []
     for setting in settings:

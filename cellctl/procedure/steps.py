@@ -26,7 +26,7 @@ _KIND = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
 
 
 class StepInputs(BaseModel):
-    """The base of what a step takes: unknown inputs are mistakes, nothing is guessed from text."""
+    """The base of what a step takes: unknown inputs are errors, nothing is guessed from text."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -35,7 +35,7 @@ class LineError(ValueError):
 @final
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A valid line: its number 0…65535, the probe's 32-bit count when it began to send it, and what it says."""
+    """A valid line: its number 0…65535, the probe's 32-bit count when it began to send it, and its content."""
 
     seq: int
     tick: int

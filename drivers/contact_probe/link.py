@@ -64,12 +64,12 @@ class Answered:
 
     @property
     def message(self) -> Message:
-        """What the answer says."""
+        """The content of the answer."""
         return self.arrival.line.message
 
 
 class Hearer(Protocol):
-    """Who listens to a link."""
+    """The listener of a link."""
 
     def alive(self, time_ns: int) -> None:
         """The probe was alive at `time_ns`: it began a new line then. In the port's thread; must not block."""
@@ -216,9 +216,9 @@ class Link:
         """The same number saying the same again soon. Heartbeats, never sent again, may well be alike after a reset."""
         if isinstance(line.message, Heartbeat):
             return False
-        said, last_ns = self._seen.get(line.seq, (None, 0))
+        seen, last_ns = self._seen.get(line.seq, (None, 0))
         within_ns = _BOOT_WITHIN_NS if isinstance(line.message, Boot) else _DOUBLE_WITHIN_NS
-        double = said == line.message and time_ns - last_ns < within_ns
+        double = seen == line.message and time_ns - last_ns < within_ns
         self._seen[line.seq] = line.message, time_ns
         self.counts.doubles += double
         return double

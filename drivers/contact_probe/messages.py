@@ -1,4 +1,4 @@
-"""What the probe says, one class a line type; fields as in docs/reference/probe-protocol.md."""
+"""The probe's lines, one class for each type; fields as in docs/reference/probe-protocol.md."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Boot:
 @final
 @dataclass(frozen=True, slots=True)
 class Introduction:
-    """`ID`: who the probe is; its hardware count runs at `tick_hz`."""
+    """`ID`: the probe's identity; its hardware count runs at `tick_hz`."""
 
     host_seq: int
     proto: int
@@ -106,6 +106,6 @@ class Reply:
 
 
 Answer = Introduction | Synced | Reply
-"""What answers a command; `host_seq` says which."""
+"""The answer to the command `host_seq`."""
 
 Message = Boot | Heartbeat | Edge | Confirmation | Opened | Fault | Answer

@@ -1,4 +1,4 @@
-"""The contact probe as its callers know it: connect, arm, wait for the contact, disarm."""
+"""The contact probe as its callers use it: connect, arm, wait for the contact, disarm."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _CONDITIONS: Final = {
 
 @final
 class SerialProbe:
-    """A ContactProbe with Conditions, on a serial line; docs/reference/probe-protocol.md says how it speaks."""
+    """A ContactProbe with Conditions, on a serial line; its protocol: docs/reference/probe-protocol.md."""
 
     def __init__(self, name: str, place: SerialPlace, clock: Clock) -> None:
         self.name = name
@@ -44,7 +44,7 @@ class SerialProbe:
         self._session: Session | None = None
 
     async def connect(self) -> Identity:
-        """Open the port, ask who is there, and fit its count to the cell's clock (about 1 s of heartbeats)."""
+        """Open the port, ask for the identity, and fit its count to the cell's clock (about 1 s of heartbeats)."""
         await self.close()
         session = self._session = Session(self.name, self._place, self._clock)
         try:
@@ -71,7 +71,7 @@ class SerialProbe:
         session.watch(search)
 
     async def contact(self) -> Contact:
-        """Wait for the contact. `confirmed`: whether the level held, None where that was not said within 0.5 s."""
+        """Wait for the contact. `confirmed`: whether the level held, None where that was not reported within 0.5 s."""
         search = self._session.search if self._session else None
         if search is None:
             raise DeviceRefused(self.name, "is not armed, so no contact can come", "arm it first")
@@ -122,7 +122,7 @@ class SerialProbe:
         return beat is not None and (beat.open or (condition == "whole" and beat.closed))
 
     async def stop(self) -> None:
-        """Disarm. A probe that does not answer comes to its safe state by itself: it does not hear us either."""
+        """Disarm. A probe that does not answer enters its safe state by itself: it receives nothing from us either."""
         if self._session:
             with suppress(DeviceLost):
                 await self.disarm()
@@ -157,9 +157,9 @@ class SerialProbe:
             case _:
                 raise DeviceFault(self.name, f"cannot be armed (answer '{code}')", "check the probe's firmware")
 
-    def _identity(self, who: Introduction) -> Identity:
-        simulated = any(text.upper().startswith("SIM") for text in (who.serial, who.name))
-        return Identity(self.name, who.serial, who.name, who.firmware, simulated)
+    def _identity(self, introduction: Introduction) -> Identity:
+        simulated = any(text.upper().startswith("SIM") for text in (introduction.serial, introduction.name))
+        return Identity(self.name, introduction.serial, introduction.name, introduction.firmware, simulated)
 
     def _connected(self) -> Session:
         if self._session is None:

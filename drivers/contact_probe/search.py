@@ -31,7 +31,7 @@ def fault_of(device: str, code: str) -> DeviceFault:
 
 
 def _missed(device: str, beat: Heartbeat) -> DeviceFault:
-    """What a heartbeat of an armed probe says about a line that should have come, and did not."""
+    """The line that an armed probe should have sent and did not, from its heartbeat."""
     if beat.state == "TRIPPED":
         what = f"tripped without saying when: no EDGE within {_EDGE_WITHIN_S:g} s"
         return DeviceFault(device, what, "look at the serial line: its health counts spoilt and old lines")
@@ -80,7 +80,7 @@ class Search:
         return self._outcome if isinstance(self._outcome, DeviceError) else None
 
     def armed(self) -> None:
-        """The probe said that it is armed: from here on a heartbeat that says otherwise ends the search."""
+        """The probe reported that it is armed: from here on a heartbeat without it ends the search."""
         self._armed = True
 
     def at_once(self, line: Line) -> None:
@@ -128,7 +128,7 @@ class Search:
             self._ended.set()
 
     def close(self) -> None:
-        """Disarmed: nothing more comes, and who still waits for a contact learns so."""
+        """Disarmed: no more lines are expected, and a caller that waits for a contact is woken."""
         if self._due:
             self._due.cancel()
         self._halted = True

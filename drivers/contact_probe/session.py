@@ -1,4 +1,4 @@
-"""One connection to a probe, from opening its port to closing it: who it is, its time, its commands, its life."""
+"""One connection to a probe, from opening its port to closing it: identity, time, commands, liveness."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ class Session:
         self.link.start()
 
     async def meet(self) -> Introduction:
-        """Ask who is there, and fit its count to the cell's clock. Raises DeviceUnreachable, DeviceLost."""
+        """Ask for the identity, and fit its count to the cell's clock. Raises DeviceUnreachable, DeviceLost."""
         await self._clock.sleep(_QUIET_S)
         try:
             async with self._clock.timeout(_PATIENCE_S):
-                who = await self._introduction()
+                introduction = await self._introduction()
         except TimeoutError:
             raise self._unanswered() from None
-        if who.proto != PROTOCOL:
+        if introduction.proto != PROTOCOL:
             cure = f"load firmware that speaks protocol version {PROTOCOL}"
-            raise DeviceUnreachable(self._device, f"speaks protocol version {who.proto}", cure)
-        if who.tick_hz == 0:
+            raise DeviceUnreachable(self._device, f"speaks protocol version {introduction.proto}", cure)
+        if introduction.tick_hz == 0:
             raise DeviceUnreachable(self._device, "says that its clock stands still (tick_hz 0)", "check its firmware")
-        self.ticks = TickClock(who.tick_hz)
+        self.ticks = TickClock(introduction.tick_hz)
         await self.settled()
         self.resets = 0  # the one that opening the port may cause is none
-        return who
+        return introduction
 
     async def settled(self) -> TickClock:
         """The probe's count, once its fit has a second of lines to stand on. Raises DeviceLost after 5 s without."""
@@ -138,7 +138,7 @@ class Session:
         await self.link.close()
         self.end_search()
 
-    # What the link hears. `alive`, `at_once` and `gone_at_once` are called by the port's thread.
+    # What the link receives. `alive`, `at_once` and `gone_at_once` are called by the port's thread.
 
     def alive(self, time_ns: int) -> None:
         """Pass a sign of life on."""

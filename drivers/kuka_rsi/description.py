@@ -19,7 +19,7 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Compe
     Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON; `controller` the
     address that telegrams come from, where it is not the host of `eki`; `tolerance` the ETHERNET object's `Timeout`.
     `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
-    `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`. Raises ValueError for a mistake in the
+    `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`. Raises ValueError for an error in the
     address, an unknown limit or one above its ceiling.
     """
     limits = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
@@ -27,7 +27,7 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Compe
 
 
 def check_address(address: Address, folder: Path) -> list[str]:
-    """Every mistake in the address and in the Ethernet configuration that it names; opens no socket.
+    """Every error in the address and in the Ethernet configuration that it names; opens no socket.
 
     `folder`: against which paths in the address are read. Each entry is a line for a person, `file:line: what`.
     """
@@ -35,7 +35,7 @@ def check_address(address: Address, folder: Path) -> list[str]:
         settings = RsiSettings.of(address, folder)
     except ValueError as error:
         return [str(error)]
-    return read_ethernet_config(settings).mistakes
+    return read_ethernet_config(settings).errors
 
 
 DRIVER = DriverDescription(open_robot, CompensatedRobot, check_address, findings, controller_files)

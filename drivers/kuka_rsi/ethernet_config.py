@@ -1,4 +1,4 @@
-"""The person's RSI Ethernet configuration: the file that the controller loads decides how we answer it."""
+"""The person's RSI Ethernet configuration: the file that the controller loads decides the answer's form."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class XmlNode:
 @final
 @dataclass(frozen=True, slots=True)
 class EthernetConfig:
-    """What the file says, and what is wrong with it (`file:line: what`, empty where it will do)."""
+    """The file's content, and its errors (`file:line: what`, empty where it will do)."""
 
     sentype: str = ""
     receive: tuple[ReplyTag, ...] = ()
-    mistakes: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
 
 
 def read_ethernet_config(settings: RsiSettings) -> EthernetConfig:
@@ -56,19 +56,19 @@ def read_ethernet_config(settings: RsiSettings) -> EthernetConfig:
     try:
         nodes = _nodes(file)
     except OSError as error:
-        return EthernetConfig(mistakes=[f"{file}: {error.strerror}"])
+        return EthernetConfig(errors=[f"{file}: {error.strerror}"])
     except expat.ExpatError as error:
-        return EthernetConfig(mistakes=[f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}"])
+        return EthernetConfig(errors=[f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}"])
     if nodes[0].path != "ROOT":
         what = f"the root is <{nodes[0].path}>; an RSI Ethernet configuration has <ROOT>"
-        return EthernetConfig(mistakes=[f"{file}:{nodes[0].line}: {what}"])
+        return EthernetConfig(errors=[f"{file}:{nodes[0].line}: {what}"])
     found = chain(_in_config(nodes, settings.bind[1]), _in_send(nodes), _in_receive(nodes, settings))
-    mistakes = [f"{file}:{line}: {what}" for line, what in sorted(found)]
+    errors = [f"{file}:{line}: {what}" for line, what in sorted(found)]
     receive = tuple(ReplyTag(_tag(node), _kind(node)) for node in _elements(nodes, "RECEIVE"))
-    return EthernetConfig(_text(nodes, "SENTYPE"), receive, mistakes)
+    return EthernetConfig(_text(nodes, "SENTYPE"), receive, errors)
 
 
-Mistakes = Iterable[tuple[int, str]]
+Errors = Iterable[tuple[int, str]]
 
 
 def _nodes(file: Path) -> list[XmlNode]:
@@ -91,7 +91,7 @@ def _nodes(file: Path) -> list[XmlNode]:
     return nodes
 
 
-def _in_config(nodes: list[XmlNode], bound_port: int) -> Mistakes:
+def _in_config(nodes: list[XmlNode], bound_port: int) -> Errors:
     if not _text(nodes, "SENTYPE"):
         yield _line(nodes, "CONFIG/SENTYPE"), "SENTYPE is missing or empty: the controller takes no answer without it"
     if _text(nodes, "ONLYSEND").upper() != "FALSE":
@@ -104,7 +104,7 @@ def _in_config(nodes: list[XmlNode], bound_port: int) -> Mistakes:
         )
 
 
-def _in_send(nodes: list[XmlNode]) -> Mistakes:
+def _in_send(nodes: list[XmlNode]) -> Errors:
     elements = _elements(nodes, "SEND")
     by_tag = {_tag(node): node for node in elements}
     for tag, (kind, why) in _NEEDED_IN_SEND.items():
@@ -117,7 +117,7 @@ def _in_send(nodes: list[XmlNode]) -> Mistakes:
     yield from _twice(elements, "TAG")
 
 
-def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Mistakes:
+def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Errors:
     elements = _elements(nodes, "RECEIVE")
     by_tag = {_tag(node): node for node in elements}
     wanted = {f"{settings.correction}.{axis}": "DOUBLE" for axis in AXIS_NAMES} | {settings.stop: "BOOL"}
@@ -137,7 +137,7 @@ def _in_receive(nodes: list[XmlNode], settings: RsiSettings) -> Mistakes:
     yield from _twice([node for node in elements if not _internal(node)], "INDX")
 
 
-def _in_received(node: XmlNode) -> Mistakes:
+def _in_received(node: XmlNode) -> Errors:
     if not _tag(node):
         yield node.line, "an ELEMENT has no TAG"
     if _tag(node) == "DEF_Tech.T1":
@@ -149,7 +149,7 @@ def _in_received(node: XmlNode) -> Mistakes:
         yield node.line, f"{_tag(node)}: INDX '{index}' is no channel (1 … {_MOST_CHANNELS}, or INTERNAL)"
 
 
-def _twice(elements: list[XmlNode], attribute: str) -> Mistakes:
+def _twice(elements: list[XmlNode], attribute: str) -> Errors:
     first: dict[str, int] = {}
     for node in elements:
         value = node.attributes.get(attribute, "")

@@ -1,4 +1,4 @@
-"""What the address of a KUKA robot says."""
+"""The settings in the address of a KUKA robot."""
 
 from __future__ import annotations
 
@@ -43,20 +43,20 @@ class RsiSettings:
 
     @classmethod
     def of(cls, address: Address, folder: Path) -> Self:
-        """The settings in `address`, paths read against `folder`. Raises ValueError with every mistake."""
+        """The settings in `address`, paths read against `folder`. Raises ValueError with every error."""
         query = address.query
-        mistakes = [f"unknown setting '{key}' ({', '.join(sorted(_SETTINGS))})" for key in query.keys() - _SETTINGS]
-        mistakes += [f"setting '{key}' is missing" for key in ("ethernet", "eki") if not query.get(key)]
-        mistakes += [f"setting '{key}' is empty" for key in ("correction", "stop") if query.get(key) == ""]
+        errors = [f"unknown setting '{key}' ({', '.join(sorted(_SETTINGS))})" for key in query.keys() - _SETTINGS]
+        errors += [f"setting '{key}' is missing" for key in ("ethernet", "eki") if not query.get(key)]
+        errors += [f"setting '{key}' is empty" for key in ("correction", "stop") if query.get(key) == ""]
         mode = query.get("mode", CorrectionMode.ABSOLUTE)
-        mistakes += [] if mode in set(CorrectionMode) else [f"mode={mode} is none of {', '.join(CorrectionMode)}"]
-        mistakes += _about_the_controller(query.get("controller")) + _about_tolerance(query.get("tolerance"))
-        mistakes += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
+        errors += [] if mode in set(CorrectionMode) else [f"mode={mode} is none of {', '.join(CorrectionMode)}"]
+        errors += _about_the_controller(query.get("controller")) + _about_tolerance(query.get("tolerance"))
+        errors += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
         eki = _host_and_port(query.get("eki", ""))
         if query.get("eki") and eki is None:
-            mistakes.append(f"eki={query['eki']} is not HOST:PORT")
-        if mistakes or eki is None:
-            raise ValueError(f"{address}: {'; '.join(mistakes)}")
+            errors.append(f"eki={query['eki']} is not HOST:PORT")
+        if errors or eki is None:
+            raise ValueError(f"{address}: {'; '.join(errors)}")
         names = {key: query[key] for key in ("correction", "stop", "controller") if key in query}
         return cls(
             (address.host, address.port or 0),

@@ -5,16 +5,16 @@ from __future__ import annotations
 import ipaddress
 
 from cellctl.devices import Address, Finding, Surroundings
-from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, ceilings, limit_mistakes
+from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, ceilings, limit_errors
 
 
 def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
-    """Mistakes in the limits, and warnings about limits and address. The address itself has no mistake."""
+    """Errors in the limits, and warnings about limits and address. The address itself has no error."""
     limits, reach_mm = surroundings.limits, surroundings.reach_mm
-    mistakes = limit_mistakes(limits, reach_mm)
-    found = [Finding(what, _cure(name, reach_mm), name) for name, what in mistakes.items()]
+    errors = limit_errors(limits, reach_mm)
+    found = [Finding(what, _cure(name, reach_mm), name) for name, what in errors.items()]
     for name, need in SEARCH_NEEDS.items():
-        if name in limits and name not in mistakes and limits[name] > need:
+        if name in limits and name not in errors and limits[name] > need:
             what = f"robot limit {name}: {limits[name]:g} is more than a search needs ({need:g})"
             found.append(Finding(what, f"give {need:g} or less, or leave it out", name, warning=True))
     return found + _about_telegrams(address)

@@ -27,11 +27,11 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     controller holds something else, and what the device raises.
     """
     file = context.run_folder / "table.json"
-    table, who = TableFile.load(file), context.identity("robot")
+    table, identity = TableFile.load(file), context.identity("robot")
     limit = table_correction_deg(context.cell)
-    refuse_table(table, file, who, RobotFile.load(context.robot_file), limit, made=table_id)
+    refuse_table(table, file, identity, RobotFile.load(context.robot_file), limit, made=table_id)
     begins = TablePushRow(table.id, len(table.rows), False, False, None, table.max_correction_deg)
-    await push_verified(robot, who.serial, controller_table(table), lambda: context.record(begins))
+    await push_verified(robot, identity.serial, controller_table(table), lambda: context.record(begins))
     return TableStateRow(table.id, len(table.rows), True, True, True, table.max_correction_deg)
 
 

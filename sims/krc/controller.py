@@ -18,7 +18,7 @@ from sims.krc.rsi_session import RsiContext, RsiSettings
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, LateCounter
 from sims.krc.table_desk import TableDesk
-from sims.krc.table_memory import tables_of, told_tables
+from sims.krc.table_memory import state_of_tables, tables_from
 from sims.krc.tables import Tables
 from sims.krc.telegram import TelegramFormat, Value
 from sims.scene.arm import MovingArm
@@ -84,10 +84,10 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"
     ident = print_ident(serial, cell.robot.name, KSS)
-    tables = memory.recall("tables", lambda told: tables_of(told, len(joints))) or Tables()
+    tables = memory.recall("tables", lambda state: tables_from(state, len(joints))) or Tables()
     program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory)
     eki = EkiServer(kernel, program, setup.wire)
-    memory.keep("tables", lambda: told_tables(tables))
+    memory.keep("tables", lambda: state_of_tables(tables))
 
     def restart() -> None:
         """The program and its channel go down."""

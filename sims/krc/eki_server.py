@@ -23,7 +23,7 @@ RESTART_NS = 2_000_000_000
 
 @final
 class EkiServer:
-    """Listens on a free port of 127.0.0.1, `port`; hands documents to the program."""
+    """Listens on a free port of 127.0.0.1, `port`; passes documents to the program."""
 
     def __init__(self, kernel: Kernel, program: Program, wire: Wire) -> None:
         self._kernel = kernel
@@ -113,13 +113,13 @@ class EkiServer:
 
     def _tell(self) -> None:
         self._flush()
-        if not self._unsent:  # who does not read gets the next state, not every one since
-            self._program.tell()
+        if not self._unsent:  # a client that does not read gets the next state, not every one since
+            self._program.send_state()
         if self._peer:
             self._timer = self._kernel.after(STATE_EVERY_NS, self._tell)
 
     def _send(self, document: bytes) -> None:
-        """Never blocks: what TCP does not take waits, and who does not read for long is taken for lost."""
+        """Never blocks: what TCP does not take waits, and a client that does not read for long counts as lost."""
         self._unsent += document
         self._flush()
 

@@ -63,7 +63,7 @@ class EthernetConfig:
 
     @property
     def wired(self) -> tuple[Element, ...]:
-        """The RECEIVE tags that this controller's RSI context uses; others are taken and come to nothing."""
+        """The RECEIVE tags that this controller's RSI context uses; others are accepted and have no effect."""
         return tuple(element for element in self.receive if element.tag in {*self.correction, self.stop})
 
 

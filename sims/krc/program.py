@@ -45,7 +45,7 @@ class _Running:
 
 @final
 class Program:
-    """Takes commands as documents, answers through the connection's `send`, tells every change of state."""
+    """Takes commands as documents, answers through the connection's `send`, sends every change of state."""
 
     def __init__(self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk, memory: Memory) -> None:
         self._rsi = rsi
@@ -56,7 +56,7 @@ class Program:
         self._ident = ident
         self._tables = tables
         self._memory = memory
-        self._message = memory.recall("program", lambda told: str(told["message"])) or ""
+        self._message = memory.recall("program", lambda state: str(state["message"])) or ""
         self._prog = Prog.ERROR if self._message else Prog.READY
         self._running: _Running | None = None
         self._braking = False
@@ -72,7 +72,7 @@ class Program:
     def connected(self, send: Send) -> None:
         """A PC has connected; the state is its greeting."""
         self._send = send
-        self.tell()
+        self.send_state()
 
     def disconnected(self) -> None:
         """The connection is lost: what moves is stopped, and nobody is left to answer."""
@@ -82,7 +82,7 @@ class Program:
             self._running.orphaned = True
             self._stop(Code.STOPPED, "the connection was lost")
 
-    def tell(self) -> None:
+    def send_state(self) -> None:
         """Send the state."""
         self._sequence += 1
         self._put(print_state(self._sequence, self._prog, self._message, self._robot.readings()))
@@ -227,7 +227,7 @@ class Program:
             self._prog, self._message = prog, message
             if remembered:
                 self._memory.save()
-            self.tell()
+            self.send_state()
 
     def _reply(self, command_id: str, code: Code, text: str = "", inner: str = "") -> None:
         self._put(print_reply(command_id, code, text, self._robot.readings(), inner))

@@ -24,7 +24,7 @@ def target_of(message: dict[str, Any]) -> tuple[str, int]:
 
 @final
 class RsiLink:
-    """Sends telegrams to the target, hands its datagrams to `on_datagram`, and holds T from `send` to `answered`."""
+    """Sends telegrams to the target, passes its datagrams to `on_datagram`, and holds T from `send` to `answered`."""
 
     def __init__(self, kernel: Kernel) -> None:
         self.on_datagram: Callable[[bytes], object] = lambda data: None
@@ -58,7 +58,7 @@ class RsiLink:
         self.answered()
         try:
             self._socket.send(telegram)
-        except ConnectionRefusedError:  # said of an earlier telegram; this one has not left
+        except ConnectionRefusedError:  # of an earlier telegram; this one has not left
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(telegram)
         if answer_within_ns is not None:

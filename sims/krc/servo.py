@@ -18,7 +18,7 @@ class Servo:
     ẍ = ω²(u − x) − 2ωẋ with ω = 1/12 ms, the set-point u going evenly from the last cycle's to this one's (the
     controller's fine interpolation), so that at a constant speed the axis is 24 ms behind. Change of velocity in a
     cycle is bounded by max_speed / 0.4 s, velocity by max_speed. `scale` 0 … 1 shortens lag and widens the bounds; with
-    0 the axis is where it is told to be.
+    0 the axis is at its set-point.
     """
 
     def __init__(self, max_speeds: Sequence[float], cycle_s: float, scale: float) -> None:

@@ -8,27 +8,27 @@ from typing import Any
 from sims.krc.tables import Row, Table, Tables, table_sum
 
 
-def told_tables(tables: Tables) -> dict[str, Any]:
+def state_of_tables(tables: Tables) -> dict[str, Any]:
     """As JSON has it. What is staged is not remembered."""
     return {"active": _told(tables.active), "previous": _told(tables.previous)}
 
 
-def tables_of(told: Mapping[str, Any], axes: int) -> Tables:
-    """The tables that `told_tables` told. Raises ValueError, TypeError, LookupError, AttributeError."""
-    return Tables(_table(told["active"], axes), _table(told["previous"], axes))
+def tables_from(state: Mapping[str, Any], axes: int) -> Tables:
+    """The tables of a `state` that was kept. Raises ValueError, TypeError, LookupError, AttributeError."""
+    return Tables(_table(state["active"], axes), _table(state["previous"], axes))
 
 
 def _told(table: Table | None) -> dict[str, str] | None:
     return table and {"id": table.id, "sum": table.sum, "lines": table.lines}
 
 
-def _table(told: Mapping[str, str] | None, axes: int) -> Table | None:
-    if told is None:
+def _table(state: Mapping[str, str] | None, axes: int) -> Table | None:
+    if state is None:
         return None
-    if table_sum(told["lines"]) != told["sum"]:
-        raise ValueError(f"the sum of table '{told['id']}' does not fit")
-    rows = tuple(_row(line.split(";")[1:], axes) for line in told["lines"].splitlines())
-    return Table(told["id"], told["sum"], rows, told["lines"])
+    if table_sum(state["lines"]) != state["sum"]:
+        raise ValueError(f"the sum of table '{state['id']}' does not fit")
+    rows = tuple(_row(line.split(";")[1:], axes) for line in state["lines"].splitlines())
+    return Table(state["id"], state["sum"], rows, state["lines"])
 
 
 def _row(fields: list[str], axes: int) -> Row:

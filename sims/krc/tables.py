@@ -15,7 +15,7 @@ MOST_ROWS = 500
 @final
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One pose twice, degrees: as the nominal model has it, and as the robot is told to go there."""
+    """One pose twice, degrees: as the nominal model has it, and as the robot is commanded there."""
 
     nominal: Joints
     compensated: Joints

@@ -22,7 +22,7 @@ def _start(setup: Setup) -> Started:
     return ProbeServer(setup)
 
 
-def _address_mistakes(address: str) -> list[str]:
+def _address_errors(address: str) -> list[str]:
     try:
         possible = baud_of(address) > 0
     except ValueError:
@@ -51,5 +51,5 @@ SIMULATOR = Simulator(
         ),
     ),
     events={ARM: "the probe is armed", CONTACT: "it trips: the loop has closed while it was armed"},
-    address_mistakes=_address_mistakes,
+    address_errors=_address_errors,
 )

@@ -100,7 +100,7 @@ class Firmware:
         self._look_for_faults(now)
 
     def update(self, now: int, millivolts: int, lines: list[HostLine | None]) -> list[Message]:
-        """The world at `now`: loop voltage, and what the host has said (None: a line that made no sense).
+        """The world at `now`: loop voltage, and the host's line (None: a line that made no sense).
 
         Returns the lines to send, in order. An edge is captured at `now`.
         """

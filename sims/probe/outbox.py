@@ -1,4 +1,4 @@
-"""What the probe has to say: numbered, and said again until acknowledged."""
+"""The probe's lines: numbered, and sent again until acknowledged."""
 
 from __future__ import annotations
 

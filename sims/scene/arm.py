@@ -20,7 +20,7 @@ from sims.world.world import World
 LOOK_AHEAD_NS = 10_000_000
 COLLISION_MM = 3.0
 COLLISION_MARGIN_MM = 0.2
-"""Who starts deep inside may come out, wherever the scatter of the new pose lies."""
+"""A motion that starts deep inside may come out, wherever the scatter of the new pose lies."""
 _SWING = 0.15
 """A cubic leaves the stretch between its ends by no more than this × duration × the speeds at its ends (4/27)."""
 
@@ -133,7 +133,7 @@ class MovingArm:
         self._look_ahead()
 
     def follow_cycle(self, motion: Motion) -> None:
-        """One interpolation cycle as told by a sensor; the next motion must begin where it ends."""
+        """One interpolation cycle with a sensor's correction; the next motion must begin where it ends."""
         self._follow(motion, None)
         self._look_ahead()
 
@@ -225,7 +225,7 @@ class MovingArm:
         return self._free_mm < self._least_free_mm and not isinstance(self._motion, Braking)
 
     def _least_free(self, joints: Joints) -> float:
-        """Who starts out in something may come out, but not go deeper."""
+        """A motion that starts inside something may come out, but not go deeper."""
         self._free_mm = self._world.free(joints)
         return min(0.0, self._free_mm - COLLISION_MARGIN_MM)
 

@@ -15,7 +15,7 @@ class ContactLoop:
         self._watchers: list[Callable[[bool], object]] = []
 
     def set_closed(self, closed: bool) -> None:
-        """The tip touches or leaves now; said twice, the second has no effect."""
+        """The tip touches or leaves now; a second call has no effect."""
         if closed == self.closed:
             return
         self.closed = closed

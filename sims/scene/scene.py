@@ -12,7 +12,7 @@ from sims.scene.arm import MovingArm
 from sims.scene.contact_log import ContactLog
 from sims.scene.contact_loop import ContactLoop
 from sims.scene.faults import TIP_JUMP
-from sims.scene.stance import Stance, stance_of
+from sims.scene.stance import Stance, stance_from
 from sims.world.screws import Vector
 from sims.world.world import World
 
@@ -43,11 +43,13 @@ class Scene:
         self._memory.recall("ageing", self.world.ageing.recall)
         self.contact = ContactLoop()
         self.log = ContactLog(truth_log)
-        stance = self._memory.recall("robot", lambda told: stance_of(told, len(joints))) or Stance(cell.home, cell.home)
+        stance = self._memory.recall("robot", lambda kept: stance_from(kept, len(joints))) or Stance(
+            cell.home, cell.home
+        )
         speeds = [joint.max_speed for joint in joints]
         self.arm = MovingArm(kernel, self.world, self.contact, self.log, stance, speeds)
-        self._memory.keep("robot", lambda: self.arm.stance().told())
-        self._memory.keep("ageing", lambda: self.world.ageing.told(kernel.now))
+        self._memory.keep("robot", lambda: self.arm.stance().state())
+        self._memory.keep("ageing", lambda: self.world.ageing.state(kernel.now))
         self.contact.subscribe(self._touched)
         faults.on_start(TIP_JUMP.name, self._shorten_tip)
         kernel.after(SAVE_EVERY_NS, self._save_on_the_way)

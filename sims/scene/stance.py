@@ -27,7 +27,7 @@ class Stance:
     attempts: Mapping[str, int] = field(default_factory=dict)
     slack: Joints = ()
 
-    def told(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """As JSON has it."""
         return {
             "joints": self.joints,
@@ -39,16 +39,16 @@ class Stance:
         }
 
 
-def stance_of(told: Mapping[str, Any], axes: int) -> Stance:
-    """The stance that `told()` told. Raises ValueError, TypeError, LookupError, AttributeError."""
-    x, y, z = _numbers(told["scatter"], 3)
+def stance_from(state: Mapping[str, Any], axes: int) -> Stance:
+    """The stance of a `state` that was kept. Raises ValueError, TypeError, LookupError, AttributeError."""
+    x, y, z = _numbers(state["scatter"], 3)
     return Stance(
-        joints=_numbers(told["joints"], axes),
-        commanded=_numbers(told["commanded"], axes),
+        joints=_numbers(state["joints"], axes),
+        commanded=_numbers(state["commanded"], axes),
         scatter=(x, y, z),
-        attempt=int(told["attempt"]),
-        attempts={str(pose): int(count) for pose, count in told["attempts"].items()},
-        slack=_numbers(told["slack"], axes) if told.get("slack") else (),
+        attempt=int(state["attempt"]),
+        attempts={str(pose): int(count) for pose, count in state["attempts"].items()},
+        slack=_numbers(state["slack"], axes) if state.get("slack") else (),
     )
 
 

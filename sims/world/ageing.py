@@ -9,7 +9,7 @@ from typing import Any, final
 WEAR_MM = 0.0005
 """Of the wire, at each touch."""
 WARM_UP_MM = 0.08
-"""Growth of the stretched links in the end: the order that a robot of this class drifts by in its first hour."""
+"""Thermal expansion of the stretched links in the end: about the drift of a robot of this class in its first hour."""
 WARM_UP_S = 1200.0
 
 
@@ -18,14 +18,14 @@ class Ageing:
     """A fresh tip and cold links at first.
 
     `wear`, `warm_up`: the errors' scales; `links_mm`: the links stretched out, base to flange. `worn_mm`: how much
-    shorter the tip is, along the flange's z. `growth`: by what share the links are longer.
+    shorter the tip is, along the flange's z. `expansion`: by what share the links are longer.
     """
 
     def __init__(self, wear: float, warm_up: float, links_mm: float) -> None:
         self.worn_mm = 0.0
-        self.growth = 0.0
+        self.expansion = 0.0
         self._wear_mm = wear * WEAR_MM
-        self._most_growth = warm_up * WARM_UP_MM / links_mm
+        self._full_expansion = warm_up * WARM_UP_MM / links_mm
         self._on_before_ns = 0
 
     def touched(self) -> None:
@@ -38,16 +38,16 @@ class Ageing:
 
     def warm(self, time_ns: int) -> None:
         """The robot has been on until this time of the cell, cold at 0 unless it remembers having been on before."""
-        if self._most_growth:
-            self.growth = self._most_growth * -expm1(-(self._on_before_ns + time_ns) * 1e-9 / WARM_UP_S)
+        if self._full_expansion:
+            self.expansion = self._full_expansion * -expm1(-(self._on_before_ns + time_ns) * 1e-9 / WARM_UP_S)
 
-    def told(self, time_ns: int) -> dict[str, Any]:
-        """What is to be remembered, as JSON has it."""
+    def state(self, time_ns: int) -> dict[str, Any]:
+        """The state to keep, as JSON."""
         return {"worn_mm": self.worn_mm, "on_ns": self._on_before_ns + time_ns}
 
-    def recall(self, told: Mapping[str, Any]) -> None:
-        """Go on from what `told` told. Raises ValueError, TypeError, LookupError."""
-        worn_mm, on_ns = float(told["worn_mm"]), int(told["on_ns"])
+    def recall(self, state: Mapping[str, Any]) -> None:
+        """Continue from a `state` that was kept. Raises ValueError, TypeError, LookupError."""
+        worn_mm, on_ns = float(state["worn_mm"]), int(state["on_ns"])
         if not isfinite(worn_mm):
             raise ValueError(f"worn_mm is {worn_mm}")
         self.worn_mm, self._on_before_ns = worn_mm, on_ns

@@ -37,7 +37,7 @@ class Compliance:
     def sagged(self, angles: Sequence[float], payload_kg: float = 0.0) -> list[float]:
         """Model angles (rad) at rest, of drives that stand at `angles`.
 
-        Torques are those of the sagged pose itself: each round takes them where the round before came to, and gains
+        Torques are those of the sagged pose itself: each round takes them where the round before ended, and gains
         three digits on an arm of usual stiffness. Raises Falls.
         """
         links = self._loaded(payload_kg)

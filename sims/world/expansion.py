@@ -1,4 +1,4 @@
-"""Links that grow with their temperature, each by its own mixture of aluminium and steel."""
+"""Links that grow with their temperature, each by its own share of aluminium and steel."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ ALUMINIUM_PER_K = 2.3e-5
 
 
 def expansions(links: int, seed: int, scale: float) -> list[float]:
-    """Growth of each link per kelvin."""
+    """Expansion of each link per kelvin."""
     drawn = generator(seed, "expansion").uniform(STEEL_PER_K, ALUMINIUM_PER_K, links)
     return [float(one) for one in scale * drawn]
 
 
 def grown(cold: Geometry, per_kelvin: Sequence[float], temperature_c: float) -> Geometry:
-    """The geometry at a temperature: from each axis the next one, or the flange, is farther by that link's growth.
+    """The geometry at a temperature: from each axis the next one, or the flange, is farther by that link's expansion.
 
     What carries the first axis is the cell's floor: it does not grow. Neither do directions change, nor the tool.
     """

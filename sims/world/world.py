@@ -43,7 +43,7 @@ class World:
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
     file's `base`), mm; its z is up, unless the file's `mounting` says otherwise. The true chain is a product of
     perturbed screws, not a link table. `ageing` starts fresh and cold. `backlash`: the joints' play, None where it is
-    switched off; who moves the robot knows which way.
+    switched off; the caller that moves the robot knows which way.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -129,11 +129,11 @@ class World:
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
         """The unbent tool centre point and the flange's z; warm links are longer, the tool is not."""
-        growth = self.ageing.growth
-        if not growth:
+        expansion = self.ageing.expansion
+        if not expansion:
             return chain.arm.carry(angles, chain.tcp, chain.flange_z)
         (x, y, z), (a, b, c), across = chain.arm.carry(angles, chain.flange, chain.offset, chain.flange_z)
-        return (x + growth * x + a, y + growth * y + b, z + growth * z + c), across
+        return (x + expansion * x + a, y + expansion * y + b, z + expansion * z + c), across
 
     def gap(self, readings: Sequence[float], scatter: Vector) -> tuple[float, int]:
         """From the tip to the nearest sphere's surface, mm (negative inside), and which sphere; infinity without."""

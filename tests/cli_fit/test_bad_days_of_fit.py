@@ -191,7 +191,7 @@ def test_rows_that_mostly_scatter_more_than_was_said_are_judged_by_how_they_scat
     wild = rng.choice(60, 36, replace=False)
     _, result = fit(pushed(rows(), wild, rng.normal(0, 0.3, (36, 3))))
     assert min(result["noise_growth"]) > 8.0
-    assert "times more than the robot file says" in result["sentence"]
+    assert "times more than the robot file states" in result["sentence"]
     assert result["test"]["rms"] > 0.3
     assert 0.75 < result["predicted_test_rms"] / result["test"]["rms"] < 1.5
 
@@ -240,7 +240,7 @@ def test_the_error_told_of_a_held_out_row_is_its_held_out_error(fit, rows):
     _, result = fit(table)
     of_wild_row = [row["reason"] for row in result["test_outliers"] if row["line"] == 9]
     assert len(of_wild_row) == 1
-    assert f"{result['test']['max']:.3f} mm off" in of_wild_row[0]
+    assert f"error {result['test']['max']:.3f} mm" in of_wild_row[0]
 
 
 def test_what_was_foreseen_of_a_held_out_row_is_of_that_row(fit, rows):
@@ -251,13 +251,13 @@ def test_what_was_foreseen_of_a_held_out_row_is_of_that_row(fit, rows):
     pushed(table, [7, 8], [[0.0, 90.0, 0.0], [0.0, 9.0, 0.0]])
     _, result = fit(table)
     reasons = {row["line"]: row["reason"] for row in result["test_outliers"]}
-    foreseen = {line: float(reasons[line].split("where ")[1].split(" mm")[0]) for line in (9, 10)}
+    foreseen = {line: float(reasons[line].split("predicted ")[1].split(" mm")[0]) for line in (9, 10)}
     assert 1.7 < foreseen[9] < 6.0
     assert 0.017 < foreseen[10] < 0.2
 
 
 def test_what_a_model_without_links_cannot_express_is_said_not_to_be_in_its_sigma(fit, rows):
-    said = "counts as scatter, and is not in that σ"
+    said = "count as scatter and are not in this σ"
     _, zeros = fit(rows(), model=("--model", "zeros"))
     assert zeros["predicted_volumetric_rms"] < 0.5 * zeros["test"]["rms"]
     assert said in zeros["sentence"]

@@ -27,7 +27,7 @@ def test_a_better_robot_ends_with_0_and_the_promised_keys(cellctl, files, capsys
     assert set(result) >= KEYS
     assert (result["n_fit"], result["n_test"], result["verdict"]) == (40, 20, "better")
     assert result["test"]["mean"] < 0.06 < 0.2 < result["nominal"]["mean"]
-    assert "Better: " in capsys.readouterr().out.splitlines()[-1]
+    assert " Better than nominal. " in capsys.readouterr().out.splitlines()[-1]
 
 
 @pytest.mark.long
@@ -205,7 +205,7 @@ def test_a_wild_held_out_row_is_named_and_counted(cellctl, files, capsys):
     assert [row["line"] for row in result["test_outliers"]] == [51]
     assert result["test"]["max"] > 3.0
     assert "(line 51)" in result["sentence"]
-    assert "line 51: held out and" in capsys.readouterr().err
+    assert "line 51: held out: error" in capsys.readouterr().err
 
 
 def test_with_nothing_held_out_no_figure_stands_in_its_place(cellctl, files, capsys):
@@ -219,7 +219,7 @@ def test_with_nothing_held_out_no_figure_stands_in_its_place(cellctl, files, cap
 def test_scatter_beyond_what_the_robot_file_says_is_said(cellctl, files):
     boastful = (files / "robot.yaml").read_text().replace("repeatability: 0.03", "repeatability: 0.003")
     (files / "robot.yaml").write_text(boastful)
-    assert "times more than the robot file says" in fitted(cellctl, files)["sentence"]
+    assert "times more than the robot file states" in fitted(cellctl, files)["sentence"]
 
 
 @pytest.mark.long

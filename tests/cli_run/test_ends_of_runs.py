@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from cellctl.cli import ends
-from cellctl.cli.run_end import say_end
+from cellctl.cli.ends import Exit
+from cellctl.cli.run_end import exit_of, show_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
-from cellctl.engine import Outcome, State
+from cellctl.engine import Aborted, AbortedByInterlock, Outcome, State
 from cellctl.files import InputError, Problem
 from cellctl.journal import (
     Journal,
@@ -79,7 +80,7 @@ def said_at_the_end(
 ) -> str:
     uncertain = isinstance(error, DeviceUncertain)
     outcome = Outcome(State.UNCERTAIN if uncertain else State.FAILED, error, (), None, 1.0, moved, held)
-    say_end(outcome, result_of(run, outcome, 1.0), run, quiet=False)
+    show_end(outcome, result_of(run, outcome, 1.0), run, quiet=False)
     return capsys.readouterr().err
 
 
@@ -108,6 +109,21 @@ def test_a_robot_whose_standstill_nobody_confirmed_is_not_said_to_be_held(
     said = said_at_the_end(run_with(tmp_path), capsys, DeviceUncertain("robot", "lost"), moved=True, held=False)
     assert "nobody confirmed that the robot stands still: look at it" in said
     assert "held" not in said
+
+
+@pytest.mark.parametrize(
+    ("state", "error", "code"),
+    [
+        (State.ABORTED, Aborted("aborted by the operator"), Exit.ABORTED),
+        (State.ABORTED, AbortedByInterlock("aborted: interlock 'door' does not hold"), Exit.DEVICE_FAILED),
+        (State.FAILED, DeviceLost("robot", "gone"), Exit.DEVICE_FAILED),
+        (State.FAILED, InputError(Problem("cell.yaml", 1, 1, "is wrong")), Exit.BAD_INPUT),
+        (State.UNCERTAIN, InputError(Problem("cell.yaml", 1, 1, "is wrong")), Exit.UNCERTAIN),
+        (State.UNCERTAIN, Aborted("aborted by the operator"), Exit.UNCERTAIN),
+    ],
+)
+def test_the_exit_code_says_who_or_what_ended_the_run(state: State, error: Exception, code: Exit) -> None:
+    assert exit_of(Outcome(state, error, (), None, 1.0, True, True)) == code
 
 
 @pytest.mark.parametrize("moves", [True, False])

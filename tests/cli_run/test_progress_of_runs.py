@@ -2,8 +2,9 @@
 
 from cell_runs import SELFCAL
 
-from cellctl.cli.progress import Passes, titles_of
+from cellctl.engine import Passes
 from cellctl.operations.campaign import load_campaign
+from cellctl.procedure import phase_titles
 
 
 def test_the_time_left_is_that_of_the_whole_run_and_not_of_the_loop():
@@ -13,7 +14,7 @@ def test_the_time_left_is_that_of_the_whole_run_and_not_of_the_loop():
     passes.step_begins()
     now[0] = 30.0
     passes.loop("points", 10, 40)
-    assert (passes.done, passes.total, passes.left) == (10, 100, "4 min 30 s left")
+    assert (passes.done, passes.total, passes.left_s) == (10, 100, 270.0)
 
 
 def test_a_loop_in_a_loop_counts_once_and_an_unexpected_pass_adds_to_all():
@@ -33,10 +34,13 @@ def test_passes_that_a_resumed_run_skips_do_not_make_the_others_look_short():
     passes.step_begins()
     now[0] = 8.0
     passes.loop("points", 12, 20)
-    assert passes.left == "32 s left"
+    assert passes.left_s == 32.0
 
 
 def test_the_shipped_campaign_says_how_much_there_is_to_do_in_readable_phases():
     campaign = load_campaign(SELFCAL, None, [], resumed=True)
     assert campaign.expected_passes == 80 + 4 + 8 + 60 + 3
-    assert titles_of(campaign)["standoff"] == "measuring stand-offs"
+    titles = phase_titles(campaign.procedure, campaign.registry)
+    assert titles["touch"] == "Touch the spheres"
+    assert titles["locate"] == "Locate the proof sphere"
+    assert titles["identify"] == "identifying the robot"

@@ -2,12 +2,14 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL
+from cell_runs import CELL, PATIENCE_S
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends
@@ -124,3 +126,37 @@ def restarting(monkeypatch, after_ms):
             yield devices
 
     return instead
+
+
+SIGNALLED = """
+import asyncio, os, signal, sys
+from cellctl.operations import connected
+opened = connected.open_devices
+
+def signalled(device):
+    connect, close = device.connect, device.close
+
+    async def connect_and_wait():
+        await connect()
+        os.kill(os.getpid(), signal.{0})
+        await asyncio.sleep(600)
+
+    async def close_and_say():
+        await close()
+        print(f"{{device.name}} closed", flush=True)
+
+    device.connect, device.close = connect_and_wait, close_and_say
+    return device
+
+connected.open_devices = lambda *given: {{name: signalled(device) for name, device in opened(*given).items()}}
+from cellctl.cli.main import main
+main()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_verb_that_is_ended_by_a_signal_closes_its_devices_and_ends_with_130(name):
+    program = [sys.executable, "-c", SIGNALLED.format(name), "table", "show", "--cell", str(CELL)]
+    ended = subprocess.run(program, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert (ended.returncode, ended.stdout) == (130, "robot closed\n")
+    assert ended.stderr == "cellctl: aborted by the operator\n"

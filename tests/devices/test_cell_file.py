@@ -66,3 +66,10 @@ def test_what_is_no_address_is_named_at_its_line(load, value: str) -> None:
     assert line == 4
     assert what.startswith("probe: ")
     assert "address" in what
+
+
+@pytest.mark.parametrize("name", ["control", "time", "seed", "pid", "table"])
+def test_a_device_cannot_have_a_name_that_the_ready_file_or_the_limits_use(load, name: str) -> None:
+    ((line, what, cure),) = refused(load, f"devices: {{{name}: '{PROBE}'}}\n")
+    assert (line, what) == (3, f"a device cannot be called '{name}'")
+    assert cure.startswith("give it another name: ")

@@ -68,14 +68,14 @@ def dim(tmp_path: Path) -> Surroundings:
 
 def test_the_shipped_drivers_tell_what_their_devices_can_do() -> None:
     drivers = DriverRegistry()
-    assert drivers.kind("kuka+rsi") is CompensatedRobot
-    assert drivers.kind("contact+serial") is ContactProbe
+    assert drivers.abilities("kuka+rsi") is CompensatedRobot
+    assert drivers.abilities("contact+serial") is ContactProbe
 
 
 def test_a_description_with_its_two_needed_fields_is_a_whole_driver(lamps, dim) -> None:
     address = Address.parse("lamp://ceiling")
     assert lamps.open("light", address, dim).limits == {"watts": 5.0}
-    assert hasattr(lamps.kind("lamp"), "shine")
+    assert hasattr(lamps.abilities("lamp"), "shine")
     assert lamps.findings("light", address, dim) == []
     assert lamps.controller_files("cell", address, dim) is None
 

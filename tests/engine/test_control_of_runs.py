@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from engine_runs import CALLS, LOOP, FakeDevice, FakeGate, engine_for, events_of
 
-from cellctl.engine import Engine, Mailbox, MailboxFolder, Operator, State
+from cellctl.engine import AbortedByInterlock, Engine, Mailbox, MailboxFolder, Operator, State
 from cellctl.files import InputError
 from cellctl.journal import (
     InterlockChanged,
@@ -135,6 +135,7 @@ def test_a_break_that_aborts_ends_the_run_with_its_clean_up(tmp_path: Path) -> N
 
     outcome = ran(engine, meanwhile)
     assert outcome.state is State.ABORTED
+    assert isinstance(outcome.error, AbortedByInterlock)
     assert "interlock 'door' does not hold" in str(outcome.error)
     assert CALLS == ["forever", "hold"]
 

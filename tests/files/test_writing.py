@@ -98,6 +98,13 @@ def test_text_that_utf8_cannot_hold_leaves_the_old_file(tmp_path):
     assert (tmp_path / "f").read_text() == "old"
 
 
+def test_no_folder_is_opened_where_the_system_cannot_do_it_as_on_windows(tmp_path, monkeypatch):
+    monkeypatch.delattr(os, "O_DIRECTORY")
+    monkeypatch.setattr(os, "open", lambda *_: pytest.fail("a folder was opened"))
+    write_atomically(tmp_path / "f", "new")
+    assert (tmp_path / "f").read_text() == "new"
+
+
 def test_a_folder_that_is_missing_is_an_os_error(tmp_path):
     with pytest.raises(FileNotFoundError):
         write_atomically(tmp_path / "nowhere" / "f", "x")

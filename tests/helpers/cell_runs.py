@@ -101,16 +101,24 @@ class Ended:
 
 
 def run_here(
-    procedure: Path, cell: Path, folder: Path, *, seed: int | None = None, clock: Any = None, meanwhile: Any = None
+    procedure: Path,
+    cell: Path,
+    folder: Path,
+    *,
+    seed: int | None = None,
+    clock: Any = None,
+    meanwhile: Any = None,
+    simulated_cell: Path | None = None,
 ) -> Ended:
     """Run a campaign in this process on simulators that outlive it; `meanwhile(mailbox, simulated)` is a coroutine
-    function that runs beside it.
+    function that runs beside it. `simulated_cell`: the simulators' cell file, where `cell` is wrong about the cell.
     """
 
     async def go() -> Ended:
         campaign = load_campaign(procedure, cell, [])
         run, log = folder / "run", folder / "truth.jsonl"
-        simulated = await SimulatedCell.start(campaign.cell, seed, clock, ("--truth-log", str(log)))
+        real = load_campaign(procedure, simulated_cell, []).cell if simulated_cell else campaign.cell
+        simulated = await SimulatedCell.start(real, seed, clock, ("--truth-log", str(log)))
         try:
             mailbox = Mailbox()
             options = Options(seed, clock)

@@ -35,9 +35,12 @@ STANDOFF: dict[str, Any] = {
     "normal": (0.0, 0.0, 1.0),
     "travel_mm": 10.0,
 }
+HELD_OUT_SENTENCE = (
+    "Error of held-out touches: 0.700 mm before, 0.030 mm after (mean of 30; max 2.000, 0.100 mm). Better than nominal."
+)
 VERDICT: dict[str, Any] = {
     "verdict": "better",
-    "sentence": "Better: 0.700 → 0.030 mm mean (2.000 → 0.100 max) on 30 held-out touches.",
+    "sentence": HELD_OUT_SENTENCE,
     "before": Figures(0.7, 0.9, 2.0),
     "after": Figures(0.03, 0.04, 0.1),
     "model": {"n_fit": 50},

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cellctl.clock import Clock, WallClock
 from cellctl.devices import Identity
 from cellctl.files import write_atomically
 from cellctl.records import Row
@@ -23,6 +24,7 @@ class Context:
     robot_file: Path = Path()
     cell: Any = None
     said: list[str] = field(default_factory=list)
+    clock: Clock = field(default_factory=WallClock)
 
     def device(self, name: str) -> Any:
         return self.robot

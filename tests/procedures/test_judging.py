@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sphere_rows import sphere_verdict, standoff
+from sphere_rows import HELD_OUT_SENTENCE, sphere_verdict, standoff
 from step_contexts import Context
 
 from cellctl.devices import TableInfo, TableState
@@ -57,9 +57,11 @@ def test_stand_off_figures_are_of_absolute_errors_and_lead_the_verdict() -> None
 
 
 def test_the_sentence_says_stand_off_and_held_out_touches() -> None:
-    sentence = judged([1.0, -1.0, 2.0], [0.03, -0.03, 0.01]).sentence
-    for words in ("P1", "1.333 → 0.023 mm", "0.700 → 0.030 mm", "3 targets", "30 held-out touches"):
-        assert words in sentence
+    sentence = judged([1.0, -1.0, 2.0, -2.0], [0.03, -0.03, 0.01, -0.05]).sentence
+    assert sentence == (
+        "Stand-off error at sphere P1 (not used for calibration): 1.500 mm before, 0.030 mm after "
+        f"(mean of 4; max 2.000, 0.050 mm). Better than nominal. {HELD_OUT_SENTENCE}"
+    )
 
 
 def test_pairs_are_compared_target_by_target() -> None:
@@ -71,7 +73,7 @@ def test_pairs_are_compared_target_by_target() -> None:
 def test_stand_offs_that_are_worse_make_the_verdict_worse() -> None:
     found = judged([0.10, 0.11, 0.09, 0.10], [0.50, 0.52, 0.49, 0.51])
     assert found.verdict == "worse"
-    assert "taken back" in found.sentence
+    assert "Worse than nominal: the table was rolled back." in found.sentence
 
 
 class Tables:

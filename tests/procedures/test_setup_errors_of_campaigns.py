@@ -1,5 +1,6 @@
 """A campaign whose touches show a set-up error ends before the identification: what is wrong, where, and the cure."""
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from sphere_rows import touch
 from step_contexts import Context
 
 from cellctl.files import InputError, load_yaml
-from procedures.steps.sphere.identification import identify_touches
+from procedures.steps.sphere.touching import IdentifyInputs, identify
 
 SPHERES = np.array([[950.0, -350.0, 250.0], [950.0, 350.0, 250.0], [1150.0, 0.0, 400.0]])
 CERTIFIED = {(0, 1): "700.412", (1, 2): "430.263", (0, 2): "430.018"}
@@ -58,7 +59,10 @@ def cell(folder, **changes):
 
 
 def identified(folder, touches, **changes):
-    return identify_touches(context(folder, cell(folder, **changes), touches), "geometry", True)
+    """The verdict of the step, done as the engine does it."""
+    run = context(folder, cell(folder, **changes), touches)
+    asyncio.run(identify(run, IdentifyInputs(model="geometry")))
+    return run.rows[-1]
 
 
 def refused(folder, touches, **changes):
@@ -68,9 +72,9 @@ def refused(folder, touches, **changes):
 
 
 def test_touches_of_a_healthy_set_up_are_identified(tmp_path, touches):
-    found = identified(tmp_path, touches)
-    assert found.verdict.verdict == "better"
-    assert found.model
+    verdict = identified(tmp_path, touches)
+    assert verdict.verdict == "better"
+    assert (tmp_path / "model.json").is_file()
 
 
 def test_a_reversed_joint_is_named_at_its_line_in_the_robot_file(tmp_path, touches):

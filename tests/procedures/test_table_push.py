@@ -81,7 +81,7 @@ CELL = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")
 
 def run_of(folder: Path, robot: Controller, *rows: Row) -> Any:
     """A run in which every row counts, on the cell whose robot is `robot`."""
-    return Context(list(rows), folder, robot, robot.serial, ROBOT_FILE, CELL)
+    return Context(list(rows), folder, robot, robot.serial, robot_file=ROBOT_FILE, cell=CELL)
 
 
 def table_in(folder: Path, **changes: Any) -> str:

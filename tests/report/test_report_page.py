@@ -174,7 +174,7 @@ def test_outliers_are_named_by_line_and_touch(make_run, spoilt_campaign):
     assert [row["line"] for row in spoilt_campaign.verdict["model"]["outliers"]] == [22]
     text = Page(report_text(make_run(spoilt_campaign))).text
     assert "they are listed below" in text
-    assert re.search(r"22 20 outlier .* mm off, where the others are", text)
+    assert re.search(r"22 20 outlier error .* mm, the others", text)
 
 
 def test_each_parameter_has_its_deviation_tolerance_and_what_the_data_gave(plain_html):

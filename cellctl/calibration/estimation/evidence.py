@@ -294,7 +294,7 @@ class System:
             widened = np.diag(known @ (np.outer(x, x) + covariance) @ known - known)
         own = np.exp(2.0 * tolerances) * self.change * widened
         slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
-        for factor in [each for each in self.of_effects if each in logs]:
+        for factor in [each for each in self.of_effects if each in logs]:  # not a set's order: sums depend on it
             value -= 0.5 * (logs[factor] / SCALE_SIGMA) ** 2
             slopes[factor] -= logs[factor] / SCALE_SIGMA**2
         return float(value), slopes

@@ -1,4 +1,4 @@
-"""The controller's files, made from templates and from what the cell's address and limits say."""
+"""The controller's files, made from templates and from the cell's address and limits."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def controller_files(cell: str, address: Address, surroundings: Surroundings) ->
     """
     search = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
     settings = RsiSettings.of(address, surroundings.folder)
-    if mistakes := read_ethernet_config(settings).mistakes:
-        raise ValueError("; ".join(mistakes))
+    if errors := read_ethernet_config(settings).errors:
+        raise ValueError("; ".join(errors))
     places = {
         "CELL": " ".join(cell.split()),
         "CONTEXT": CONTEXT_NAME,
@@ -86,7 +86,7 @@ def _template(name: str) -> str:
 
 
 def _filled(template: str, places: dict[str, str]) -> str:
-    """The template with every `@NAME@` replaced; ASCII, since KRL knows no more."""
+    """The template with every `@NAME@` replaced; ASCII, since KRL has no other characters."""
     text = re.sub(r"@([A-Z_]+)@", lambda found: places[found[1]], template)
     return text.encode("ascii", "replace").decode("ascii")
 
@@ -113,7 +113,7 @@ def _received() -> list[str]:
 
 
 def _ethernet(settings: RsiSettings) -> str:
-    """The person's own file, with the address' host and port where the address says them."""
+    """The person's own file, with the address' host and port where the address has them."""
     text = settings.ethernet.read_text(encoding="utf-8")
     host, port = settings.bind
     if host not in _WILDCARDS:

@@ -18,7 +18,7 @@ _MOST_AT_ONCE = 512
 """Datagrams read in one go. A stall of 2 s leaves as many telegrams; a flood must not keep the newest unanswered."""
 
 _BUFFER = 1 << 20
-"""Bytes that the kernel keeps for us, where it grants as much: 2 s of telegrams, whatever is in them."""
+"""Bytes that the kernel buffers, where it grants as much: 2 s of telegrams, whatever is in them."""
 
 _UNFILTERED = 16
 """So many foreign datagrams are looked at, so that their sender can be named; then the kernel drops them unseen."""
@@ -33,9 +33,9 @@ _SOURCE_ADDRESS = 0xFFF00000 + 12
 
 @final
 class ControllerLine:
-    """A non-blocking socket that hears the host `controller` (an address as `recvfrom` writes it).
+    """A non-blocking socket that accepts the host `controller` (an address as `recvfrom` writes it).
 
-    `foreign`: datagrams from elsewhere, among them those that the kernel dropped for us; `last_foreign`: the sender of
+    `foreign`: datagrams from other senders, with those that the kernel dropped; `last_foreign`: the sender of
     the last one that was seen.
     """
 
@@ -88,7 +88,7 @@ class ControllerLine:
         return heard
 
     def count_foreign(self, sender: Place) -> None:
-        """A datagram came from somebody who is not, or no longer, the controller's RSI."""
+        """A datagram came from a sender that is not, or no longer, the controller's RSI."""
         self.last_foreign = sender[0], sender[1]
         self._seen_foreign += 1
         if self._seen_foreign == _UNFILTERED:

@@ -13,7 +13,7 @@ from drivers.kuka_rsi.cyclic.telegram import DECIMALS
 
 @final
 class CorrectionMode(StrEnum):
-    """How the controller's program switches RSI on; the address must say the same."""
+    """How the controller's program switches RSI on; the address must agree."""
 
     ABSOLUTE = "absolute"
     """Each cycle's value is the offset from the pose at RSI_ON; zero is the way back to it."""
@@ -33,7 +33,7 @@ class CorrectionMode(StrEnum):
 
 @final
 class WrittenCorrections:
-    """What to write in each cycle so that the set-point stands at a given offset from the pose at RSI_ON.
+    """What to write in each cycle so that the set-point is at a given offset from the pose at RSI_ON.
 
     Relative: what the offset lacks of the sum written so far, as rounded on the wire, so that roundings do not add up.
     An increment in an answer that came late is lost and not repeated: the controller's sum lags behind ours, and the

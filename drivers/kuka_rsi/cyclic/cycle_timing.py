@@ -1,4 +1,4 @@
-"""What the controller's count and the arrivals say about the cycle: its length, what is lost, what is late."""
+"""The cycle, from the controller's count and the arrivals: its length, what is lost, what is late."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Do the reported joints follow what was sent? It bounds what piles up where no Delay says that answers are ignored."""
+"""Do the reported joints follow what was sent? It bounds what piles up where no Delay reports ignored answers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FARTHEST_ASTRAY_DEG = 0.25
 
 
 class Follows(Enum):
-    """What the reported joints say."""
+    """The findings from the reported joints."""
 
     YES = auto()
     BEHIND = auto()

@@ -48,8 +48,8 @@ _ACCELERATION_RAMP_S = 0.04
 an arm's lowest resonance (10 to 25 Hz)."""
 
 _AXISCORR_DEG = 5.0
-"""What AXISCORR allows an axis unless somebody raises it (RSI stops by itself at 6). No touch is planned longer than
-4.5 deg, so that no search needs more; a longer one has a mistake in it."""
+"""What AXISCORR allows an axis unless it is raised (RSI stops by itself at 6). No touch is planned longer than
+4.5 deg, so that no search needs more; a longer one has an error in it."""
 
 SEARCH_NEEDS = {"speed_deg_s": 2.5, "acceleration_deg_s2": 20.0, "jerk_deg_s3": 400.0}
 """What the shipped searches need. Speed: 10 mm/s at the TCP, the most that the procedures offer, on a line of 18 mm and
@@ -93,16 +93,16 @@ class SearchLimits:
 
     def __post_init__(self) -> None:
         settings = {name: getattr(self, name) for name in LIMIT_NAMES}
-        if found := limit_mistakes(settings, self.reach_mm):
+        if found := limit_errors(settings, self.reach_mm):
             raise ValueError("; ".join(found.values()))
 
     @classmethod
     def from_settings(cls, settings: dict[str, float], reach_mm: float | None = None) -> Self:
         """Limits as the cell file sets them; the others take low defaults, at most their ceilings.
 
-        `reach_mm`: of the arm, None where it is not known. Raises ValueError with every mistake.
+        `reach_mm`: of the arm, None where it is not known. Raises ValueError with every error.
         """
-        if found := limit_mistakes(settings, reach_mm):
+        if found := limit_errors(settings, reach_mm):
             raise ValueError("; ".join(found.values()))
         low, highest = cls(), ceilings(reach_mm)
         values = {name: settings.get(name, min(getattr(low, name), highest[name])) for name in LIMIT_NAMES}
@@ -123,13 +123,13 @@ LIMIT_NAMES = tuple(ceilings(None))
 """The limits that a cell file may set."""
 
 
-def limit_mistakes(settings: dict[str, float], reach_mm: float | None) -> dict[str, str]:
+def limit_errors(settings: dict[str, float], reach_mm: float | None) -> dict[str, str]:
     """What is wrong with each of these limits, by its name; empty where nothing is. `reach_mm` as in `ceilings`."""
-    checked = {name: _mistake(name, value, ceilings(reach_mm), reach_mm) for name, value in settings.items()}
+    checked = {name: _limit_error(name, value, ceilings(reach_mm), reach_mm) for name, value in settings.items()}
     return {name: what for name, what in checked.items() if what}
 
 
-def _mistake(name: str, value: float, highest: dict[str, float], reach_mm: float | None) -> str:
+def _limit_error(name: str, value: float, highest: dict[str, float], reach_mm: float | None) -> str:
     if name not in highest:
         return f"unknown robot limit {name} (known: {', '.join(highest)})"
     if not (math.isfinite(value) and value > 0):

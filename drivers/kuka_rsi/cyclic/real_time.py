@@ -42,7 +42,7 @@ def _lock_memory() -> bool:
 
 
 def _move_to_isolated_processor() -> bool:
-    """To one that the kernel gives to nobody else (`isolcpus`).
+    """To one that the kernel gives to no other process (`isolcpus`).
 
     On one that others use too, it waits for them: on two busy cores, with priority, 0.5 % of the answers came after
     more than 4 ms (at most 9.3 ms) where it was pinned, and none (at most 0.8 ms) where it could change.

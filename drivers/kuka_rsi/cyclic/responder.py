@@ -104,7 +104,7 @@ class Responder:
         return waiting
 
     def _read(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
-        """What can be read of the controller's; the session's first telegram says from which of its ports."""
+        """What can be read of the controller's; the session's first telegram shows its port."""
         waiting = []
         for datagram, sender in received:
             if self._sender not in (None, sender):
@@ -132,7 +132,7 @@ class Responder:
         return admission is Admission.ANSWERABLE
 
     def _answer_newest(self, task: CyclicTask, admitted: list[_Waiting], now_ns: int, leave: bool) -> None:
-        """Nothing that others read changes after the reply has left: in lockstep the cell's time goes on with it."""
+        """Nothing that others read changes after the reply has left: in lockstep the reply advances the cell's time."""
         if task.phase is Phase.OVER:  # by a later telegram among these
             return
         for one in admitted:

@@ -95,7 +95,7 @@ class SearchCycle:
         return self._written.leading_to(self._sent), self.phase is Phase.LEAVING
 
     def _take_in(self, telegram: Telegram, now_ns: int) -> bool:
-        """Whether the last answer was taken; learns the cycle first."""
+        """Whether the last answer was taken; estimates the cycle first."""
         if self._began_ns is None:
             self._began_ns = now_ns
             self._check_start(telegram.joints)
@@ -110,7 +110,7 @@ class SearchCycle:
         return taken
 
     def _check_start(self, joints: tuple[float, ...]) -> None:
-        """Elsewhere the session ends before it moved; zero is right there, as nothing was corrected yet."""
+        """Otherwise the session ends before it moved; zero is right there, as nothing was corrected yet."""
         self._start = joints
         if max(abs(a - b) for a, b in zip(joints, self.order.start, strict=True)) > _START_TOLERANCE_DEG:
             self.cause, self.phase = Cause.START, Phase.LEAVING

@@ -141,7 +141,7 @@ class SharedBlock:
         self.words[Slot.ORDER] = 0
 
     def foreign_sender(self) -> str:
-        """Who sent the last datagram that did not come from the controller, `HOST:PORT`; empty where not known."""
+        """The sender of the last datagram that did not come from the controller, `HOST:PORT`; empty where not known."""
         packed = self.words[Slot.FOREIGN_FROM]
         return f"{IPv4Address(packed >> 16)}:{packed & 0xFFFF}" if packed else ""
 
@@ -167,14 +167,14 @@ class SharedBlock:
         return SearchOrder(words[Slot.ORDER], start, correction, self.reals[Slot.SPEED], oldest)
 
     def put_foreign(self, count: int, sender: tuple[str, int] | None) -> None:
-        """How many datagrams came from elsewhere, and where the last one that was seen came from."""
+        """How many datagrams came from other senders, and the sender of the last one."""
         self.words[Slot.FOREIGN] = count
-        with suppress(ValueError):  # of IPv6 there is no room for the address
+        with suppress(ValueError):  # an IPv6 address does not fit
             if sender:
                 self.words[Slot.FOREIGN_FROM] = int(IPv4Address(sender[0])) << 16 | sender[1]
 
     def beats(self) -> memoryview:
-        """Last beat of each guard, ns of the cell's time, as it stands at each look."""
+        """Last beat of each guard, ns of the cell's time, as it is at each look."""
         return self.words[Slot.BEATS : Slot.BEATS + GUARDS]
 
     def publish(self, task: CyclicTask, telegrams: int) -> None:

@@ -60,7 +60,7 @@ class CyclicTask(Protocol):
     """What is answered to the controller's telegrams from one order until its release, in one RSI session.
 
     Pure: telegrams, time and slots in, corrections out; within the cycle. `number`: of the order; `cause`, `detail` and
-    `age_ns` say why it ended; `stop_cycles` counts the telegrams answered from the first with the stop known to the
+    `age_ns`: why it ended; `stop_cycles` counts the telegrams answered from the first with the stop known to the
     first whose set-point stood still, both included; `missed`: telegrams not answered, by the controller's count.
     """
 

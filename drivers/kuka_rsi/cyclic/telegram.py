@@ -17,7 +17,7 @@ DECIMALS = 6
 LARGEST_IPOC = 10**15
 LARGEST_DELAY = 10**9
 FARTHEST_JOINT_DEG = 3600.0
-"""Ranges of what a telegram says; whatever is outside is no telegram of a controller."""
+"""Ranges of the values in a telegram; a telegram with others is not a controller's."""
 
 COARSEST_DEG = 0.1
 """Step of the joints at `Precision` 1, the coarsest that RSI has by default."""

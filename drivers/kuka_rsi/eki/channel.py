@@ -120,7 +120,7 @@ class EkiChannel:
         command = write_command(number, operation, content)
         self._writer.write(command)
         self._wire.wrote(len(command))
-        with suppress(OSError):  # the reader sees the same, and says so
+        with suppress(OSError):  # the reader sees the same, and reports it
             await self._writer.drain()
         return pending
 

@@ -28,7 +28,7 @@ def cure_of(message: str) -> str:
 
 
 def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
-    """The error that a reply with a code other than 0 and 1 stands for; `doing` says what was asked."""
+    """The error that a reply with a code other than 0 and 1 stands for; `doing`: what was asked."""
     text = f" ({reply.text})" if reply.text else ""
     match reply.code:
         case 10:

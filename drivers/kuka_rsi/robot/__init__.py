@@ -1,1 +1,1 @@
-"""The engine's side: the robot as campaigns know it, on the EthernetKRL channel and the RSI process."""
+"""The engine's side: the robot as campaigns use it, on the EthernetKRL channel and the RSI process."""

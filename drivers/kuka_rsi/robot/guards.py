@@ -16,7 +16,7 @@ _OLDEST_ENGINE_BEAT_S = 0.25
 
 @final
 class GuardSlots:
-    """Who beats in which slot; `block` gives the shared block in use, which changes when the robot is reconnected."""
+    """The guards that beat, by slot; `block`: the shared block in use, another one after a reconnection."""
 
     def __init__(self, device: str, block: Callable[[], SharedBlock | None]) -> None:
         self._device = device

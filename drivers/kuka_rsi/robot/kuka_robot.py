@@ -1,4 +1,4 @@
-"""The robot as campaigns know it: moves by the controller, searches by RSI, always held."""
+"""The robot as campaigns use it: moves by the controller, searches by RSI, always held."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ class KukaRobot:
     # the line
 
     async def connect(self) -> Identity:
-        """Start the RSI process, open the EthernetKRL channel and ask who is there.
+        """Start the RSI process, open the EthernetKRL channel and ask for the identity.
 
-        Raises DeviceRefused (mistakes in the Ethernet configuration), DeviceUnreachable (port taken, no controller),
-        DeviceFault (a message stands at the controller). No telegram is needed for it, and nothing moves.
+        Raises DeviceRefused (errors in the Ethernet configuration), DeviceUnreachable (port taken, no controller),
+        DeviceFault (the controller shows a message). No telegram is needed for it, and nothing moves.
         """
         return self._lines.identity or await self._lines.open(self.guard(ENGINE))
 

@@ -22,7 +22,7 @@ _BEAT_S = 0.05
 
 @final
 class ControllerLines:
-    """Opened and closed together. `identity`: who the controller says it is, None where it is not connected."""
+    """Opened and closed together. `identity`: as the controller reports it, None where it is not connected."""
 
     def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.identity: Identity | None = None
@@ -59,7 +59,7 @@ class ControllerLines:
         return self._eki
 
     async def open(self, engine: Guard) -> Identity:
-        """Start the process, open the channel, ask who is there; `engine`: the guard that its heartbeat is for.
+        """Start the process, open the channel, ask for the identity; `engine`: the guard that its heartbeat is for.
 
         Raises DeviceRefused, DeviceUnreachable, DeviceFault; then all is closed again.
         """
@@ -89,9 +89,9 @@ class ControllerLines:
 
     async def _start_process(self) -> CyclicProcess:
         config = read_ethernet_config(self._settings)
-        if config.mistakes:
+        if config.errors:
             cure = "Correct the file, and load the same one on the controller."
-            raise DeviceRefused(self._device, "; ".join(config.mistakes), cure)
+            raise DeviceRefused(self._device, "; ".join(config.errors), cure)
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
         clock = self._clock
         with clock.standing():

@@ -1,4 +1,4 @@
-"""The engine's end of the cyclic process: starts it, knows whether it lives, ends it."""
+"""The engine's end of the cyclic process: starts it, watches it, ends it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _END_S = 10.0
 class CyclicProcess:
     """A running cyclic process.
 
-    `listening`: host and port bound; `heard`: the only host that it hears; `tolerance`: cycles without an answer after
+    `listening`: host and port bound; `heard`: the only accepted host; `tolerance`: cycles without an answer after
     which a session is over; `block`: the memory shared with it; `granted`: what it got of real time, `fifo` (priority),
     `mlock` (locked memory) and `affinity` (its own processor).
     """

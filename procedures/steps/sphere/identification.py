@@ -17,7 +17,7 @@ from cellctl.procedure import StepContext
 from cellctl.records import Figures
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
-from procedures.steps.sphere.setup_errors import refuse_wrong_setup
+from procedures.steps.sphere.setup_errors import WrongSetup, wrong_setup
 
 
 @final
@@ -30,16 +30,17 @@ class Found:
     verdict: SphereVerdict
 
 
-def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found:
-    """Identify the robot from the touches.
+def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found | WrongSetup:
+    """Identify the robot from the touches, unless they show a set-up error.
 
-    Raises InputError where they do not allow an identification, or where they show a set-up error.
+    Raises InputError where they do not allow an identification.
     """
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches, drift = context.recorded(TouchRow), drift_of(context)
     choice = _Choice(robot, artefact, model, use_distances)
-    refuse_wrong_setup(context, _measured(touches, choice, None))
+    if wrong := wrong_setup(context, _measured(touches, choice, None)):
+        return wrong
     found = _fitted(touches, choice, None)
     corrected = _fitted(touches, choice, drift) if drift.significant else found
     modelled = corrected.result.fit.rms < found.result.fit.rms  # else it is something else than the tip that drifts

@@ -41,7 +41,7 @@ def verdict_of(context: StepContext) -> SphereVerdict:
     return replace(
         held_out,
         verdict=verdict,
-        sentence=_sentence(verdict, standoff, held_out.sentence),
+        sentence=_sentences(verdict, standoff, held_out.sentence),
         before=before,
         after=after,
         held_out=HeldOutFigures(held_out.verdict, held_out.before, held_out.after),
@@ -65,13 +65,11 @@ def _rms(values: Sequence[float]) -> float:
     return float((sum(value * value for value in values) / len(values)) ** 0.5)
 
 
-def _sentence(verdict: str, standoff: StandOffFigures, held_out: str) -> str:
-    before, after = standoff.before, standoff.after
-    says = {"better": "Better", "worse": "Worse than nominal, table taken back"}.get(
-        verdict, "No better than nominal, table taken back"
-    )
-    return (
-        f"{says}: standing off sphere {standoff.sphere}, which no fit saw, is wrong by {before.mean:.3f} → "
-        f"{after.mean:.3f} mm mean ({before.max:.3f} → {after.max:.3f} max) on {standoff.n} targets. "
-        f"Held-out touches: {held_out[0].lower()}{held_out[1:]}"
-    )
+def _sentences(verdict: str, standoff: StandOffFigures, held_out: str) -> str:
+    from cellctl.calibration import ErrorFigures, compared_errors
+
+    errors = [ErrorFigures(**asdict(each)) for each in (standoff.before, standoff.after)]
+    figures = compared_errors(("before", "after"), errors, standoff.n)
+    ends = {"better": "Better than nominal.", "worse": "Worse than nominal: the table was rolled back."}
+    end = ends.get(verdict, "No better than nominal: the table was rolled back.")
+    return f"Stand-off error at sphere {standoff.sphere} (not used for calibration): {figures}. {end} {held_out}"

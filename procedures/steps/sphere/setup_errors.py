@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import final
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import Measurements
@@ -10,18 +12,26 @@ from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.procedure import StepContext
 
 
-def refuse_wrong_setup(context: StepContext, measured: Measurements) -> None:
-    """Check robot file and cell file against the touches, as `cellctl fit` does.
+@final
+@dataclass(frozen=True, slots=True)
+class WrongSetup:
+    """The touches show a set-up error: the text of their data set, so that nothing has to be measured again; the error.
 
-    Where they do not agree, writes `dataset.csv`, so that nothing has to be measured again, and raises InputError: what
-    is wrong, where, and the cure.
+    error: what is wrong, where, and the cure; it names the data set in the run folder.
     """
+
+    data: str
+    error: InputError
+
+
+def wrong_setup(context: StepContext, measured: Measurements) -> WrongSetup | None:
+    """Check robot file and cell file against the touches, as `cellctl fit` does; None where they agree."""
     data = context.run_folder / "dataset.csv"
     files = SetupFiles(load_yaml(context.robot_file), data, Path(context.cell.file))
     again = f"cellctl fit {context.robot_file} {data} --artefact {context.cell.file} --column set"
     note = f"no model was made and no table was pushed; after the correction identify from these touches: {again}"
     try:
         refuse_setup_errors(measured, files, note)
-    except InputError:
-        measured.data.write(data)
-        raise
+    except InputError as error:
+        return WrongSetup(measured.data.text(), error)
+    return None

@@ -178,7 +178,7 @@ def _pairs(
         joints.readings(q).round(6) for q in (found.nominal_q, found.compensated_q, inside.compensated_q)
     )
     normals = sphere.nominal.normals(joints.model(before))
-    foreseen = [_foreseen(model, sphere, readings, distance_mm + drifted) for readings in (before, after)]
+    predicted = [_predicted(model, sphere, readings, distance_mm + drifted) for readings in (before, after)]
     pairs = []
     for number, line in enumerate(lines):
         common = {
@@ -197,8 +197,8 @@ def _pairs(
             commanded=list(line.start),
             end=list(line.end),
             retreat=[list(line.start)],
-            expected_mm=float(foreseen[0][0][number]),
-            sigma_mm=float(foreseen[0][1][number]),
+            expected_mm=float(predicted[0][0][number]),
+            sigma_mm=float(predicted[0][1][number]),
             **common,
         )
         second = StandOffPlan(
@@ -210,15 +210,15 @@ def _pairs(
             commanded=after[number].tolist(),
             end=ends[number].tolist(),
             retreat=[after[number].tolist(), *(list(q) for q in line.retreat[1:])],
-            expected_mm=float(foreseen[1][0][number]),
-            sigma_mm=float(foreseen[1][1][number]),
+            expected_mm=float(predicted[1][0][number]),
+            sigma_mm=float(predicted[1][1][number]),
             **common,
         )
         pairs.append([first, second])
     return pairs
 
 
-def _foreseen(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm: Floats) -> tuple[Floats, Floats]:
+def _predicted(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm: Floats) -> tuple[Floats, Floats]:
     """The error of a move to `readings` (N, n), deg, that the identified model expects (N,), and its 1 σ (N,), mm."""
     q = model.robot.joint_map().model(readings)
     expected = sphere.identified.distances(q) - sphere.reach - distance_mm

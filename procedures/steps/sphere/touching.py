@@ -167,9 +167,12 @@ class Identified(StepResult):
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
     from procedures.steps.sphere.identification import identify_touches
+    from procedures.steps.sphere.setup_errors import WrongSetup
 
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
     await context.write_artefact("dataset.csv", found.data)
+    if isinstance(found, WrongSetup):
+        raise found.error
     await context.write_artefact("model.json", found.model)
     await context.record(found.verdict)
     return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)

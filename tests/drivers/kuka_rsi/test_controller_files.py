@@ -346,7 +346,7 @@ def test_relative_corrections_are_switched_on_as_the_address_says(tmp_path: Path
     assert "RSI_ON(#RELATIVE,#IPO_FAST)" in made["cellctl.src"]
 
 
-def test_a_mistake_in_the_configuration_is_named_and_nothing_written(tmp_path: Path) -> None:
+def test_an_error_in_the_configuration_is_named_and_nothing_written(tmp_path: Path) -> None:
     cell = tmp_path / "cell.yaml"
     text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
     cell.write_text(text)

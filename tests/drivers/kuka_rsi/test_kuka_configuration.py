@@ -15,7 +15,7 @@ GOOD = "kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:54600"
 
 
 @pytest.fixture
-def mistakes(tmp_path, ethernet_xml):
+def errors(tmp_path, ethernet_xml):
     def check(*changes: tuple[str, str], address: str = GOOD) -> list[str]:
         xml = ethernet_xml
         for before, after in changes:
@@ -27,7 +27,7 @@ def mistakes(tmp_path, ethernet_xml):
     return check
 
 
-def test_the_shipped_cell_s_configuration_has_no_mistake():
+def test_the_shipped_cell_s_configuration_has_no_error():
     cells = Path(__file__).resolve().parents[3] / "procedures/cells"
     address = "kuka+rsi://127.0.0.1:0?ethernet=rsi_ethernet.xml&eki=127.0.0.1:54600"
     assert check_address(Address.parse(address), cells) == []
@@ -56,8 +56,8 @@ def test_the_shipped_cell_s_configuration_has_no_mistake():
         ("</ROOT>", "", 23, "not XML"),
     ],
 )
-def test_each_mistake_in_the_file_is_named_with_its_line(mistakes, before, after, line, what):
-    found = mistakes((before, after))
+def test_each_error_in_the_file_is_named_with_its_line(errors, before, after, line, what):
+    found = errors((before, after))
     assert [text for text in found if text.startswith(f"rsi.xml:{line}: ") and what in text], found
 
 
@@ -68,16 +68,16 @@ def test_a_controller_whose_late_answers_nobody_could_count_is_not_connected_to(
         asyncio.run(robot.connect())
 
 
-def test_all_mistakes_are_named_at_once(mistakes):
-    found = mistakes(("DEF_AIPos", "DEF_X"), ("FALSE", "TRUE"), ('TAG="Stop"', 'TAG="Go"'))
+def test_all_errors_are_named_at_once(errors):
+    found = errors(("DEF_AIPos", "DEF_X"), ("FALSE", "TRUE"), ('TAG="Stop"', 'TAG="Go"'))
     assert len(found) == 3
 
 
-def test_a_port_that_the_controller_does_not_send_to_is_a_mistake(mistakes):
-    assert mistakes(address=GOOD.replace(":0?", ":49153?")) == [
+def test_a_port_that_the_controller_does_not_send_to_is_an_error(errors):
+    assert errors(address=GOOD.replace(":0?", ":49153?")) == [
         "rsi.xml:4: PORT is 49152, the address binds 49153: no telegram would come"
     ]
-    assert mistakes(address=GOOD.replace(":0?", ":49152?")) == []
+    assert errors(address=GOOD.replace(":0?", ":49152?")) == []
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -108,7 +108,7 @@ def test_a_root_of_another_kind_is_named(tmp_path):
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=1e2", "tolerance=1e2"),
     ],
 )
-def test_mistakes_in_the_address_are_named(tmp_path, address, what):
+def test_errors_in_the_address_are_named(tmp_path, address, what):
     with pytest.raises(ValueError, match=what):
         open_robot("robot", Address.parse(address), Surroundings(WallClock(), tmp_path))
     assert what in check_address(Address.parse(address), tmp_path)[0]

@@ -112,7 +112,7 @@ def children() -> set[str]:
     return set(Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
 
 
-def test_mistakes_in_the_configuration_refuse_the_connection_with_file_and_line(robot_at, ethernet_xml, run):
+def test_errors_in_the_configuration_refuse_the_connection_with_file_and_line(robot_at, ethernet_xml, run):
     xml = ethernet_xml.replace("DEF_AIPos", "DEF_ASPos").replace('TAG="Stop"', 'TAG="Halt"')
     with pytest.raises(DeviceRefused, match=r"rsi\.xml:8: SEND lacks DEF_AIPos.*rsi\.xml:13: RECEIVE lacks Stop"):
         run(robot_at(1, xml=xml).connect())

@@ -82,7 +82,7 @@ def test_a_robot_goes_on_as_warm_and_worn_as_it_remembers_being():
     before, after = world(warm_up=1, wear=1), world(warm_up=1, wear=1)
     before.ageing.touched()
     before.ageing.warm(10 * MINUTE_NS)
-    after.ageing.recall(before.ageing.told(10 * MINUTE_NS))
+    after.ageing.recall(before.ageing.state(10 * MINUTE_NS))
     after.ageing.warm(0)
     assert after.true_tcp(BENT) == pytest.approx(before.true_tcp(BENT), abs=1e-12)
     after.ageing.warm(10 * MINUTE_NS)

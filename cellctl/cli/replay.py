@@ -1,0 +1,124 @@
+"""`cellctl replay`: a run computed again from its journal, and compared byte for byte."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cellctl.cli import arguments
+
+if TYPE_CHECKING:
+    from cellctl.operations.replay import ArtefactReplay, Replay, StepReplay
+
+_SHOWN = 5
+"""So many differences of a step are shown; `--json` has all."""
+
+_SHORT = 12
+"""So many characters of a hash are shown."""
+
+
+def replay(
+    run: arguments.Run,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Write the files that were computed again into this folder.")
+    ] = None,
+    runs: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
+) -> None:
+    """Compute a run's data set, model and table again from its journal alone; say which bytes differ, and why.
+
+    Example: cellctl replay sphere_selfcal-20261121T192433Z -o again
+    """
+    from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.operations.replay import replay_run
+
+    place = run if run.exists() else runs / run
+    refuse_outputs({"--json": json_}, [place, *place.glob("*")])
+    _refuse_folder(out, place)
+    found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))
+    if out:
+        _write(found, out)
+    write_json(_as_json(found), json_)
+    if json_ != "-":
+        for line in _lines(found):
+            typer.echo(line)
+    raise typer.Exit(0 if found.equal else 1)
+
+
+def _refuse_folder(out: Path | None, run: Path) -> None:
+    """Raise InputError where the replayed files would replace those of the run, or there can be no such folder."""
+    from cellctl.files import InputError, Problem
+
+    if out is None:
+        return
+    if out.exists() and not out.is_dir():
+        raise InputError(Problem(str(out), 0, 0, "is no folder", "give a folder with --out"))
+    folder = run if run.is_dir() else run.parent
+    if out.resolve() == folder.resolve():
+        what = "is the run folder: its files would be written over"
+        raise InputError(Problem(str(out), 0, 0, what, "give another folder with --out"))
+
+
+def _write(found: Replay, out: Path) -> None:
+    from cellctl.files import write_atomically
+
+    out.mkdir(parents=True, exist_ok=True)
+    for name, content in found.contents.items():
+        write_atomically(out / name, content)
+
+
+def _as_json(found: Replay) -> dict[str, Any]:
+    return {
+        "run": found.run,
+        "equal": found.equal,
+        "changed": list(found.changed),
+        "artefacts": [{**asdict(each), "equal": each.equal} for each in found.artefacts],
+        "steps": [{**asdict(each), "equal": each.equal} for each in found.steps],
+    }
+
+
+def _lines(found: Replay) -> list[str]:
+    lines = [f"{found.run}: {len(found.steps)} computing steps, computed again from the journal"]
+    lines += [f"  changed since the run: {text}" for text in found.changed]
+    width = max((len(name) for name in (*(a.name for a in found.artefacts), *(s.step for s in found.steps))), default=0)
+    lines += [line for each in found.artefacts for line in _artefact_lines(each, width)]
+    lines += [line for each in found.steps for line in _step_lines(each, width)]
+    whole = "equal" if found.equal else "not equal: see above"
+    return [*lines, f"Data set, model, table and results: {whole}." if found.steps else "There is nothing to compare."]
+
+
+def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
+    from cellctl.operations.replay import FolderFile
+
+    if not each.replayed_equal:
+        text = f"differs: {_hash(each.recorded)} → {_hash(each.replayed)}"
+    elif each.folder is FolderFile.CHANGED:
+        text = f"equal to the journal ({_hash(each.recorded)}), but not to the file in the run folder"
+    else:
+        text = f"equal ({_hash(each.recorded)})"
+    if each.folder is FolderFile.MISSING:
+        text += "; not in the run folder"
+    if each.folder is FolderFile.REPLACED:
+        text += f"; of {each.step}, attempt {each.attempt}, and written again later"
+    return [f"{each.name:{width}}  {text}", *_details([str(each.first)] if each.first else [], each.why)]
+
+
+def _step_lines(each: StepReplay, width: int) -> list[str]:
+    rows = f" and {each.rows} row{'s' * (each.rows > 1)}" if each.rows else ""
+    attempt = f", attempt {each.attempt}" if each.attempt > 1 else ""
+    if each.equal:
+        return [f"{each.step:{width}}  result{rows} equal{attempt}"]
+    more = len(each.differences) - _SHOWN
+    shown = [*each.differences[:_SHOWN], *([f"and {more} more differences"] if more > 0 else [])]
+    return [f"{each.step:{width}}  result{rows} differ{'s' * (not each.rows)}{attempt}:", *_details(shown, each.why)]
+
+
+def _details(differences: list[str], why: tuple[str, ...]) -> list[str]:
+    return [*(f"    {text}" for text in differences), *(f"    why: {text}" for text in why)]
+
+
+def _hash(sha256: str | None) -> str:
+    return f"sha256 {sha256[:_SHORT]}" if sha256 else "not made"

@@ -1,0 +1,176 @@
+"""Does the steps of a procedure one after another: loops, branches, confirmations, attempts and retries."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext, suppress
+from dataclasses import asdict
+from functools import partial
+from typing import Any, final
+
+from cellctl.clock import Clock
+from cellctl.devices import DeviceUncertain
+from cellctl.engine.context import Context, Surround
+from cellctl.engine.control import BY_OPERATOR, Control
+from cellctl.engine.interlocks import Interlocks, StoppedByInterlock
+from cellctl.engine.plan import Plan
+from cellctl.engine.recorder import Recorder
+from cellctl.engine.states import State
+from cellctl.engine.watcher import Watcher
+from cellctl.files import InputError
+from cellctl.journal import Outcome as StepOutcome
+from cellctl.journal import StepEnded, StepStarted
+from cellctl.procedure import (
+    Action,
+    AnyStepKind,
+    Confirm,
+    If,
+    Loop,
+    OnResume,
+    Step,
+    UnresolvedReference,
+    inputs_of,
+    resolve,
+    step_path,
+)
+
+
+@final
+class StepExecution:
+    """Does steps and records each attempt. `moved`: a step that moves or writes was begun.
+
+    `enter(state, reason)` changes the run's state: to paused and back.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        run: Surround,
+        recorder: Recorder,
+        control: Control,
+        interlocks: Interlocks,
+        enter: Callable[[State, str], object],
+    ) -> None:
+        self.moved = False
+        self._plan, self._run, self._recorder = plan, run, recorder
+        self._control, self._interlocks, self._enter = control, interlocks, enter
+        self._clock: Clock = run.clock
+        self._record = recorder.state
+        self._done = dict(self._record.finished)
+
+    async def actions(self, actions: tuple[Action, ...], scope: dict[str, Any], outer: str) -> None:
+        """Do `actions`, which stand inside `outer`; `scope`: parameters, loop variables and results by name."""
+        for action in actions:
+            path = step_path(outer, action.id)
+            match action:
+                case Step():
+                    scope[action.id] = await self._step(action, scope, path)
+                case Loop():
+                    await self._loop(action, scope, outer)
+                case If():
+                    branch = action.then if self._decided(action, scope, path) else action.otherwise
+                    await self.actions(branch, dict(scope), path)
+                case Confirm():
+                    await self._confirm(action, path)
+
+    async def _loop(self, loop: Loop, scope: dict[str, Any], outer: str) -> None:
+        values = resolve(loop.for_each, scope)
+        path = step_path(outer, loop.id)
+        for index, value in enumerate(values):
+            self._recorder.show(partial(_pass_begins, path, index, len(values)))
+            inner = {**scope, loop.variable: value}
+            await self.actions(loop.steps, inner, step_path(outer, loop.id, index))
+        self._recorder.show(partial(_pass_begins, path, len(values), len(values)))
+
+    def _decided(self, action: If, scope: Mapping[str, Any], path: str) -> bool:
+        """What the `if` is decided to, once for the whole run: a resumed run takes the branch that it took before."""
+        if path in self._done:
+            return bool(self._done[path]["value"])
+        assert action.expression is not None
+        try:
+            value = action.expression.value(scope)
+        except (UnresolvedReference, ValueError) as error:
+            raise InputError(self._plan.procedure.document.problem((*action.at, "if"), str(error))) from error
+        attempt = self._record.next_attempt(path)
+        self._recorder.append(StepStarted(path, attempt, False, "if"))
+        self._recorder.append(StepEnded(path, attempt, StepOutcome.DONE, {"value": value}))
+        return value
+
+    async def _confirm(self, action: Confirm, path: str) -> None:
+        async def confirmed() -> dict[str, Any]:
+            self._recorder.said(path, action.text)
+            with self._clock.standing():
+                return asdict(await self._control.confirmation())
+
+        if path in self._done and action.on_resume is OnResume.SKIP:
+            return
+        while True:
+            await self._at_border()
+            started = StepStarted(path, self._record.next_attempt(path), False, "confirm")
+            with suppress(StoppedByInterlock):
+                async with self._interlocks.stoppable():
+                    await self._recorder.attempt(started, action.timeout_s, confirmed)
+                return
+
+    async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
+        """Do one step, with its retries; or take its result where it is done. Raises what its last attempt raised."""
+        if path in self._done and step.on_resume is OnResume.SKIP:
+            result: dict[str, Any] | None = self._done[path]
+            return result
+        kind = self._plan.registry.find(step.do)
+        inputs = inputs_of(self._plan.procedure, step, kind, scope)
+        retryable = tuple(kind.retryable()[name] for name in step.retry.on)
+        failed = 0
+        while True:
+            await self._at_border()
+            self.moved = self.moved or kind.moves
+            try:
+                async with self._interlocks.stoppable():
+                    return await self.attempt(kind, inputs, step, path, step.timeout_s)
+            except StoppedByInterlock:
+                self._recorder.said(path, "stopped by an interlock; it is done again when the run goes on")
+            except retryable as error:
+                failed += 1
+                if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person has to look first
+                    raise
+                self._recorder.said(path, f"attempt {failed} of {step.retry.attempts} failed, trying again: {error}")
+
+    async def attempt(
+        self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None
+    ) -> dict[str, Any] | None:
+        """One attempt at a step, within `limit` seconds (None: no limit). Raises what the step raises, TimeoutError."""
+        attempt = self._record.next_attempt(path)
+        context = Context(
+            step=path,
+            attempt=attempt,
+            run=self._run,
+            needs=frozenset(kind.needs),
+            journal=self._record,
+            append=self._recorder.append,
+        )
+
+        async def done() -> dict[str, Any] | None:
+            return kind.dump_result(await kind(context, inputs))
+
+        return await self._recorder.attempt(StepStarted(path, attempt, kind.moves, step.do), limit, done)
+
+    async def _at_border(self) -> None:
+        """Between two steps: look at the interlocks, and wait while something keeps the run from going on."""
+        await self._interlocks.look()
+        if self._control.aborted:
+            await asyncio.sleep(0)  # the cancellation arrives here, before the next step begins
+        reason = self._control.held_by()
+        if not reason:
+            return
+        self._enter(State.PAUSED, reason)
+        while self._control.held_by():
+            # Waiting for a person alone, a simulated cell's time stands still; broken interlocks need it to go on.
+            with nullcontext() if self._interlocks.broken else self._clock.standing():
+                await self._control.change()
+            await self._interlocks.look()
+        self._enter(State.RUNNING, BY_OPERATOR if reason == BY_OPERATOR else "the interlocks hold again")
+
+
+def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:
+    watcher.loop(path, index, count)

@@ -1,0 +1,100 @@
+"""Files that a run made, as the journal, the replay and the run folder have them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Self, final
+
+from cellctl.files import sha256_of
+from cellctl.operations.replay.difference import FirstDifference
+from cellctl.operations.replay.recompute import Attempt
+from cellctl.records import ArtefactRow
+
+
+class FolderFile(StrEnum):
+    """The file in the run folder, compared with its hash in the journal."""
+
+    AS_RECORDED = "as recorded"
+    CHANGED = "changed"
+    MISSING = "missing"
+    REPLACED = "replaced"
+    """A later step of the run wrote a file of this name."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ArtefactReplay:
+    """One file: its SHA-256 (hex) in the journal and in the replay, None where it was not made.
+
+    first: where the replayed file first differs from the one in the run folder, unless both differ from the journal;
+    why: reasons for what differs.
+    """
+
+    name: str
+    step: str
+    attempt: int
+    recorded: str | None
+    replayed: str | None
+    folder: FolderFile
+    first: FirstDifference | None
+    why: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, recorded: Attempt, now: Attempt, folder: Path | None, why: Sequence[str]) -> Self:
+        """The file `name` of an attempt; folder: the run folder, None where a later step wrote that file again.
+
+        why: reasons for other bytes, as far as they are known before the bytes are looked at.
+        """
+        row, content = recorded.artefacts.get(name), now.contents.get(name)
+        there = _content(folder / name) if folder else None
+        state = _state(row, there) if folder else FolderFile.REPLACED
+        replayed = None if content is None else sha256_of(content)
+        differs = (row.sha256 if row else None) != replayed
+        known = there is not None and (state is FolderFile.AS_RECORDED or not differs)  # else: of two differences one
+        first = FirstDifference.of(there, content) if known and there is not None and content is not None else None
+        reasons = [*(why if differs else ()), *_about_folder(state, differs)]
+        return cls(
+            name=name,
+            step=recorded.ended.step,
+            attempt=recorded.ended.attempt,
+            recorded=row.sha256 if row else None,
+            replayed=replayed,
+            folder=state,
+            first=first,
+            why=tuple(reasons),
+        )
+
+    @property
+    def replayed_equal(self) -> bool:
+        """Whether the replay made the bytes whose hash is in the journal."""
+        return self.recorded == self.replayed
+
+    @property
+    def equal(self) -> bool:
+        """Whether these bytes are also those in the run folder, where the file is there."""
+        return self.replayed_equal and self.folder is not FolderFile.CHANGED
+
+
+def _about_folder(state: FolderFile, differs: bool) -> list[str]:
+    reasons = []
+    if state is FolderFile.CHANGED:
+        reasons.append("the file in the run folder was changed after the run")
+    if differs and state is not FolderFile.AS_RECORDED:
+        reasons.append("the run's own bytes are not in the run folder, so it cannot be said where they differ")
+    return reasons
+
+
+def _state(row: ArtefactRow | None, there: bytes | None) -> FolderFile:
+    if there is None:
+        return FolderFile.MISSING
+    return FolderFile.AS_RECORDED if row and sha256_of(there) == row.sha256 else FolderFile.CHANGED
+
+
+def _content(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None

@@ -1,0 +1,136 @@
+"""A run replayed: its computing steps done again, and all that came of them compared with what the journal has."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from cellctl.files import InputError, Problem
+from cellctl.journal import Entry, RunResumed, RunStarted, fold, journal_in, read_journal
+from cellctl.operations.provenance import changed_sources, code_hash, versions
+from cellctl.operations.replay.artefacts import ArtefactReplay
+from cellctl.operations.replay.difference import json_differences
+from cellctl.operations.replay.recompute import Recomputed, recomputed, sources_of
+from cellctl.procedure import StepRegistry
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepReplay:
+    """An attempt at a computing step. differences: where its result and rows are not as recorded; why: reasons."""
+
+    step: str
+    attempt: int
+    do: str
+    rows: int
+    differences: tuple[str, ...]
+    why: tuple[str, ...] = ()
+
+    @property
+    def equal(self) -> bool:
+        """Whether result and rows are as recorded."""
+        return not self.differences
+
+
+@final
+@dataclass(frozen=True)
+class Replay:
+    """What a replay found. changed: what is not as it was in the run (versions, computer, code).
+
+    contents: name → content of the files that the replay made, the latest of each name.
+    """
+
+    run: str
+    changed: tuple[str, ...]
+    steps: tuple[StepReplay, ...]
+    artefacts: tuple[ArtefactReplay, ...]
+    contents: Mapping[str, bytes]
+
+    @property
+    def equal(self) -> bool:
+        """Whether everything that was computed again is as recorded, and no file in the run folder was changed."""
+        return all(step.equal for step in self.steps) and all(file.equal for file in self.artefacts)
+
+
+def replay_run(run: Path, tell: Callable[[str], None] = lambda _: None, registry: StepRegistry | None = None) -> Replay:
+    """Replay the run in folder `run` (or of that journal), also one that is not finished. Changes nothing there.
+
+    It reads the journal alone; the files in the run folder are only compared. `tell`: called with the name of each step
+    before it is computed; registry: the kinds of steps, None: those installed. Raises JournalError where there is no
+    journal, InputError where it does not hold all sources.
+    """
+    entries = list(read_journal(run))
+    state = fold(entries)
+    if state.started is None:
+        what = "was cut off before it began: it has computed nothing"
+        raise InputError(Problem(str(run), 0, 0, what, "replay another run"))
+    with sources_of(state.started) as sources:
+        steps = asyncio.run(recomputed(entries, sources, registry or StepRegistry.installed(), tell))
+    changed = tuple(_changed(entries))
+    found = _compared(steps, changed, journal_in(run).parent)
+    contents = {name: content for step in steps for name, content in step.now.contents.items()}
+    return Replay(state.name, changed, *found, contents)
+
+
+def _compared(
+    steps: Sequence[Recomputed], changed: tuple[str, ...], folder: Path
+) -> tuple[tuple[StepReplay, ...], tuple[ArtefactReplay, ...]]:
+    last = {name: step for step in steps for name in step.recorded.artefacts.keys() | step.now.artefacts.keys()}
+    compared: list[StepReplay] = []
+    artefacts: list[ArtefactReplay] = []
+    for step in steps:
+        before = [each.name for each in artefacts if not each.replayed_equal]
+        why = tuple(changed) or (() if before else (_UNEXPLAINED,))
+        why += tuple(f"{name}, made before it, differs as well" for name in dict.fromkeys(before))
+        compared.append(_step(step, why))
+        names = {**step.recorded.artefacts, **step.now.artefacts}
+        for name in names:
+            place = folder if last[name] is step else None
+            artefacts.append(ArtefactReplay.of(name, step.recorded, step.now, place, why))
+    return tuple(compared), tuple(artefacts)
+
+
+_UNEXPLAINED = (
+    "versions, computer and code are those of the run: this step does not compute the same twice; please report it"
+)
+
+
+def _step(step: Recomputed, why: tuple[str, ...]) -> StepReplay:
+    ended, recorded, now = step.recorded.ended, step.recorded.values, step.now.values
+    differences = _differences(recorded, now)
+    return StepReplay(
+        step=ended.step,
+        attempt=ended.attempt,
+        do=step.do,
+        rows=len(recorded["rows"]),
+        differences=tuple(differences),
+        why=why if differences else (),
+    )
+
+
+def _differences(recorded: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    rows, others = recorded["rows"], now["rows"]
+    ends = ("outcome", "result", "failure")
+    differences = [text for key in ends for text in json_differences(recorded[key], now[key], key)]
+    if [row["kind"] for row in rows] != [row["kind"] for row in others]:
+        return [*differences, *json_differences([row["kind"] for row in rows], [row["kind"] for row in others], "rows")]
+    for row, other in zip(rows, others, strict=True):
+        differences += json_differences(row["data"], other["data"], row["kind"])
+    return differences
+
+
+def _changed(entries: Sequence[Entry]) -> list[str]:
+    """What is not as it was in the run, also after a resume: `numpy 2.3.1 → 2.4.6`."""
+    now = versions()
+    made = [entry.event for entry in entries if isinstance(entry.event, RunStarted | RunResumed)]
+    pairs = [
+        (name, before, now.get(name, "not installed")) for event in made for name, before in event.versions.items()
+    ]
+    changed = [f"{name} {before} → {after}" for name, before, after in pairs if before != after]
+    if any(event.code_sha256 != code_hash() for event in made):
+        files = next((event.sources for event in made if isinstance(event, RunStarted)), {})
+        changed.append(f"the code of cellctl, its drivers or steps has changed{changed_sources(files)}")
+    return list(dict.fromkeys(changed))

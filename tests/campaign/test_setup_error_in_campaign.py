@@ -1,0 +1,39 @@
+"""A set-up error that a campaign finds in its touches ends the run as it ends a fit: before a model, before a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cell_runs import UNHURRIED, cell_with, run_here, touches_procedure
+
+from cellctl.cli.ends import Exit
+from cellctl.cli.run_end import exit_of, show_end
+from cellctl.engine import State
+from cellctl.operations.results import result_of
+
+IDENTIFY = """  - {id: identify, do: sphere.identify, with: {model: geometry}, timeout: 300}
+cleanup:"""
+
+
+@pytest.mark.long
+@pytest.mark.campaign
+def test_a_wrong_certified_distance_ends_the_run_with_exit_code_2_its_line_and_no_model(tmp_path: Path, capsys) -> None:
+    procedure = touches_procedure(tmp_path, fit=20)
+    text = procedure.read_text().replace("held_out: 1", "held_out: 5").replace("cleanup:", IDENTIFY)
+    procedure.write_text(text)
+    for name in ("true", "stated"):
+        (tmp_path / name).mkdir()
+    truth = cell_with(tmp_path / "true", UNHURRIED)
+    stated = cell_with(tmp_path / "stated", UNHURRIED, {"mm: 700.412": "mm: 705.412"})
+    ended = run_here(procedure, stated, tmp_path, simulated_cell=truth)
+    run = tmp_path / "run"
+    assert (ended.outcome.state, exit_of(ended.outcome)) == (State.FAILED, Exit.BAD_INPUT)
+    assert ended.robot_is_held()
+    assert not (run / "model.json").exists()
+    show_end(ended.outcome, result_of(run, ended.outcome, 1.0), run, quiet=False)
+    said = capsys.readouterr().err
+    assert "run failed: 1 mistake\n" in said
+    assert f"{stated}:24:31: spacing S1–S2: 705.412 mm given" in said
+    assert "no model was made and no table was pushed" in said
+    assert "nothing was moved" not in said

@@ -1,0 +1,20 @@
+"""The section of the report about the invented thermometer."""
+
+from cellctl.report.section import ReportSection
+from thermometer_steps import TemperatureRow
+
+
+def build(run):
+    """The temperatures of the run."""
+    rows = run.state.recorded(TemperatureRow)
+    return {"first": rows[0].celsius, "last": rows[-1].celsius, "count": len(rows)}
+
+
+SECTION = ReportSection(
+    id="thermometer",
+    title="Temperature of the cell",
+    order=45,
+    needs=(TemperatureRow,),
+    build=build,
+    template="<p>{{ count }} readings, from {{ first }} to {{ last }} °C.</p>",
+)

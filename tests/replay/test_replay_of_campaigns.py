@@ -1,0 +1,112 @@
+"""A whole campaign replayed: killed and resumed, moved elsewhere, its cell gone; and with an edited model."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl
+
+from cellctl.journal import JournalError, RunResumed, fold, read_journal
+
+pytestmark = pytest.mark.campaign
+
+FEW = ("touches_fit=20", "touches_test=6", "touches_locate=4", "standoff_targets=4", "reference_every=10")
+FILES = ["dataset.csv", "model.json", "table.json"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The run folder of a campaign that was killed in a touch and resumed, moved; what it was made from is gone."""
+    home, away = tmp_path_factory.mktemp("home"), tmp_path_factory.mktemp("away")
+    robots = ROOT / "procedures" / "robots"
+    shutil.copy(robots / "kr5_r1400.yaml", home)
+    cell = cell_with(home, replace={f"{robots}/": ""})
+    settings = [word for setting in FEW for word in ("--set", setting)]
+    common = [str(SELFCAL), "--cell", str(cell), "--runs", str(home / "runs"), *settings]
+    folder = killed(common, home / "runs")
+    done = cellctl("run", *common, "--resume", folder.name, "--acknowledge")
+    assert done.returncode == 0, done.stderr
+    assert any(isinstance(entry.event, RunResumed) for entry in read_journal(folder))
+    moved = shutil.move(folder, away / "another name")
+    shutil.rmtree(home)
+    return Path(moved)
+
+
+def killed(common: list[str], runs: Path) -> Path:
+    """The run folder of a campaign, killed (-9) as soon as three touches are recorded."""
+    command = [sys.executable, "-m", "cellctl", "run", *common]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        until = time.monotonic() + PATIENCE_S
+        while touches(runs) < 3:
+            assert process.poll() is None, process.communicate()[1]
+            assert time.monotonic() < until
+            time.sleep(0.1)  # noqa: TID251 - another process, in wall time
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.communicate(timeout=PATIENCE_S)
+    return next(runs.iterdir())
+
+
+def touches(runs: Path) -> int:
+    journal = next(runs.glob("*/journal.sqlite"), None)
+    try:
+        return len(fold(read_journal(journal)).data_of("touch")) if journal else 0
+    except JournalError:  # it is just being made
+        return 0
+
+
+def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path):
+    done = cellctl("replay", run, "-o", tmp_path / "again", "--json", tmp_path / "replay.json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads((tmp_path / "replay.json").read_text())
+    assert found["equal"] is True
+    assert found["changed"] == []
+    assert [each["name"] for each in found["artefacts"]] == FILES
+    assert {each["folder"] for each in found["artefacts"]} == {"as recorded"}
+    assert [each["step"] for each in found["steps"]] == ["plan", "identify", "proof", "compensation"]
+    assert "model.json    equal (sha256 " in done.stdout
+    for name in FILES:
+        assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
+
+
+def test_an_edited_model_is_told_apart_from_a_replay_that_differs(run, tmp_path):
+    edited = tmp_path / "edited"
+    shutil.copytree(run, edited)
+    content = (edited / "model.json").read_bytes()
+    place = content.index(b'"format":') + len('"format":')
+    (edited / "model.json").write_bytes(content[:place] + b" " + content[place:])
+    done = cellctl("replay", edited)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "model.json    equal to the journal (sha256 " in done.stdout
+    assert f"first at byte {place + 1} (line 1): " in done.stdout
+    assert "why: the file in the run folder was changed after the run" in done.stdout
+    assert "table.json    equal (sha256 " in done.stdout
+
+
+def test_the_run_folder_itself_is_no_place_for_the_files_of_a_replay(run):
+    refused = cellctl("replay", run, "-o", run)
+    assert refused.returncode == 2
+    assert "is the run folder: its files would be written over" in refused.stderr
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    refused = cellctl("replay", tmp_path)
+    assert refused.returncode == 2
+    assert "there is no journal" in refused.stderr
+
+
+@pytest.mark.long
+def test_the_shipped_campaign_is_replayed_byte_for_byte(tmp_path):
+    assert cellctl("run", SELFCAL, "--runs", tmp_path / "runs").returncode == 0
+    done = cellctl("replay", next((tmp_path / "runs").iterdir()), "--json", tmp_path / "replay.json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads((tmp_path / "replay.json").read_text())
+    assert [each["name"] for each in found["artefacts"]] == FILES
