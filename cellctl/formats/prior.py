@@ -25,9 +25,9 @@ LEANING = 0.002
 
 def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] = (), file: str = "") -> Measurements:
     """The same rows for `prior` in place of nominal. free: groups that alone may change, with nothing known of them;
-    none named: everything that the older model was not sure of. file: names the model in errors.
+    none named: everything that the prior model was not sure of. file: names the model in errors.
 
-    Of a model of several sessions that session is gone on from which the rows name first. Raises InputError where it is
+    Of a model of several sessions that session is updated which the rows name first. Raises InputError where it is
     another robot's model, or has no such group, or where base or tool would have to be those of a session, and none is
     named.
     """
@@ -63,7 +63,7 @@ def only(measured: Measurements, free: Collection[str]) -> Measurements:
 def _in_session(
     prior: ModelFile, measured: Measurements, groups: frozenset[str] | None, file: str
 ) -> tuple[RobotModel, Floats]:
-    """The older model as it stood in the session that the rows name first, and its covariance (P, P)."""
+    """The prior model as it stood in the session that the rows name first, and its covariance (P, P)."""
     import numpy as np
 
     model, covariance = prior.robot_model(), np.array(prior.covariance)

@@ -132,7 +132,7 @@ def _over_travel(run: Run, rows: Sequence[Mapping[str, Any]]) -> tuple[Floats, B
     """The tip's way from contact to rest, mm (N,), and whether telegrams went wrong in that search (N,)."""
     assert run.model is not None
     joints, robot = run.model.robot.joint_map(), run.model.robot_model()
-    contact, rest = (robot.tip(joints.model(np.array([row[name] for row in rows]))) for name in ("joints", "resting"))
+    contact, rest = (robot.tcp(joints.model(np.array([row[name] for row in rows]))) for name in ("joints", "resting"))
     faulty = np.array([any(row.get(name, 0) for name in ("late", "lost", "skipped")) for row in rows])
     return np.linalg.norm(rest - contact, axis=1), faulty
 

@@ -67,7 +67,7 @@ def touch_errors(model: ModelFile, data: DataSet, artefact: Artefact | None) -> 
     outliers = {row["line"] for row in model.figures.get("outliers", [])}
     used = np.flatnonzero(~held_out & np.array([line not in outliers for line in measured.lines]))
     only_centres = identify(replace(measured.task, groups=frozenset()), used, (np.ones(len(used), bool), 0))
-    away = identified.model.tip(rows.q) - identified.points[rows.point]
+    away = identified.model.tcp(rows.q) - identified.points[rows.point]
     number_at = dict(zip(data.lines, data.texts("touch"), strict=True))
     return TouchErrors(
         lines=measured.lines,

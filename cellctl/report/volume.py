@@ -39,7 +39,7 @@ def volume_sigma(model: ModelFile) -> VolumeSigma | None:
     if len(q) < _FEWEST:
         return None
     spread = robot.jacobian(q)[:, :3] @ _root(np.array(model.covariance))
-    raw, relative = _lengths(spread), _lengths(without_rigid_motion(robot.tip(q), spread))
+    raw, relative = _lengths(spread), _lengths(without_rigid_motion(robot.tcp(q), spread))
     return VolumeSigma(len(q), _rms(raw), float(raw.max()), _rms(relative), float(relative.max()))
 
 
@@ -63,7 +63,7 @@ def _poses(model: ModelFile) -> Floats:
     centres = np.array([centre.xyz for centre in model.centres]).reshape(-1, 3)
     if not len(centres):
         return np.asarray(q[:512])
-    tips = model.robot_model().tip(q)
+    tips = model.robot_model().tcp(q)
     inside = (tips >= centres.min(axis=0) - AROUND_MM) & (tips <= centres.max(axis=0) + AROUND_MM)
     return np.asarray(q[inside.all(axis=1)])
 

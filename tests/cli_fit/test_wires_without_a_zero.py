@@ -36,7 +36,7 @@ def fitted(tmp_path, monkeypatch):
 def lengths(rng, count, anchor, zero="", arm=ARM):
     """Columns of `count` lengths to an anchor, of the wire that counts from `zero`."""
     readings = drawn(rng, count)
-    away = np.linalg.norm(arm.tip(readings) - ANCHORS[anchor], axis=1)
+    away = np.linalg.norm(arm.tcp(readings) - ANCHORS[anchor], axis=1)
     shown = away + ZEROS.get(zero, 0.0) + rng.normal(0.0, NOISE_MM, count)
     cells = [*readings.T, [anchor] * count, shown, [zero] * count]
     return dict(zip(NAMES, cells, strict=True))

@@ -1,7 +1,7 @@
 """What every effect that is no geometry has in common: it is linear in its amounts, at joints that are nominal.
 
 An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
-model file has them; all that is asked of effects elsewhere is asked by the attributes below.
+model file has them; other packages use nothing but the attributes below.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _PLACES = frozenset({"base", "tool", "points", "datums"})
 
 
 class Coverage(Protocol):
-    """What postures leave open at others: a `PostureBasis`, or what an older model file has in its place."""
+    """What postures leave open at others: a `PostureBasis`, or what an old model file has in its place."""
 
     def joined(self, q: Floats) -> tuple[Self, float]:
         """With postures q (N, n), rad, besides; and what is left at all of these postures, on average."""

@@ -47,7 +47,7 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
 @final
 @dataclass(frozen=True, eq=False)
 class PredictedRows:
-    """Held-out rows as foreseen: variance (N,) of each distance error, mm²; chance (N,): of an error as improbable as
+    """Held-out rows as predicted: variance (N,) of each distance error, mm²; p_value (N,): of an error as improbable as
     the one found, or more so.
     """
 

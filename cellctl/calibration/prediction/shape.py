@@ -32,7 +32,7 @@ def shape_columns(model: RobotModel, at: At) -> Floats:
     if len(postures) < 4:
         raise ValueError(f"{len(postures)} points have no shape to speak of")
     columns = model.jacobian(postures)[:, :3].reshape(3 * len(postures), -1)
-    together, _ = np.linalg.qr(_rigid_motions(model.tip(postures)))
+    together, _ = np.linalg.qr(_rigid_motions(model.tcp(postures)))
     return np.asarray(columns - together @ (together.T @ columns))
 
 

@@ -136,7 +136,7 @@ class RowsAtJoints(ABC):
 
     def place(self, model: RobotModel) -> Floats:
         """Where all these rows, of one fixed point, see it (3,), mm; of a plane its pole."""
-        return np.asarray(model.tip(self.postures).mean(axis=0))
+        return np.asarray(model.tcp(self.postures).mean(axis=0))
 
     def normals(self, state: State) -> Floats:
         """The line (N, 3), unit vectors, along which each row is a distance; NaN where it is none."""
@@ -144,7 +144,7 @@ class RowsAtJoints(ABC):
 
     def anywhere(self, state: State) -> Floats:
         """Tool centre points (N, 3), mm, at which each row would be measured alike, as far apart as can be."""
-        return self._model(state).tip(self.postures)
+        return self._model(state).tcp(self.postures)
 
     def moved_to(self, postures: Postures, model: RobotModel) -> Self:
         """The same measurements at other postures of `model`."""

@@ -21,8 +21,8 @@ LEAST_VARIANCE = 1e-6
 class Residuals:
     """N rows: those of the fit, those left out of it, and those held out; in the order of the task's rows.
 
-    index (N,): into the task's rows. held_out (N,). outlying (N,): left out of the fit, or held out and wild: they are
-    not drawn, as they would set every scale. session (N,), point (N,): numbers; point −1 where none.
+    index (N,): into the task's rows. held_out (N,). outlying (N,): left out of the fit, or held out and outlying: not
+    drawn, as they would set every scale. session (N,), point (N,): numbers; point −1 where none.
     tips (N, 3): tool centre points by the identified robot, mm, in the measuring frame; at_base: the same in the
     robot's base frame. before, after (N, 3): model less measurement in the measuring frame, mm; of a distance, along
     the line to the tip. signed (2, N), normals (N, 3): of distances, before and after, and those lines; NaN of others.
@@ -67,8 +67,8 @@ class Residuals:
         index = np.concatenate([in_fit, held_out])
         judged = np.isin(index, held_out)
         p_value = np.concatenate([np.full(len(in_fit), np.nan), _chances(story, held_out)])
-        wild = np.isin(index, [*left_out, *story.result.unforeseen]) & ~np.isin(index, story.used)
-        result = cls(index=index, held_out=judged, outlying=wild, p_value=p_value, **columns)
+        outlying = np.isin(index, [*left_out, *story.result.unpredicted]) & ~np.isin(index, story.used)
+        result = cls(index=index, held_out=judged, outlying=outlying, p_value=p_value, **columns)
         return result.pick(np.argsort(index, kind="stable"))
 
     def pick(self, which: Any) -> Self:
@@ -122,8 +122,8 @@ class _Sure:
         if settles:
             return None
         covariance, free = found.covariance, found.unknowns.free
-        doubted = ~free & (np.diag(covariance) > 0.0)
-        through, doubt = covariance[np.ix_(free, doubted)], covariance[np.ix_(doubted, doubted)]
+        considered = ~free & (np.diag(covariance) > 0.0)
+        through, doubt = covariance[np.ix_(free, considered)], covariance[np.ix_(considered, considered)]
         own = np.zeros_like(covariance)
         own[np.ix_(free, free)] = covariance[np.ix_(free, free)] - through @ np.linalg.pinv(doubt) @ through.T
         return cls(covariance, own, judging)
@@ -143,7 +143,7 @@ class _Sure:
 def _block(block: Measured, states: tuple[State, State], sure: _Sure | None) -> dict[str, Any]:
     """The columns of one block of rows, whose σ are those found."""
     model = states[1].models[block.session]
-    tips = model.tip(block.postures)
+    tips = model.tcp(block.postures)
     vectors = [_vectors(block, state) for state in states]
     ways = model.chain.tool_jacobian(block.q)[:, :3]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1.0)

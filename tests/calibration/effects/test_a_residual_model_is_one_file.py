@@ -73,7 +73,7 @@ def model(monkeypatch):
     monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, KrigingField))
     rng = np.random.default_rng(4)
     readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (ROWS, 3))
-    places = elbow_arm.ElbowArm().tip(readings) + rng.normal(0.0, 0.01, (ROWS, 3))
+    places = elbow_arm.ElbowArm().tcp(readings) + rng.normal(0.0, 0.01, (ROWS, 3))
     places[:, 2] += 0.2 * np.sin(2.0 * np.deg2rad(readings[:, 1]))
     data = DataSet.parse(csv_text(joints_and_places(readings, places)), "data.csv")
     measured = measurements(ROBOT, data, model="geometry+kriging")
