@@ -112,7 +112,7 @@ def _stands_otherwise(model: RobotModel, robot: RobotFile, file: str) -> list[Pr
     if all(math.dist(down, now) < LEANING for down in before):
         return []
     what = f"is a model of a robot that stood otherwise than '{robot.name}' does (mounting, base)"
-    return [Problem(file or "--prior", 0, 0, what, "fit this robot as it stands now, without --prior")]
+    return [Problem(file or "--prior", 0, 0, what, "fit this robot as it is now, without --prior")]
 
 
 def _joints(robot: RobotFile) -> list[tuple[int, float]]:

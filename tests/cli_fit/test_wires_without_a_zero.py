@@ -91,7 +91,7 @@ def test_rows_whose_zero_says_nothing_are_named_by_line(fitted):
     _, result = fitted(text, "--model", "geometry")
     reasons = {row["line"]: row["reason"] for row in result["rejected"]}
     assert reasons == {
-        82: "one length only with zero 'W3': the zero cannot be told from it; mistyped?",
+        82: "one length only with zero 'W3': it cannot be distinguished from the zero; mistyped?",
         83: "zero 'W1' is of a distance from an anchor, and this is a position",
     }
 

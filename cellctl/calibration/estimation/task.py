@@ -71,7 +71,7 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
-            raise ValueError("an older model is gone on from as it is: it climbs no ladder")
+            raise ValueError("a prior model is updated with its own terms: no terms are tried")
         object.__setattr__(self, "rows", RowBlocks.of(self.rows))
 
     @property
