@@ -1,6 +1,7 @@
 """Rows of the journal as classes: what steps record, and what every reader reads."""
 
 from cellctl.records.artefact import ArtefactRow
+from cellctl.records.identification import IdentificationRow, ResidualsRow
 from cellctl.records.row import AnyRow, BadRow, Json, Row, Rows
 from cellctl.records.table import TablePushRow, TableStateRow
 from cellctl.records.verdict import Figures, VerdictRow
@@ -10,7 +11,9 @@ __all__ = [
     "ArtefactRow",
     "BadRow",
     "Figures",
+    "IdentificationRow",
     "Json",
+    "ResidualsRow",
     "Row",
     "Rows",
     "TablePushRow",

@@ -1,5 +1,18 @@
 """A run as one self-contained HTML page, rebuilt from its folder alone: the same run gives the same bytes."""
 
-from cellctl.report.page import FILE_NAME, report_text, write_report
+from cellctl.report.page import FILE_NAME, render, report_text, write_report
+from cellctl.report.run import Run
+from cellctl.report.section import ReportSection, Sections, template_text
+from cellctl.report.sigmas import Sigma
 
-__all__ = ["FILE_NAME", "report_text", "write_report"]
+__all__ = [
+    "FILE_NAME",
+    "ReportSection",
+    "Run",
+    "Sections",
+    "Sigma",
+    "render",
+    "report_text",
+    "template_text",
+    "write_report",
+]

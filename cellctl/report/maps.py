@@ -1,21 +1,37 @@
-"""Pictures of touches: where on each sphere they are and how far off, and against each joint."""
+"""Maps of spheres: where each touch was, and its residual."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cellctl.kinematics import Bools, Floats
-from cellctl.report.drawing import ACCENT, BEFORE, DIVERGING, FAINT, INK, WIDTH, svg_of
-from cellctl.report.touches import TouchErrors
+from cellctl.report.drawing import DIVERGING, FAINT, INK, WIDTH, svg_of
 
 _COLUMNS = 4
 
 
-def sphere_maps(errors: TouchErrors) -> str:
+@final
+@dataclass(frozen=True, eq=False)
+class SphereErrors:
+    """N touches: sphere (N,), whether held out (N,), unit normal (N, 3) from the centre to the tip, base frame.
+
+    before, after (N,): signed distance to the surface, mm, positive outside, by the nominal and the identified robot.
+    """
+
+    spheres: Sequence[str]
+    held_out: Bools
+    normals: Floats
+    before: Floats
+    after: Floats
+
+
+def sphere_maps(errors: SphereErrors) -> str:
     """Each sphere seen from above (equal-area), each touch coloured by its signed residual.
 
     Before stands above after; with one sphere, beside it.
@@ -34,33 +50,8 @@ def sphere_maps(errors: TouchErrors) -> str:
     return svg_of(draw, "maps", height, "Residual of every touch on a map of each sphere, before and after")
 
 
-def against_joints(errors: TouchErrors) -> str:
-    """Signed residuals against each joint's reading, before above after, each row with an axis of its own."""
-    joints = errors.readings.shape[1]
-
-    def draw(figure: Figure) -> None:
-        grid = figure.subplots(2, joints, sharex="col", sharey="row", squeeze=False)
-        looks = (("before", errors.before, BEFORE), ("after", errors.after, ACCENT))
-        for row, (label, values, colour) in zip(grid, looks, strict=True):
-            for joint, axes in enumerate(row):
-                _against(axes, errors.readings[:, joint], values, errors.held_out, colour)
-            row[0].set_ylabel(f"{label}, mm")
-            greatest = 1.08 * float(np.abs(values).max())
-            row[0].set_ylim(-greatest, greatest)
-        for joint, axes in enumerate(grid[1]):
-            axes.set_xlabel(f"A{joint + 1}, °")
-
-    return svg_of(draw, "joints", 2.9, "Residual of every touch against each joint, before and after")
-
-
-def _against(axes: Axes, readings: Floats, values: Floats, held_out: Bools, colour: str) -> None:
-    axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.plot(readings[~held_out], values[~held_out], "o", color=colour, markersize=2.2, markerfacecolor="none")
-    axes.plot(readings[held_out], values[held_out], "D", color=colour, markersize=2.2)
-
-
 def _maps(
-    figure: Figure, places: Sequence[Axes], errors: TouchErrors, spheres: list[str], label: str, values: Floats
+    figure: Figure, places: Sequence[Axes], errors: SphereErrors, spheres: list[str], label: str, values: Floats
 ) -> None:
     limit = float(np.abs(values).max()) or 1.0
     reach = max(1.0, float(_radius(errors.normals[:, 2]).max())) * 1.06

@@ -1,25 +1,17 @@
-"""The page put together and written: sections of a run, rendered by one template."""
+"""The page put together and written: the sections that a run has rows for."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from cellctl import __version__
 from cellctl.files import InputError, write_atomically
-from cellctl.report.measured import (
-    drift_section,
-    held_out_section,
-    standoff_section,
-    stops_section,
-    table_section,
-    touches_section,
-)
-from cellctl.report.model import model_section
-from cellctl.report.provenance import provenance
 from cellctl.report.run import Run
-from cellctl.report.summary import head
-from cellctl.report.template import template
-from cellctl.report.touches import TouchErrors, touch_errors
+from cellctl.report.section import ReportSection, Sections
+from cellctl.report.sigmas import FIGURES, Sigma
+from cellctl.report.template import template, template_of
 
 FILE_NAME = "report.html"
 
@@ -40,29 +32,40 @@ def report_text(run: Path) -> str:
     return render(Run.load(run))
 
 
-def render(run: Run) -> str:
-    """The report of a loaded run as HTML: no script, nothing fetched, no date but the run's own."""
-    errors, complaints = _errors(run)
+def render(run: Run, sections: Sections | None = None) -> str:
+    """The report of a loaded run as HTML: no script, nothing fetched, no date but the run's own.
+
+    sections: those that are installed, unless given. A section that fails is named, and the others are shown.
+    """
+    found = sections or Sections.installed()
+    complaints = [*run.complaints, *found.broken]
+    shown: list[Mapping[str, str]] = []
+    lines: list[Mapping[str, Any]] = []
+    sigmas: list[Sigma] = []
+    for section in found.usable:
+        try:
+            text = _text(section, run)
+            added = list(section.error_lines(run)) if text is not None else []
+        except InputError as error:
+            complaints += [f"section '{section.id}': {problem}" for problem in error.problems]
+        except Exception as error:  # the code of another package may raise anything
+            complaints.append(f"section '{section.id}' cannot be shown: {type(error).__name__}: {error}")
+        else:
+            lines += added
+            if text is not None:
+                shown.append({"id": section.id, "title": section.title, "text": text})
+                sigmas += section.sigmas
     return template("report.html").render(
-        head=head(run),
-        complaints=[*run.complaints, *complaints],
-        held_out=held_out_section(run, errors),
-        standoff=standoff_section(run),
-        touches=touches_section(run, errors),
-        stops=stops_section(run),
-        drift=drift_section(run),
-        model=model_section(run),
-        table=table_section(run),
-        provenance=provenance(run),
+        run=run,
+        complaints=list(dict.fromkeys(complaints)),
+        lines=lines,
+        sections=shown,
+        sigmas=[*(FIGURES if lines else ()), *dict.fromkeys(sigmas)],
         version=__version__,
     )
 
 
-def _errors(run: Run) -> tuple[TouchErrors | None, list[str]]:
-    """Every touch's errors, where there is a model and its data set; what is wrong with them."""
-    if run.model is None or run.data is None:
-        return None, []
-    try:
-        return touch_errors(run.model, run.data, run.artefact), []
-    except (InputError, ValueError) as error:
-        return None, [f"the touches cannot be computed anew: {error}"]
+def _text(section: ReportSection, run: Run) -> str | None:
+    """The section as HTML; None where the run has nothing for it."""
+    data = section.build(run) if section.serves(run) else None
+    return None if data is None else template_of(section.template).render(data)

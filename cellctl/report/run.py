@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar, final
 
 from cellctl.files import Document, InputError, parse_yaml, sha256_of
 from cellctl.formats import Artefact, DataSet, ModelFile, artefact_of
 from cellctl.journal import RunState, fold, is_being_written, journal_in, read_journal
+from cellctl.records import VerdictRow
 
 Found = TypeVar("Found")
 
@@ -21,7 +22,8 @@ class Run:
     """What there is of a run.
 
     cell, artefact: as the journal holds the cell's text. table: the table file's content. hashes: SHA-256 of the files
-    beside the journal. complaints: files that are there and cannot be read, in words.
+    beside the journal. verdict: the last; None where the run never got to one. complaints: what is there and cannot be
+    read, and files that do not belong together, in words.
     """
 
     folder: Path
@@ -33,6 +35,7 @@ class Run:
     model: ModelFile | None
     table: Mapping[str, Any] | None
     hashes: Mapping[str, str]
+    verdict: VerdictRow | None
     complaints: tuple[str, ...]
 
     @classmethod
@@ -45,7 +48,7 @@ class Run:
         state = fold(read_journal(place))
         complaints: list[str] = []
         cell = _tried(lambda: _cell(state), complaints)
-        return cls(
+        run = cls(
             folder=folder,
             state=state,
             alive=is_being_written(folder),
@@ -55,19 +58,37 @@ class Run:
             model=_tried(lambda: _if_there(folder / "model.json", ModelFile.load), complaints),
             table=_tried(lambda: _if_there(folder / "table.json", _table), complaints),
             hashes=_hashes(folder),
-            complaints=tuple(complaints),
+            verdict=_tried(lambda: state.last(VerdictRow), complaints),
+            complaints=(),
         )
+        return replace(run, complaints=(*complaints, *_mismatches(run)))
 
     @property
-    def verdict(self) -> Mapping[str, Any]:
-        """The last verdict; empty where the run never got to one."""
-        return next(reversed(self.recorded("verdict")), {})
+    def name(self) -> str:
+        """The run's name."""
+        return self.state.name or self.folder.resolve().name
+
+    @property
+    def title(self) -> str:
+        """The title of its procedure."""
+        if self.state.started is None:
+            return "A run that never began"
+        for line in self.state.started.procedure.text.splitlines():
+            if line.startswith("title:"):
+                return line.removeprefix("title:").strip().strip("\"'")
+        return self.state.started.procedure.path
+
+    @property
+    def reason(self) -> str:
+        """Why it ended, where it did not finish; else empty."""
+        return self.state.ended.reason if self.state.ended else ""
 
     @property
     def figures(self) -> Mapping[str, Any]:
         """What the fit said of itself: the verdict's, or the model file's where the run ended before its verdict."""
-        of_verdict = self.verdict.get("model")
-        return of_verdict if isinstance(of_verdict, Mapping) else self.model.figures if self.model else {}
+        if self.verdict is not None and self.verdict.model is not None:
+            return self.verdict.model
+        return self.model.figures if self.model else {}
 
     @property
     def simulated(self) -> bool:
@@ -81,10 +102,6 @@ class Run:
         if self.state.ended is not None:
             return self.state.state
         return "still running" if self.alive else f"cut off while {self.state.state}"
-
-    def recorded(self, kind: str) -> list[Mapping[str, Any]]:
-        """The journal's rows of `kind` that count, as it holds them."""
-        return self.state.data_of(kind)
 
 
 def _cell(state: RunState) -> Document | None:
@@ -118,3 +135,17 @@ def _tried(load: Callable[[], Found | None], complaints: list[str]) -> Found | N
 def _hashes(folder: Path) -> dict[str, str]:
     files = (folder / name for name in ("dataset.csv", "model.json", "table.json"))
     return {file.name: sha256_of(file.read_bytes()) for file in files if file.is_file()}
+
+
+def _mismatches(run: Run) -> list[str]:
+    """Files in the folder that are not those that the model was made from."""
+    if run.model is None:
+        return []
+    of_model, found = run.model.provenance, []
+    data = of_model.get("data_sha256")
+    if data and run.hashes.get("dataset.csv") not in (None, data):
+        found.append("dataset.csv is not the file that the model was made from")
+    cell = of_model.get("cell_sha256")
+    if cell and run.state.started is not None and run.state.started.cell.sha256 != cell:
+        found.append("the model was made with another cell file than the run's")
+    return found

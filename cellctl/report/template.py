@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 
-def template(name: str) -> Template:
-    """A page by its file's name: what is put into it is escaped, and a name that nobody filled in is an error."""
+@cache
+def _environment() -> Environment:
     return Environment(
         loader=PackageLoader("cellctl.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-    ).get_template(name)
+    )
+
+
+def template(name: str) -> Template:
+    """A page by its file's name: what is put into it is escaped, and a name that nobody filled in is an error."""
+    return _environment().get_template(name)
+
+
+def template_of(text: str) -> Template:
+    """A template from its text; it may include and import the files of this package."""
+    return _environment().from_string(text)

@@ -9,11 +9,11 @@ from typing import Any, final
 from cellctl.report.numbers import fixed, with_sigma
 
 HARMLESS = (
-    "What one of these parameters gains the others lose, and nothing that was measured moves: where the robot stands "
-    "as a whole, how the tool is bolted to the last link, what turns a measured point in its place. Another tool may "
-    "depend on it, and so may the orientation where none was measured."
+    "These parameters can change together without moving anything that was measured: the place of the whole robot, the "
+    "mounting of the tool on the last link, a rotation about a measured point. Another tool may depend on it, and so "
+    "may the orientation where none was measured."
 )
-OTHERWISE = "What is not seen stays at its nominal value, within its tolerance; its share is in every σ of this report."
+OTHERWISE = "What the data do not determine stays at its nominal value, within its assumed σ. Every σ contains that."
 
 
 @final
@@ -31,11 +31,6 @@ def reasons(figures: Mapping[str, Any]) -> list[Reason]:
     known = [{"cause": _UNTOLD, "harmless": False, "words": list(figures.get("unobservable") or [])}]
     found = figures.get("unseen", [each for each in known if each["words"]])
     return [Reason(_sentence(each["cause"]), _meaning(each), each["words"]) for each in found]
-
-
-def harmless(figures: Mapping[str, Any]) -> bool:
-    """Whether nothing that was not seen can do any harm."""
-    return all(reason.meaning != OTHERWISE for reason in reasons(figures))
 
 
 _UNTOLD = "these rows do not tell apart"

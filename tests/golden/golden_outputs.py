@@ -26,6 +26,9 @@ WORDS = {
 }  # fmt: skip
 """Keys whose values are texts for people, or tell of this computer and this hour."""
 
+NEW_ROWS = ("artefact", "residuals", "identification")
+"""Kinds of rows that came after the freeze."""
+
 FITS: dict[str, tuple[str, ...]] = {
     "positions": ("fit", "robot.yaml", "positions.csv", "--seed", "3"),
     "positions_folds": ("fit", "robot.yaml", "positions.csv", "--model", "geometry", "--folds", "4"),
@@ -106,7 +109,7 @@ def journal_of(run: Path) -> list[dict[str, Any]]:
     return [
         {"kind": kind, "step": step, "attempt": attempt, "data": without_words(data)}
         for kind, step, attempt, data in rows
-        if kind in kept and data.get("row_kind") != "artefact"
+        if kind in kept and data.get("row_kind") not in NEW_ROWS
     ]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from report_rows import SEARCH
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Split, fit
@@ -26,6 +27,7 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.kinematics import inverse
+from cellctl.report.fit import FitStory, identification_rows
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml"
 PROCEDURE = "procedure: campaign\ntitle: Touches & <b>proof</b>\n"
@@ -80,22 +82,21 @@ def touch_row(number, sphere, readings):
         "set": "test" if number % 4 == 3 else "fit",
         "joints": [round(float(value), 6) for value in readings],
         "resting": [round(float(value) + 0.005, 6) for value in readings],
-        "stop_cycles": 2,
-        "late": 0,
+        **SEARCH,
         "lost": 1 if number == 7 else 0,
-        "skipped": 0,
-        "attempt": 1,
     }
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Touches, and what a fit of them came to."""
+    """Touches, what a fit of them came to, and the rows that the identification stores of it."""
 
     touches: list
     data: DataSet
     model: ModelFile
     verdict: dict
+    story: FitStory
+    rows: tuple
 
 
 @pytest.fixture(scope="session")
@@ -121,7 +122,8 @@ def fitted(touches):
     data = DataSet.of_records(records, "dataset.csv")
     artefact = artefact_of(parse_yaml(CELL, "cell.yaml"), ("artefact",))
     measured = measurements(robot, data, measure="sphere", artefact=artefact)
-    result = fit(measured.task, Split.by_column(np.array([of == "test" for of in measured.sets])))
+    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    result = fit(measured.task, split)
     report = fit_report(measured, result)
     verdict = {
         "verdict": report["verdict"],
@@ -129,9 +131,27 @@ def fitted(touches):
         "before": report["nominal"],
         "after": report["test"],
         "model": report,
-        "stops": {"overtravel_mean_mm": 0.171, "overtravel_max_mm": 0.186},
+        "stops": {
+            "overtravel_mean_mm": 0.171,
+            "overtravel_max_mm": 0.186,
+            "stop_cycles_max": 2,
+            **dict.fromkeys(("late", "lost", "skipped"), 0),
+        },
+        "drift": {
+            "visits": 0,
+            "mm_per_touch": 0.0,
+            "sigma_mm_per_touch": 0.0,
+            "t": 0.0,
+            "significant": False,
+            "total_mm": 0.0,
+            "modelled": False,
+        },
     }
-    return Campaign(touches, data, ModelFile.of(robot, measured, result), verdict)
+    story = FitStory.of(measured, result, split, report)
+    provenance = {"data_sha256": sha256_of(data.text())}
+    return Campaign(
+        touches, data, ModelFile.of(robot, measured, result, provenance), verdict, story, identification_rows(story)
+    )
 
 
 def run_folder(
@@ -150,6 +170,8 @@ def run_folder(
         journal.append(DevicesConnected({"robot": robot}))
         for row in campaign.touches if campaign else ():
             journal.append(Recorded("touch", row))
+        for row in campaign.rows if campaign else ():
+            journal.append(Recorded(row.KIND, row.data()))
         for kind, row in rows:
             journal.append(Recorded(kind, row))
         if campaign and campaign.verdict is not None:

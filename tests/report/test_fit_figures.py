@@ -44,7 +44,7 @@ from cellctl.report.fit import by_joint, by_order, by_place, correlation, hints,
 from cellctl.report.fit.advice import advice, narrows
 from cellctl.report.fit.head import head
 from cellctl.report.fit.region import RegionSigma, along_joint
-from cellctl.report.fit.residuals import Residuals, _Sure
+from cellctl.report.fit.residuals_of_fit import _Predicted, residuals_of
 from cellctl.report.fit.scaled import coverage, scaled_numbers
 
 
@@ -61,7 +61,7 @@ def touched():
 
 @pytest.fixture(scope="module")
 def rows(seen):
-    return Residuals.of(seen)
+    return residuals_of(seen)
 
 
 def test_errors_drawn_are_model_less_measurement_row_by_row(seen, rows):
@@ -69,8 +69,8 @@ def test_errors_drawn_are_model_less_measurement_row_by_row(seen, rows):
     block = seen.task.rows.only
     for model, drawn in zip(models, (rows.before, rows.after), strict=True):
         assert drawn == pytest.approx(model.tcp(block.q) - block.xyz, abs=1e-12)
-    assert rows.index.tolist() == list(range(200))
-    assert rows.tips == pytest.approx(models[1].tcp(block.q))
+    assert rows.row.tolist() == list(range(200))
+    assert rows.tip == pytest.approx(models[1].tcp(block.q))
 
 
 def test_held_out_rows_drawn_are_those_of_the_verdict(seen, rows):
@@ -81,13 +81,13 @@ def test_held_out_rows_drawn_are_those_of_the_verdict(seen, rows):
 
 
 def test_a_touchs_error_is_drawn_along_its_normal(touched):
-    rows = Residuals.of(touched)
+    rows = residuals_of(touched)
     block, state = touched.task.rows.only, touched.found.state
     away = state.model.tcp(block.q) - state.points[block.point]
     distance = np.linalg.norm(away, axis=1)
-    assert rows.signed[1] == pytest.approx(distance - REACH)
+    assert rows.signed_after == pytest.approx(distance - REACH)
     assert rows.after == pytest.approx((distance - REACH)[:, None] * away / distance[:, None])
-    assert rows.point.tolist() == block.point.tolist()
+    assert rows.point.tolist() == [f"S{point + 1}" for point in block.point]
 
 
 def test_the_part_along_a_joints_way_is_that_of_a_joint_turned_a_little(seen, rows):
@@ -97,7 +97,7 @@ def test_the_part_along_a_joints_way_is_that_of_a_joint_turned_a_little(seen, ro
         turned[:, joint] += step
         way = model.tcp(turned) - model.tcp(q)
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        assert rows.joined[1, :, joint] == pytest.approx(np.sum(rows.after * way, axis=1), abs=1e-5)
+        assert rows.joint_after[:, joint] == pytest.approx(np.sum(rows.after * way, axis=1), abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_the_part_along_a_joints_way_is_that_of_a_joint_turned_a_little(seen, ro
 )
 def test_residuals_in_their_foreseen_sigma_are_of_size_one(make):
     """Noise as promised: the fit's rows shrink by what they bent, held-out ones grow by what is not known."""
-    rows = Residuals.of(told(make()))
+    rows = residuals_of(told(make()))
     for numbers in scaled_numbers(rows):
         assert numbers.std() == pytest.approx(1.0, abs=3.5 / np.sqrt(2 * numbers.size))
     fit, held_out = coverage(rows)
@@ -116,7 +116,7 @@ def test_residuals_in_their_foreseen_sigma_are_of_size_one(make):
 def test_without_what_the_fit_bent_its_rows_would_look_too_good():
     """Thirty rows, thirty-three parameters: the bare residual over σ is far below 1, the scaled one is not."""
     story = told(measured(positions(30)), held_out=0)
-    rows = Residuals.of(story)
+    rows = residuals_of(story)
     bare = np.std(rows.after / story.task.rows.only.sigma)
     assert bare < 0.85
     assert scaled_numbers(rows)[0].std() == pytest.approx(1.0, abs=0.25)
@@ -138,7 +138,7 @@ def test_foreseen_variance_is_that_of_many_fits_with_held_but_doubtful_parameter
     errors = -truths.copy()
     errors[:, free] += found
     estimate = SimpleNamespace(covariance=np.cov(errors.T), unknowns=SimpleNamespace(free=free))
-    sure = _Sure.of(estimate, judging, False)
+    sure = _Predicted.of(estimate, judging, False)
     if judging:
         seen, columns, of_noise = errors @ asked.T - rng.normal(size=(tried, 10)), asked, np.ones(10)
     else:
@@ -153,7 +153,7 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
     waved[:, 0] += 3e-4 * np.sin(9.0 * q[:, 0])
     noise = np.random.default_rng(1).normal(0.0, 0.03, (400, 3))
     story = told(measured(PositionRows(q, true.tcp(waved) + noise, np.full((400, 3), 0.03))))
-    found = by_joint.explained(Residuals.of(story), story.readings)
+    found = by_joint.explained(residuals_of(story))
     assert found[0][0] == 0
     assert found[0][1] > 0.5
     assert found[0][2] == pytest.approx(3e-4 / np.sqrt(2) * 1100.0, rel=0.25)
@@ -161,16 +161,16 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
 
 
 def test_noise_alone_has_no_pattern_and_no_drift(seen, rows):
-    assert by_joint.explained(rows, seen.readings) == []
-    assert by_order.drifts(rows, rows.index.astype(float)) == []
+    assert by_joint.explained(rows) == []
+    assert by_order.drifts(rows, rows.row.astype(float)) == []
 
 
 def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
     block = positions(200)
     slid = block.xyz + np.linspace(0.0, 0.3, 200)[:, None] * [0.0, 0.0, 1.0]
     story = told(measured(PositionRows(block.q, slid, block.sigma)))
-    rows = Residuals.of(story)
-    ((label, change, error),) = by_order.drifts(rows, rows.index.astype(float))
+    rows = residuals_of(story)
+    ((label, change, error),) = by_order.drifts(rows, rows.row.astype(float))
     assert label == "Z"
     assert change == pytest.approx(-0.3, abs=0.05)  # the model less a measurement that rises
     assert 0.0 < error < 0.05
@@ -211,7 +211,7 @@ def test_cells_have_the_mean_error_of_their_rows():
 
 
 def test_the_table_has_each_parameters_deviation_in_its_own_unit_sigmas_and_tolerances(seen):
-    lines = {line.symbol: line for group in table.groups(seen) for line in group.lines}
+    lines = {line.label: line for group in table.groups(seen) for line in group.lines}
     names, found = seen.found.unknowns.names, seen.found
     labels = {each.name: each.label for each in found.unknowns.parameters}
     for name, text in (("a2", "mm"), ("theta3", "°"), ("alpha1", "°")):
@@ -221,7 +221,7 @@ def test_the_table_has_each_parameters_deviation_in_its_own_unit_sigmas_and_tole
         line = lines[labels[name]]
         assert line.unit == text
         assert float(line.deviation.split(" ± ")[0].replace("−", "-")) == pytest.approx(value, abs=sigma / 10)
-        assert float(line.in_tolerances.replace("−", "-")) == pytest.approx(value / tolerance, abs=0.051)
+        assert float(line.in_assumed_sigmas.replace("−", "-")) == pytest.approx(value / tolerance, abs=0.051)
         assert float(line.in_sigmas.replace("−", "-")) == pytest.approx(value / sigma, abs=0.051)
         assert line.share == pytest.approx(1.0 - (sigma / tolerance) ** 2)
         assert abs(value - ERRORS[name] * factor) < 5.0 * sigma
@@ -229,7 +229,7 @@ def test_the_table_has_each_parameters_deviation_in_its_own_unit_sigmas_and_tole
 
 
 def test_what_nobody_knew_is_in_the_table_of_places_with_its_sigma(seen):
-    assert not {"base X", "tool X"} & {line.symbol for group in table.groups(seen) for line in group.lines}
+    assert not {"base X", "tool X"} & {line.label for group in table.groups(seen) for line in group.lines}
     base, tool = places.placements(seen)
     place = [float(text.replace("−", "-")) for text in base["xyz"]]
     assert place == pytest.approx(seen.found.state.model.chain.base_now[:3, 3], abs=6e-4)
@@ -389,7 +389,7 @@ def test_an_older_models_values_are_what_the_table_counts_from():
     older = truth(errors={"a2": 0.55})
     task = measured(positions(120))
     story = told(type(task)(older, task.rows, prior=np.diag(np.full(len(older.parameters), 1e-2))))
-    line = next(line for group in table.groups(story) for line in group.lines if line.symbol == "a2")
+    line = next(line for group in table.groups(story) for line in group.lines if line.label == "a2")
     assert line.nominal == "600.55"
     assert abs(float(line.deviation.split(" ± ")[0].replace("−", "-"))) < 0.2
 
@@ -397,11 +397,11 @@ def test_an_older_models_values_are_what_the_table_counts_from():
 def test_sessions_errors_are_turned_into_one_frame():
     """Each session's own instrument turns its errors; the robot's base is where they can be compared."""
     story = told(sessions(60))
-    rows = Residuals.of(story)
+    rows = residuals_of(story)
     model = story.found.state.models[1]
     second = rows.session == 1
-    q = story.task.rows.q[rows.index[second]]
-    assert rows.at_base[second] == pytest.approx(model.chain.with_base(np.eye(4)).forward(q)[:, :3, 3], abs=1e-6)
+    q = story.task.rows.q[rows.row[second]]
+    assert rows.tip_base[second] == pytest.approx(model.chain.with_base(np.eye(4)).forward(q)[:, :3, 3], abs=1e-6)
 
 
 def test_a_robot_of_two_joints_is_advised_too():
@@ -417,11 +417,11 @@ def test_tolerances_that_the_rows_widened_are_told_as_stated_with_the_factor():
     true = truth(errors=lengths)
     story = told(measured(positions(150, true=true)))
     factor = story.result.identification.prior_scale["links"]
-    line = next(line for group in table.groups(story) for line in group.lines if line.symbol == "a2")
+    line = next(line for group in table.groups(story) for line in group.lines if line.label == "a2")
     assert factor > 1.5
-    assert float(line.tolerance) == pytest.approx(0.5)
-    assert float(line.in_tolerances.replace("−", "-")) == pytest.approx(-8.0, abs=0.5)
-    assert f"links {factor:.1f} times as wide as stated" in dict(head(story)["setup"])["tolerances"]
+    assert float(line.assumed_sigma) == pytest.approx(0.5)
+    assert float(line.in_assumed_sigmas.replace("−", "-")) == pytest.approx(-8.0, abs=0.5)
+    assert f"links: the data show {factor:.1f} times as much" in dict(head(story)["setup"])["assumed σ"]
 
 
 def test_a_parameter_that_changed_since_the_older_model_is_told_by_what_that_knew():
@@ -431,8 +431,8 @@ def test_a_parameter_that_changed_since_the_older_model_is_told_by_what_that_kne
     changed = truth(errors={**ERRORS, "theta3": ERRORS["theta3"] + 0.005})
     task = Task(older.state.model, positions(60, seed=1, true=changed), prior=known)
     story = told(task)
-    line = next(line for group in table.groups(story) for line in group.lines if line.symbol == "θ3")
+    line = next(line for group in table.groups(story) for line in group.lines if line.label == "θ3")
     at = older.state.model.names.index("theta3")
     assert list(story.result.identification.prior_scale) == ["zeros"]
-    assert float(line.tolerance) == pytest.approx(np.degrees(np.sqrt(known[at, at])), rel=0.1)
+    assert float(line.assumed_sigma) == pytest.approx(np.degrees(np.sqrt(known[at, at])), rel=0.1)
     assert line.wide

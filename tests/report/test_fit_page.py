@@ -16,13 +16,14 @@ HEADINGS = [
     "Residual against each joint",
     "Residual by place",
     "Residual by order",
-    "As large as foreseen?",
+    "As large as predicted?",
     "Identified parameters",
     "Correlation",
-    "What the rows could not see",
-    "How sure, and where",
+    "Unobservable parameters",
+    "Predicted σ over the joints",
     "What to measure next",
     "Rows left out",
+    "What each σ means",
 ]
 TASKS = {
     "position": lambda: measured(positions(60)),
@@ -123,7 +124,7 @@ def test_effects_have_symbols_and_units_of_their_own():
     for words in ("A2 sag by link 3, x", "A2 sag by payload", "µrad/(N·m)", "A4 half play", "µm/(m·K)"):
         assert words in page.text
     assert "Not listed: 576 coefficients of harmonics" in page.text
-    assert "A3 sin" not in page.text.partition("Identified parameters")[2].partition("What the rows could not see")[0]
+    assert "A3 sin" not in page.text.partition("Identified parameters")[2].partition("Unobservable parameters")[0]
     assert "Coming: the sense in which each joint last turns" in page.text
 
 

@@ -1,4 +1,4 @@
-"""Numbers, volume and words of the report, against closed forms."""
+"""Numbers, stand-offs and words of the report, against closed forms."""
 
 import math
 
@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kr5_model import kr5_model
 
 from cellctl.report.numbers import fixed, percent, plain, significant, with_sigma
-from cellctl.report.standoff import StandOff
-from cellctl.report.volume import volume_sigma, without_rigid_motion
-from cellctl.report.words import HARMLESS, OTHERWISE, harmless, mean_with_uncertainty, reasons
+from cellctl.report.words import HARMLESS, OTHERWISE, mean_with_uncertainty, reasons
+from procedures.reports.sphere.standoff_errors import StandOffErrors
+from procedures.steps.sphere.rows import StandOffRow
 
 
 @pytest.mark.parametrize(
@@ -47,46 +46,7 @@ def test_the_uncertainty_of_a_mean_is_s_over_root_n():
     assert text == with_sigma(errors.mean(), errors.std(ddof=1) / 2.0)
 
 
-def test_a_rigid_motion_is_removed_whole_and_a_growth_is_kept():
-    random = np.random.default_rng(1)
-    points = random.uniform(-500.0, 500.0, (50, 3)) + np.array([1000.0, 0.0, 400.0])
-    turn = np.cross([0.001, -0.002, 0.0005], points) + np.array([1.0, 2.0, 3.0])
-    growth = 0.001 * (points - points.mean(axis=0))
-    left = without_rigid_motion(points, np.stack([turn, turn + growth], axis=-1))
-    assert np.abs(left[..., 0]).max() < 1e-9
-    assert left[..., 1] == pytest.approx(growth, abs=1e-9)
-
-
-def test_points_on_a_line_have_their_rigid_motions_removed_too():
-    points = np.linspace(0.0, 100.0, 10)[:, None] * np.array([[1.0, 1.0, 0.0]])
-    moves = np.cross([0.0, 0.0, 0.01], points)[..., None]
-    assert np.abs(without_rigid_motion(points, moves)).max() < 1e-9
-
-
-def test_an_unknown_heading_is_all_of_the_raw_sigma_and_none_of_the_relative_one():
-    model = kr5_model()
-    names = [parameter.name for parameter in model.parameters]
-    covariance = np.zeros((len(names), len(names)))
-    covariance[names.index("theta1"), names.index("theta1")] = 0.001**2
-    found = volume_sigma(model.model_copy(update={"covariance": covariance.tolist()}))
-    assert found is not None
-    assert found.relative_max < 1e-6
-    farthest = np.hypot(950.0 + 200.0, 350.0 + 200.0) * 0.001  # the box about S1, seen from the first axis
-    assert 0.3 < found.raw_max <= farthest
-
-
-def test_an_unknown_length_is_seen_in_the_relative_sigma():
-    model = kr5_model()
-    names = [parameter.name for parameter in model.parameters]
-    covariance = np.zeros((len(names), len(names)))
-    covariance[names.index("a2"), names.index("a2")] = 0.5**2
-    found = volume_sigma(model.model_copy(update={"covariance": covariance.tolist()}))
-    assert found is not None
-    assert found.raw_rms == pytest.approx(0.5)  # a slide along one axis moves every point by as much
-    assert 0.01 < found.relative_rms < 0.5
-
-
-def test_what_was_not_seen_stands_under_its_cause_and_does_harm_but_for_base_and_tool():
+def test_what_is_unobservable_is_listed_under_its_reason_with_its_meaning():
     bolted = {"cause": "no row can tell", "harmless": True, "words": ["θ1 with centre of S1"]}
     still = {"cause": "joint 3 never moves in these rows", "harmless": False, "words": ["θ2 with α3"]}
     away = {"cause": "no row of the fit belongs to session b", "harmless": False, "words": []}
@@ -97,26 +57,28 @@ def test_what_was_not_seen_stands_under_its_cause_and_does_harm_but_for_base_and
         ["θ2 with α3"],
     )
     assert (second.meaning, third.meaning) == (HARMLESS, "")
-    assert harmless({"unseen": [bolted, away]})
-    assert not harmless({"unseen": [still, bolted]})
 
 
-def test_figures_from_before_causes_were_known_do_harm_for_all_one_knows():
+def test_an_older_fit_knows_the_combinations_and_no_reason():
     (only,) = reasons({"unobservable": ["θ1 with centre of S1", "a2 with d4"]})
     assert (only.meaning, only.phrases) == (OTHERWISE, ["θ1 with centre of S1", "a2 with d4"])
     assert reasons({"unobservable": []}) == reasons({}) == []
-    assert not harmless({"unobservable": ["a2 with d4"]})
 
 
-def test_stand_off_rows_of_another_run_or_without_an_error_do_not_count():
-    rows = [
-        {"number": 1, "run": "before", "error_mm": 1.0},
-        {"number": 1, "run": "after", "error_mm": 0.3, "sigma_mm": 0.4},
-        {"number": 2, "run": "after", "error_mm": -0.4, "sigma_mm": None},
-        {"number": 3, "run": "after", "error_mm": None},
-    ]
-    after = StandOff.of(rows, "after")
+def test_stand_offs_are_told_apart_by_run_and_compared_with_their_predicted_sigma():
+    def row(number, run, error, sigma):
+        joints = dict.fromkeys(("resting", "nominal", "commanded", "at_target", "at_contact"), (0.0,) * 6)
+        counts = dict.fromkeys(
+            ("time_ns", "time_sigma_ns", "tick", "bounces", "stop_cycles", "late", "lost", "skipped"), 0
+        )
+        of = {"number": number, "sphere": "P1", "run": run, "row": None, "attempt": 1, "normal": (0.0, 0.0, 1.0)}
+        return StandOffRow(**joints, **counts, **of, travel_mm=10.0, error_mm=error, expected_mm=0.0, sigma_mm=sigma)
+
+    rows = [row(1, "before", 1.0, 0.1), row(1, "after", 0.3, 0.4), row(2, "after", -0.4, 0.3)]
+    after = StandOffErrors.of(rows, "after")
     assert after.numbers.tolist() == [1.0, 2.0]
     assert after.found_sigma == pytest.approx(math.sqrt((0.09 + 0.16) / 2))
-    assert after.predicted_sigma == pytest.approx(0.4)
-    assert math.isnan(StandOff.of([], "after").found_sigma)
+    assert after.predicted_sigma == pytest.approx(math.sqrt((0.16 + 0.09) / 2))
+    assert after.within_two_sigma == 1.0
+    assert math.isnan(StandOffErrors.of([], "after").found_sigma)
+    assert StandOffErrors.of([], "after").within_two_sigma is None

@@ -28,7 +28,7 @@ OUTLIER_P_BESIDE = 1e-4
 than a clean one that goes.
 """
 
-WILD_AT_MOST = 0.45
+LEFT_OUT_AT_MOST = 0.45
 """No search beyond this share of outliers of any block: beyond one half, outliers and inliers cannot be told apart."""
 
 DECISIVE = 10
@@ -125,7 +125,7 @@ def _changed(rows: Bools, which: Any, to: bool) -> Bools:
 
 
 def _too_many(linear: Linear, rows: Bools) -> bool:
-    """Whether more than `WILD_AT_MOST` of the rows of any block are left out, and more than one."""
+    """Whether more than `LEFT_OUT_AT_MOST` of the rows of any block are left out, and more than one."""
     of_block = linear.factors[:, 0]
     left_out, all_of = np.bincount(of_block[~rows], minlength=of_block.max() + 1), np.bincount(of_block)
-    return bool((left_out > np.maximum(WILD_AT_MOST * all_of, 1)).any())
+    return bool((left_out > np.maximum(LEFT_OUT_AT_MOST * all_of, 1)).any())

@@ -24,7 +24,7 @@ OUTLYING = 1e-6
 WIDTH = 20.0
 """An outlier lies anywhere within so many standard deviations, for weighing it against noise that all rows have."""
 
-WILD_SHARE = 0.05
+OUTLIER_SHARE = 0.05
 """How often a row is expected to be an outlier, for the same: with more, noisy rows would often be left out."""
 
 STEP = 1.25
@@ -55,7 +55,7 @@ class Belonging:
         kept = within_limit(scaled, thorough=thorough)
         if kept is None:
             return cls(np.ones(len(linear.away), bool), noise, -np.inf, _there(linear, noise))
-        price = np.sum(np.log(1.0 / WILD_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
+        price = np.sum(np.log(1.0 / OUTLIER_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
         weight = _at_best(linear, noise) - 0.5 * kept.misfit - float(price)
         return cls(kept.rows, noise, weight, _strained(scaled, kept.rows, kept.x, noise))
 

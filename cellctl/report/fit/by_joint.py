@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -20,21 +22,21 @@ _CHANCE = 1e-3
 """A pattern that chance would make in one joint of a thousand or more is none."""
 
 
-def joint_pictures(rows: Residuals, readings: Floats, joints: list[str]) -> list[str]:
-    """Residuals along each joint's way over its reading (N, n), deg, before above after."""
+def joint_pictures(rows: Residuals, joints: Sequence[str]) -> list[str]:
+    """Residuals along each joint's way over its reading, before above after. Outliers are not drawn."""
     groups = [range(start, min(start + ABREAST, len(joints))) for start in range(0, len(joints), ABREAST)]
-    return [_picture(rows, readings, joints, group) for group in groups]
+    return [_picture(rows.pick(~rows.outlier), joints, group) for group in groups]
 
 
-def _picture(rows: Residuals, readings: Floats, joints: list[str], group: range) -> str:
-    rows, readings = rows.pick(~rows.outlying), readings[~rows.outlying]
-
+def _picture(rows: Residuals, joints: Sequence[str], group: range) -> str:
     def draw(figure: Figure) -> None:
         grid = figure.subplots(2, len(group), sharex="col", sharey="row", squeeze=False)
-        for row, values, label, colour in zip(grid, rows.joined, ("before", "after"), (BEFORE, ACCENT), strict=True):
+        for row, values, label, colour in zip(
+            grid, (rows.joint_before, rows.joint_after), ("before", "after"), (BEFORE, ACCENT), strict=True
+        ):
             greatest = 0.0
             for axes, joint in zip(row, group, strict=True):
-                _panel(axes, readings[:, joint], values[:, joint], rows.held_out, colour)
+                _panel(axes, rows.readings[:, joint], values[:, joint], rows.held_out, colour)
                 greatest = max(greatest, float(np.abs(values[:, joint]).max(initial=0.0)))
             row[0].set_ylabel(f"{label}, mm")
             row[0].set_ylim(-1.08 * (greatest or 1e-3), 1.08 * (greatest or 1e-3))
@@ -53,17 +55,17 @@ def _panel(axes: Axes, readings: Floats, values: Floats, held_out: Bools, colour
     draw_trend(axes, readings, values)
 
 
-def explained(rows: Residuals, readings: Floats) -> list[tuple[int, float, float]]:
+def explained(rows: Residuals) -> list[tuple[int, float, float]]:
     """Joints whose angle explains what is left along their way beyond chance, whatever the pattern.
 
-    readings (N, n), deg. For each: number from 0, share of the variance (what chance would make taken off), and RMS of
-    the pattern, mm; the largest share first. Rows that were left out are not counted.
+    For each: number from 0, share of the variance (what chance would make taken off), and RMS of the pattern, mm; the
+    largest share first. Outliers are not counted.
     """
-    counted = ~rows.outlying
+    counted = ~rows.outlier
     if counted.sum() < _ENOUGH:
         return []
-    left = rows.joined[1][counted]
-    found = [(joint, *_pattern(readings[counted, joint], left[:, joint])) for joint in range(readings.shape[1])]
+    readings, left = rows.readings[counted], rows.joint_after[counted]
+    found = [(joint, *_pattern(readings[:, joint], left[:, joint])) for joint in range(readings.shape[1])]
     kept = [(joint, share, size) for joint, share, size, p_value in found if p_value < _CHANCE / readings.shape[1]]
     return sorted(kept, key=lambda each: -each[1])
 

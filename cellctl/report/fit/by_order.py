@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -17,14 +19,14 @@ _CLEAR = 4.0
 """A slope this many of its standard errors from 0 is one."""
 
 
-def order_picture(rows: Residuals, order: Floats, sessions: list[str]) -> str:
+def order_picture(rows: Residuals, order: Floats, sessions: Sequence[str]) -> str:
     """What is left, by coordinate, over the place (N,) of each row; sessions: names by number."""
     series = series_of(rows)
 
     def draw(figure: Figure) -> None:
         grid = figure.subplots(len(series), 1, sharex=True, squeeze=False).ravel().tolist()
         for axes, (label, values) in zip(grid, series, strict=True):
-            _panel(axes, order, values, rows.held_out, rows.outlying)
+            _panel(axes, order, values, rows.held_out, rows.outlier)
             axes.set_ylabel(label)
         _mark_sessions(grid, order, rows.session, sessions)
         grid[-1].set_xlabel("line of the data set")
@@ -40,8 +42,8 @@ def series_of(rows: Residuals) -> list[tuple[str, Floats]]:
             (f"{axis}, mm", np.where(vectors, rows.after[:, number], np.nan)) for number, axis in enumerate("XYZ")
         ]
     if rows.distances.any():
-        series.append(("distance, mm", rows.signed[1]))
-    turned = np.rad2deg(np.linalg.norm(rows.turned, axis=1))
+        series.append(("distance, mm", rows.signed_after))
+    turned = np.rad2deg(np.linalg.norm(rows.turn, axis=1))
     return series + ([("turn, °", turned)] if np.isfinite(turned).any() else [])
 
 
@@ -50,7 +52,7 @@ def drifts(rows: Residuals, order: Floats) -> list[tuple[str, float, float]]:
 
     Row by row within their sessions, each less its own mean: sets measured apart may differ for other reasons.
     """
-    counted, found = ~rows.outlying, []
+    counted, found = ~rows.outlier, []
     for label, values in series_of(rows):
         if label.startswith("turn"):
             continue
@@ -84,7 +86,7 @@ def _panel(axes: Axes, order: Floats, values: Floats, held_out: Bools, outlying:
     draw_trend(axes, order[there & ~outlying], values[there & ~outlying])
 
 
-def _mark_sessions(grid: list[Axes], order: Floats, session: Floats, names: list[str]) -> None:
+def _mark_sessions(grid: list[Axes], order: Floats, session: Floats, names: Sequence[str]) -> None:
     numbers = np.unique(session)
     if len(numbers) < 2:
         return

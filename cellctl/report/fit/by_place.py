@@ -30,7 +30,7 @@ def place_picture(rows: Residuals, places: Floats, errors: Floats) -> str:
 
     With many rows, arrows are the means of cells and colours their root mean squares.
     """
-    counted = ~rows.outlying
+    counted = ~rows.outlier
     places, errors = places[counted], errors[counted]
     views = [_view(places, errors, first, second) for first, second in ((0, 1), (0, 2), (1, 2))]
     longest = max(float(np.linalg.norm(arrows, axis=1).max(initial=0.0)) for _, arrows, _ in views) or 1.0

@@ -1,6 +1,8 @@
-"""Which parameters the rows tell apart badly: the correlation matrix, and its strongest pairs in words."""
+"""Which parameters the rows hardly determine one by one: the correlation matrix, and its strongest pairs in words."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,7 +36,7 @@ def correlation(story: FitStory) -> tuple[list[str], Floats]:
     return [unknowns.parameters[index].label for index in free], covariance[np.ix_(free, free)] / np.outer(sigma, sigma)
 
 
-def strongest(symbols: list[str], matrix: Floats) -> list[str]:
+def strongest(symbols: Sequence[str], matrix: Floats) -> list[str]:
     """The pairs that are strongly correlated, in words, strongest first."""
     first, second = np.triu_indices(len(symbols), 1)
     order = np.argsort(-np.abs(matrix[first, second]), kind="stable")
@@ -52,8 +54,8 @@ def _pair(first: str, second: str, value: float) -> str:
     return f"{first} and {second} ({f'{value:.3f}'.replace('-', MINUS)}: their {known} is known best)"
 
 
-def correlation_picture(symbols: list[str], matrix: Floats) -> str:
-    """The lower triangle as squares; the darker, the less the two are told apart. Red: they grow together."""
+def correlation_picture(symbols: Sequence[str], matrix: Floats) -> str:
+    """The lower triangle as squares; the darker, the more the two are correlated. Red: they grow together."""
     if len(symbols) > MOST:
         worst = np.sort(np.argsort(-np.max(np.abs(matrix - np.eye(len(matrix))), axis=1), kind="stable")[:MOST])
         symbols, matrix = [symbols[index] for index in worst], matrix[np.ix_(worst, worst)]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from cellctl.calibration import ErrorFigures, Measured
+from cellctl.calibration import Measured
 from cellctl.calibration.estimation.evidence import estimated
+from cellctl.report.figures import fit_lines
 from cellctl.report.fit.story import FitStory
-from cellctl.report.numbers import fixed, with_sigma
-from cellctl.report.words import mean_with_uncertainty
+from cellctl.report.numbers import with_sigma
 
 Section = dict[str, Any]
 
@@ -21,36 +21,15 @@ def head(story: FitStory) -> Section:
         "model": result.model,
         "verdict": result.verdict,
         "sentence": str(story.said.get("sentence") or ""),
-        "held_out": [_held_out(story)] if result.n_test else [],
-        "fit": figures("rows of the fit", result.n_fit, result.fit),
+        "lines": fit_lines({**result.summary(), "measure": story.said.get("measure", "")}),
         "converged": story.found.converged,
         "ended": story.found.ended,
         "judged": _judged(story),
         "before": "prior model" if story.task.prior is not None else "nominal robot",
-        "nominal": _nominal(story),
-        "widened": bool(_widened(story)),
+        "widened": bool(_scaled(story)),
         "setup": setup(story),
         "ladder": ladder(story),
     }
-
-
-def figures(what: str, count: int, errors: ErrorFigures) -> Section:
-    """Mean with its uncertainty, RMS and greatest, as texts."""
-    mean = mean_with_uncertainty(errors.mean, errors.rms, count)
-    return {"what": what, "count": count, "mean": mean, "rms": fixed(errors.rms), "max": fixed(errors.max)}
-
-
-def _held_out(story: FitStory) -> Section:
-    result = story.result
-    before = figures("held-out rows", result.n_test, result.prior or result.nominal)
-    return {"before": before, "after": figures("held-out rows", result.n_test, result.test),
-            "predicted": fixed(result.predicted_test_rms)}  # fmt: skip
-
-
-def _nominal(story: FitStory) -> Section | None:
-    """The robot file's robot on the held-out rows, where the figures before are a prior model's."""
-    result = story.result
-    return figures("nominal robot", result.n_test, result.nominal) if result.prior and result.n_test else None
 
 
 def _judged(story: FitStory) -> str:
@@ -58,7 +37,7 @@ def _judged(story: FitStory) -> str:
     if not story.result.n_test:
         return "No row was held out."
     if len(story.held_out):
-        return "No held-out row had a say in the model."
+        return "No held-out row was used for the model."
     parts = len(story.split.judged)
     return (
         f"The model is made from all rows. Each of {parts} parts of them was judged by a model made from the others: "
@@ -80,23 +59,26 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
         ("zeros of lengths", ", ".join(task.datums)),
         ("certified distances", str(len(task.spacings)) if task.spacings is not None else ""),
         ("sessions", ", ".join(story.sessions) if len(task.sessions) > 1 else ""),
-        ("model", f"{result.model}: {result.n_parameters} free parameters, {result.observability.rank} seen"),
+        (
+            "model",
+            f"{result.model}: {result.n_parameters} free parameters, {result.observability.rank} observable",
+        ),
         ("updated from", "a prior model" if task.prior is not None else ""),
-        ("scatter", "as foreseen" if noise <= 1.0 else f"{noise:.1f} times what was foreseen; every σ allows for it"),
-        ("tolerances", _widened(story)),
+        ("scatter", "as predicted" if noise <= 1.0 else f"{noise:.1f} times what was predicted; every σ contains it"),
+        ("assumed σ", _scaled(story)),
         ("ended", story.found.ended),
         *story.sources.items(),
     ]
     return [(name, text) for name, text in pairs if text]
 
 
-def _widened(story: FitStory) -> str:
-    """Which groups of parameters deviate more than was stated, and by which factor."""
+def _scaled(story: FitStory) -> str:
+    """Which groups of parameters deviate more than was assumed, and by which factor."""
     sizes = estimated(story.found.unknowns)  # of effects: their scale is estimated anyway
     factors = {
         name: by for name, by in story.result.identification.prior_scale.items() if name not in sizes and by > 1.0
     }
-    words = [f"{group} {factor:.1f} times as wide as stated, say the rows" for group, factor in factors.items()]
+    words = [f"{group}: the data show {factor:.1f} times as much" for group, factor in factors.items()]
     return ", ".join(words)
 
 

@@ -45,7 +45,7 @@ def _orientation(story: FitStory) -> Iterator[str]:
     if greatest < _SAME_DEG:
         yield (
             f"The tool kept its orientation (within {greatest:.0f}°): turn it about all axes, or tool, base and wrist "
-            "are told apart by their tolerances alone."
+            "are separated by their assumed σ alone."
         )
 
 

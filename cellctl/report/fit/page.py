@@ -6,13 +6,10 @@ from pathlib import Path
 
 from cellctl import __version__
 from cellctl.files import write_atomically
-from cellctl.report.fit import model_section, residual_section
-from cellctl.report.fit.advice import advice
-from cellctl.report.fit.head import head
-from cellctl.report.fit.hints import hints
-from cellctl.report.fit.region import RegionSigma
-from cellctl.report.fit.residuals import Residuals
+from cellctl.report.fit.sections import identification_sections
+from cellctl.report.fit.stored import identification_rows
 from cellctl.report.fit.story import FitStory
+from cellctl.report.sigmas import FIGURES, IDENTIFICATION
 from cellctl.report.template import template
 
 
@@ -23,20 +20,9 @@ def write_fit_page(path: Path, story: FitStory) -> None:
 
 def fit_page(story: FitStory) -> str:
     """The report of a fit as HTML: no script, nothing fetched, no date; the same fit gives the same bytes."""
-    rows, sigma = Residuals.of(story), RegionSigma.of(story)
     return template("fit.html").render(
-        head=head(story),
-        distribution=residual_section.distribution(story, rows),
-        joints=residual_section.by_joint(story, rows),
-        places=residual_section.by_place(story, rows),
-        order=residual_section.by_order(story, rows),
-        scaled=residual_section.as_foreseen(rows),
-        left_out=residual_section.left_out(story),
-        parameters=model_section.parameters(story),
-        correlation=model_section.correlation(story),
-        unseen=model_section.unseen(story),
-        region=model_section.region(story, sigma),
-        hints=hints(story),
-        advice=advice(story, sigma),
+        **identification_sections(*identification_rows(story)),
+        conditions=story.conditions,
+        sigmas=(*FIGURES, *IDENTIFICATION),
         version=__version__,
     )

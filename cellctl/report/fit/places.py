@@ -86,7 +86,7 @@ def placements(story: FitStory) -> list[Section]:
 
 
 def _placement(session: str, frame: str, pose: Floats, covariance: Floats) -> Section:
-    """Slides turned from the frame's own axes, along which they are parameters, to those that its place is told in."""
+    """Slides turned from the frame's own axes, along which they are parameters, to those of its place."""
     turn = pose[:3, :3]
     place = np.sqrt(np.maximum(np.diag(turn @ covariance[:3, :3] @ turn.T), 0.0))
     turned = float(np.rad2deg(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))))

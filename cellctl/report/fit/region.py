@@ -1,32 +1,28 @@
-"""How sure the model is of tool centre points, over the joints: where the rows were, and where none was."""
+"""σ of the TCP over the joints: inside the measured joint region, and outside it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self, final
+from typing import Self, final
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cellctl.calibration import RobotModel
 from cellctl.calibration.prediction.shape import spread_over
 from cellctl.kinematics import Floats
-from cellctl.report.drawing import ACCENT, FAINT, svg_of
 from cellctl.report.fit.story import FitStory
-from cellctl.report.numbers import significant
 
 _AWAY_DEG = 60.0
 """So far beyond the region of the fit a joint is looked at, within its limits."""
 
 _STEPS, _SAMPLES = 25, 64
-_ABREAST = 7
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class RegionSigma:
-    """1 σ, 3-D, mm, of tool centre points foreseen by a model with `root` rootᵀ the covariance of its parameters.
+    """1 σ, 3-D, mm, of tool centre points predicted by a model with `root` rootᵀ the covariance of its parameters.
 
     Of points among themselves: the rigid motion of all points of the region lower … upper (n,), rad, that is nearest to
     each of the model's possible errors is taken off, inside the region and outside it.
@@ -75,19 +71,19 @@ def _motions(points: Floats) -> Floats:
     return np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), turns], axis=-1)
 
 
-def figures(region: RegionSigma) -> dict[str, tuple[str, str]]:
-    """RMS and greatest σ over the region, as texts: in the measuring frame, and of points among themselves."""
-    return {
-        name: (significant(float(np.sqrt(np.mean(sigma**2)))), significant(float(sigma.max())))
-        for name, sigma in (("frame", region.in_frame(region.postures)), ("among", region.among(region.postures)))
-    }
+def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:
+    """RMS and greatest σ over the region, mm: in the measuring `frame`, and of points `among` themselves."""
+    sigmas = {"frame": region.in_frame(region.postures), "among": region.among(region.postures)}
+    rms = {name: float(np.sqrt(np.mean(sigma**2))) for name, sigma in sigmas.items()}
+    return rms, {name: float(sigma.max()) for name, sigma in sigmas.items()}
 
 
-def region_picture(story: FitStory, region: RegionSigma) -> list[str]:
-    """σ of points among themselves as each joint goes through its reach, the others all over theirs; and the rows."""
-    joints = range(region.model.n)
-    groups = [joints[start : start + _ABREAST] for start in range(0, len(joints), _ABREAST)]
-    return [_picture(story, region, group) for group in groups]
+def curves(story: FitStory, region: RegionSigma) -> list[tuple[Floats, Floats]]:
+    """Of each joint: its readings (S,), deg, and σ of points among themselves there, mm, the other joints varied."""
+    joints, found = story.robot.joint_map(), [along_joint(story, region, joint) for joint in range(region.model.n)]
+    return [
+        (joints.sign[joint] * (np.rad2deg(q) - joints.offset[joint]), sigma) for joint, (q, sigma) in enumerate(found)
+    ]
 
 
 def along_joint(story: FitStory, region: RegionSigma, joint: int) -> tuple[Floats, Floats]:
@@ -100,23 +96,3 @@ def along_joint(story: FitStory, region: RegionSigma, joint: int) -> tuple[Float
     q[:, :, joint] = at[:, None]
     sigma = region.among(q.reshape(-1, q.shape[-1])).reshape(_STEPS, -1)
     return at, np.sqrt(np.mean(sigma**2, axis=1))
-
-
-def _picture(story: FitStory, region: RegionSigma, group: Any) -> str:
-    used, names = story.readings[story.used], story.joints
-    curves = {joint: along_joint(story, region, joint) for joint in group}
-    highest = max(float(sigma.max()) for _, sigma in curves.values()) or 1.0
-
-    def draw(figure: Figure) -> None:
-        grid = figure.subplots(1, len(group), sharey=True, squeeze=False).ravel().tolist()
-        for axes, joint in zip(grid, group, strict=True):
-            q, sigma = curves[joint]
-            joints = story.robot.joint_map()
-            at = joints.sign[joint] * (np.rad2deg(q) - joints.offset[joint])
-            counts, edges = np.histogram(used[:, joint], 24, (float(at.min()), float(at.max())))
-            axes.stairs(0.3 * highest * counts / max(int(counts.max()), 1), edges, fill=True, color=FAINT)
-            axes.plot(at, sigma, color=ACCENT, linewidth=1.4)
-            axes.set(xlabel=f"{names[joint]}, °", ylim=(0.0, 1.08 * highest))
-        grid[0].set_ylabel("1 σ, mm")
-
-    return svg_of(draw, f"region{group[0]}", 1.8, "Foreseen standard deviation of the tool over each joint")

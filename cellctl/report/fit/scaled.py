@@ -1,4 +1,4 @@
-"""Whether what is left is as large as foreseen: residuals in their foreseen standard deviations, and coverage."""
+"""Whether residuals are as large as predicted: residuals in their predicted standard deviations, and coverage."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _MANY = 500
 
 
 def scaled_numbers(rows: Residuals) -> tuple[Floats, Floats]:
-    """The numbers of the fit's rows and of the held-out ones (M,), in their foreseen standard deviations."""
+    """The numbers of the fit's rows and of the held-out ones (M,), in their predicted standard deviations."""
     parts = (rows.scaled[rows.fitted], rows.scaled[rows.held_out])
     return tuple(part[np.isfinite(part)] for part in parts)  # type: ignore[return-value]  # there are two
 
 
 def scaled_picture(rows: Residuals) -> str:
-    """Histogram of the scaled numbers against the normal curve; found against foreseen shares."""
+    """Histogram of the scaled numbers against the normal curve; found against predicted shares."""
     fit, held_out = scaled_numbers(rows)
 
     def draw(figure: Figure) -> None:
@@ -30,19 +30,19 @@ def scaled_picture(rows: Residuals) -> str:
         _shares(right, rows, fit)
 
     return svg_of(
-        draw, "scaled", 2.3, "Residuals in their foreseen standard deviations, and how many lie where foreseen"
+        draw, "scaled", 2.3, "Residuals in their predicted standard deviations, and how many lie where predicted"
     )
 
 
 def _histogram(axes: Axes, sets: list[tuple[str, Floats, str]]) -> None:
     at = np.linspace(-4.0, 4.0, 81)
-    axes.plot(at, np.exp(-(at**2) / 2.0) / np.sqrt(2.0 * np.pi), color=INK, linewidth=1.0, label="as foreseen")
+    axes.plot(at, np.exp(-(at**2) / 2.0) / np.sqrt(2.0 * np.pi), color=INK, linewidth=1.0, label="as predicted")
     for label, values, colour in sets:
         if values.size:
             edges = np.linspace(-4.0, 4.0, 33 if values.size >= _MANY else 13)
             clipped = np.clip(values, -3.999, 3.999)
             axes.hist(clipped, edges.tolist(), density=True, histtype="step", color=colour, linewidth=1.2, label=label)
-    axes.set(xlabel="residual / foreseen σ", ylabel="density", xlim=(-4.0, 4.0))
+    axes.set(xlabel="residual / predicted σ", ylabel="density", xlim=(-4.0, 4.0))
     axes.legend(loc="upper left", fontsize=6.5)
 
 
@@ -50,16 +50,16 @@ def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
     from scipy.stats import norm
 
     axes.plot([0, 100], [0, 100], color=INK, linewidth=0.6)
-    foreseen = np.linspace(0.0, 1.0, 101)
+    predicted = np.linspace(0.0, 1.0, 101)
     for label, p_value, colour in (
         ("numbers of the fit", 2.0 * norm.sf(np.abs(fit)), ACCENT),
         ("held-out rows", rows.p_value[np.isfinite(rows.p_value)], HELD_OUT),
     ):
         if p_value.size:
-            found = np.searchsorted(np.sort(1.0 - p_value), foreseen, side="right") / p_value.size
-            axes.plot(100.0 * foreseen, 100.0 * found, color=colour, linewidth=1.4, label=label)
+            found = np.searchsorted(np.sort(1.0 - p_value), predicted, side="right") / p_value.size
+            axes.plot(100.0 * predicted, 100.0 * found, color=colour, linewidth=1.4, label=label)
     axes.axvline(95.0, color="#bbbbbb", linewidth=0.6, linestyle="--")
-    axes.set(xlabel="region foreseen to hold, %", ylabel="found to hold, %", xlim=(0, 100), ylim=(0, 101))
+    axes.set(xlabel="region predicted to hold, %", ylabel="found to hold, %", xlim=(0, 100), ylim=(0, 101))
     axes.legend(loc="upper left", fontsize=6.5)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self, final
@@ -12,6 +12,7 @@ import numpy as np
 from cellctl.calibration import Estimate, FitResult, Split, Task
 from cellctl.formats import Measurements, RobotFile
 from cellctl.kinematics import Floats
+from cellctl.report.conditions import conditions_of
 
 
 @final
@@ -22,6 +23,7 @@ class FitStory:
     robot: the nominal robot's file. task: what was to be identified, with all rows. readings (N, n): controller
     readings of the task's rows, deg. lines (N,): where each stood in its file. said: the figures with the sentence,
     and outliers and rejected rows by line, as `cellctl.formats.fit_report` words them. sources: what was read, by name.
+    numbers: line → number of the touch. conditions: instrument, operator and the like, name and text.
     """
 
     robot: RobotFile
@@ -32,6 +34,8 @@ class FitStory:
     lines: tuple[int, ...]
     said: Mapping[str, Any]
     sources: Mapping[str, str] = field(default_factory=dict)
+    numbers: Mapping[int, str] = field(default_factory=dict)
+    conditions: Sequence[tuple[str, str]] = ()
 
     @classmethod
     def of(
@@ -43,7 +47,19 @@ class FitStory:
         sources: Mapping[str, str] | None = None,
     ) -> Self:
         """Of the rows that `cellctl.formats.measurements` made of a data set."""
-        return cls(measured.robot, measured.task, result, split, measured.readings, measured.lines, said, sources or {})
+        data = measured.data
+        return cls(
+            robot=measured.robot,
+            task=measured.task,
+            result=result,
+            split=split,
+            readings=measured.readings,
+            lines=measured.lines,
+            said=said,
+            sources=sources or {},
+            numbers=dict(zip(data.lines, data.texts("touch"), strict=True)),
+            conditions=conditions_of(data),
+        )
 
     @property
     def found(self) -> Estimate:

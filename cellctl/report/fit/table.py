@@ -1,4 +1,4 @@
-"""The parameters as a table: nominal, deviation, σ and tolerance, and what each is in the other's terms."""
+"""The parameters as a table: nominal, deviation with σ, and the σ that was assumed before the rows."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration import Parameter, Unknowns, functions, kinds
+from cellctl.formats import RobotFile
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import DASH, MINUS, fixed, significant, with_sigma
-from cellctl.report.parameters import table_value
 
 LONG = 20
 """A group of more parameters than this is folded away until somebody asks for it."""
 
+_FRAME = "xyzabc"
 _TITLES = {
     "base": "Base",
     "tool": "Tool",
@@ -27,26 +28,26 @@ _TITLES = {
 @final
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One parameter, as texts. in_tolerances, in_sigmas: its deviation in what was, and in what is, its 1 σ.
+    """One parameter, as texts. in_assumed_sigmas, in_sigmas: its deviation in its σ before, and after, the rows.
 
-    share: 1 − σ²/tolerance², how much of what is known about it the rows told; tolerance there as widened, where the
-    rows said that the stated one is too narrow. wide: more than three tolerances off.
+    share: 1 − σ²/assumed σ², how much of what is known about it comes from the rows; the assumed σ there as scaled,
+    where the data show that it is too small. wide: its deviation is above three assumed σ.
     """
 
-    symbol: str
+    label: str
     unit: str
     nominal: str
     deviation: str
-    tolerance: str
-    in_tolerances: str
+    assumed_sigma: str
+    in_assumed_sigmas: str
     in_sigmas: str
     share: float
     wide: bool
 
     @property
-    def teller(self) -> str:
-        """Who determined it."""
-        return "data" if self.share > 0.9 else "both" if self.share > 0.1 else "tolerance"
+    def decided_by(self) -> str:
+        """What determined it: the `data`, the assumed `σ`, or `both`."""
+        return "data" if self.share > 0.9 else "both" if self.share > 0.1 else "σ"
 
 
 @final
@@ -64,7 +65,7 @@ class Group:
 
 
 def known_before(story: FitStory) -> Floats:
-    """1 σ of each parameter (P,) before the rows, widened where these said so."""
+    """Assumed 1 σ of each parameter (P,) before the rows, scaled where the data show that it is too small."""
     return _sigma(story.found.unknowns)
 
 
@@ -80,8 +81,8 @@ def found_anew(story: FitStory) -> Bools:
 
 
 def groups(story: FitStory) -> list[Group]:
-    """The free parameters of the robot in its first session, by kind; what had no tolerance is left to the places.
-    Coefficients of random functions are none (`coefficients`).
+    """The free parameters of the robot in its first session, by kind, without what had no assumed σ (`places`)
+    and without the coefficients of random functions (`coefficients`).
     """
     unknowns = story.found.unknowns
     shown = (
@@ -118,24 +119,34 @@ def _line(story: FitStory, index: int) -> Line:
     change = (float(model.deviations[index]) - before) * factor
     sigma = float(np.sqrt(max(found.covariance[index, index], 0.0))) * factor
     before_it = float(known_before(story)[index]) * factor
-    tolerance = float(_sigma(story.result.identification.nominal.unknowns)[index]) * factor
+    assumed = float(_sigma(story.result.identification.nominal.unknowns)[index]) * factor
     return Line(
-        symbol=parameter.label,
+        label=parameter.label,
         unit=parameter.unit.shown,
         nominal=f"{table_value(story.robot, parameter) + before * factor:.8g}".replace("-", MINUS),
         deviation=with_sigma(change, sigma),
-        tolerance=significant(tolerance),
-        in_tolerances=_times(change, tolerance),
+        assumed_sigma=significant(assumed),
+        in_assumed_sigmas=_times(change, assumed),
         in_sigmas=_times(change, sigma),
         share=1.0 - (sigma / before_it) ** 2 if before_it else 0.0,
-        wide=abs(change) > 3.0 * tolerance,
+        wide=abs(change) > 3.0 * assumed,
     )
 
 
 def _before(story: FitStory, parameter: Parameter) -> float:
-    """What the model that was gone on from already had of this parameter, in its own unit."""
+    """What the prior model already had of this parameter, in its own unit."""
     return story.task.model.amount(parameter.name) or 0.0
 
 
 def _times(change: float, sigma: float) -> str:
     return fixed(change / sigma, 1) if sigma > 0.0 else DASH
+
+
+def table_value(robot: RobotFile, parameter: Parameter) -> float:
+    """What the robot file says of a parameter, mm or degrees; 0 for what it does not hold (an effect, an axis)."""
+    if parameter.group in ("base", "tool"):
+        place = robot.tool if parameter.group == "tool" else robot.base
+        return (*place.xyz, *place.abc)[_FRAME.index(parameter.axis)]
+    if not parameter.column or parameter.joint > len(robot.links):
+        return 0.0
+    return float(getattr(robot.links[parameter.joint - 1], parameter.column) or 0.0)

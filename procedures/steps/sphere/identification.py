@@ -14,7 +14,7 @@ from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefac
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
-from cellctl.records import Figures
+from cellctl.records import Figures, Row
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
 from procedures.steps.sphere.setup_errors import WrongSetup, wrong_setup
@@ -23,11 +23,15 @@ from procedures.steps.sphere.setup_errors import WrongSetup, wrong_setup
 @final
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the touches came to: the texts of data set and model file, and the verdict on held-out touches."""
+    """What the touches came to: the texts of data set and model file, the verdict on held-out touches, and rows of it.
+
+    rows: residuals and what else the report draws, for the journal.
+    """
 
     data: str
     model: str
     verdict: SphereVerdict
+    rows: tuple[Row, ...]
 
 
 def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found | WrongSetup:
@@ -35,6 +39,8 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
 
     Raises InputError where they do not allow an identification.
     """
+    from cellctl.report.fit import FitStory, identification_rows  # draws too: not on the engine's loop
+
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches, drift = context.recorded(TouchRow), drift_of(context)
@@ -64,7 +70,9 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
         drift=drift_figures(drift, max(row.number for row in touches) + 1, modelled=modelled),
         noise_scale=float(found.result.identification.noise[0]),
     )
-    return Found(data, ModelFile.of(robot, found.measured, found.result, provenance).text(), verdict)
+    story = FitStory.of(found.measured, found.result, found.split, report)
+    model_file = ModelFile.of(robot, found.measured, found.result, provenance)
+    return Found(data, model_file.text(), verdict, identification_rows(story))
 
 
 @final
@@ -81,10 +89,11 @@ class _Choice:
 @final
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """The touches as a data set, as measurements, and what the fit made of them."""
+    """The touches as a data set, as measurements, which were held out, and what the fit made of them."""
 
     data: DataSet
     measured: Measurements
+    split: Split
     result: FitResult
 
 
@@ -92,7 +101,7 @@ def _fitted(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -
     """The fit, with the touches' reach corrected for `drift` where it is given."""
     measured = _measured(touches, choice, drift)
     split = Split.by_column(np.array([of == "test" for of in measured.sets]))
-    return _Fitted(measured.data, measured, fit(measured.task, split))
+    return _Fitted(measured.data, measured, split, fit(measured.task, split))
 
 
 def _measured(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> Measurements:

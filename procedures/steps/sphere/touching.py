@@ -174,5 +174,6 @@ async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     if isinstance(found, WrongSetup):
         raise found.error
     await context.write_artefact("model.json", found.model)
-    await context.record(found.verdict)
+    for row in (*found.rows, found.verdict):
+        await context.record(row)
     return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)

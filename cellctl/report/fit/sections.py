@@ -1,0 +1,151 @@
+"""The sections about an identification, drawn from the rows that a run stores of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cellctl.kinematics import Floats
+from cellctl.records import IdentificationRow, ResidualsRow
+from cellctl.report.distributions import before_and_after
+from cellctl.report.fit import correlation as correlations
+from cellctl.report.fit.by_joint import explained, joint_pictures
+from cellctl.report.fit.by_order import drifts, order_picture
+from cellctl.report.fit.by_place import EACH, place_picture
+from cellctl.report.fit.region_picture import region_pictures
+from cellctl.report.fit.residuals import Residuals
+from cellctl.report.fit.scaled import coverage, scaled_picture
+from cellctl.report.maps import SphereErrors, sphere_maps
+from cellctl.report.numbers import fixed, percent, significant, with_sigma
+
+Section = dict[str, Any]
+
+SPHERES = 12
+"""More spheres than this are not drawn one by one, but as places."""
+
+_NAMED = 3
+_LONG = 90
+"""Letters of a combination from which on it is folded away."""
+
+
+def identification_sections(residuals: ResidualsRow, found: IdentificationRow) -> Section:
+    """What the template `identification.html` shows."""
+    rows = Residuals.of_row(residuals)
+    return {
+        "head": found.head,
+        "distribution": distribution(found),
+        "joints": by_joint(rows, found),
+        "places": by_place(rows, found),
+        "order": by_order(rows, found),
+        "scaled": as_predicted(rows),
+        "parameters": found.parameters,
+        "correlation": correlation(found),
+        "unobservable": unobservable(found),
+        "region": region(rows, found),
+        "hints": found.hints,
+        "advice": found.advice,
+        "joint_names": found.joints,
+        "left_out": found.left_out,
+    }
+
+
+def distribution(found: IdentificationRow) -> Section:
+    """Errors before and after."""
+    what = "error of held-out rows" if found.held_out else "error of the fit's rows"
+    picture = before_and_after("errors", np.array(found.before, float), np.array(found.after, float), what)
+    return {"picture": picture, "count": len(found.before)}
+
+
+def by_joint(rows: Residuals, found: IdentificationRow) -> Section:
+    """Against each joint, and which joints still explain something."""
+    words = [
+        f"{found.joints[joint]} ({fixed(size)} mm RMS, {percent(share)} of the variance along its way)"
+        for joint, share, size in explained(rows)[:_NAMED]
+    ]
+    return {"pictures": joint_pictures(rows, found.joints), "explained": words, "outliers": int(rows.outlier.sum())}
+
+
+def by_place(rows: Residuals, found: IdentificationRow) -> Section:
+    """Where in space: maps of spheres for distances, views of the volume for points."""
+    touches = rows.pick(rows.on_sphere)
+    mapped = bool(len(touches)) and len(np.unique(touches.point)) <= SPHERES
+    others = rows.pick(~rows.on_sphere) if mapped else rows
+    counted = int((~others.outlier).sum())
+    return {
+        "maps": sphere_maps(_on_spheres(touches)) if mapped else "",
+        "views": place_picture(others, *_placed(others, found)) if counted else "",
+        "cells": counted > EACH,
+        "frame": "the measuring frame"
+        if found.one_frame
+        else "the robot's base frame, as sessions have frames of their own",
+    }
+
+
+def _placed(rows: Residuals, found: IdentificationRow) -> tuple[Floats, Floats]:
+    """Places and errors (N, 3), mm, in the measuring frame, or turned into the robot's base."""
+    if found.one_frame:
+        return rows.tip, rows.after
+    turns = np.array(found.base_turns, float)
+    return rows.tip_base, np.einsum("nji,nj->ni", turns[rows.session], rows.after)
+
+
+def _on_spheres(rows: Residuals) -> SphereErrors:
+    """Touches as the maps of spheres take them, without those that were left out of the fit."""
+    rows = rows.pick(~rows.outlier)
+    return SphereErrors(rows.point.tolist(), rows.held_out, rows.normal, rows.signed_before, rows.signed_after)
+
+
+def by_order(rows: Residuals, found: IdentificationRow) -> Section:
+    """Over the data set from first to last line, and what drifts."""
+    order = (rows.line if len(np.unique(rows.line)) == len(rows) else rows.row).astype(float)
+    words = [f"{label}: {with_sigma(change, error)} mm" for label, change, error in drifts(rows, order)]
+    return {"picture": order_picture(rows, order, found.sessions), "drifts": words}
+
+
+def as_predicted(rows: Residuals) -> Section:
+    """Whether residuals are as large as their predicted σ."""
+    of_fit, of_held_out = coverage(rows)
+    return {
+        "picture": scaled_picture(rows),
+        "fit": percent(of_fit) if of_fit is not None else "",
+        "held_out": percent(of_held_out) if of_held_out is not None else "",
+    }
+
+
+def correlation(found: IdentificationRow) -> Section | None:
+    """Picture and strongest pairs; None for fewer than two parameters."""
+    labels, matrix = found.correlated, np.array(found.correlation, float)
+    if len(labels) < 2:
+        return None
+    return {
+        "picture": correlations.correlation_picture(labels, matrix),
+        "strongest": correlations.strongest(labels, matrix),
+        "strong": correlations.count_strong(matrix),
+        "shown": min(len(labels), correlations.MOST),
+        "all": len(labels),
+        "limit": f"{correlations.STRONG:g}",
+    }
+
+
+def unobservable(found: IdentificationRow) -> list[tuple[Any, list[str], list[str]]]:
+    """Why some combinations cannot be observed, and which: those of few words, those of many."""
+    split = [(each, each["phrases"]) for each in found.unobservable]
+    return [
+        (reason, [each for each in phrases if len(each) <= _LONG], [each for each in phrases if len(each) > _LONG])
+        for reason, phrases in split
+    ]
+
+
+def region(rows: Residuals, found: IdentificationRow) -> Section:
+    """σ of the TCP over the joints."""
+    readings = rows.readings[rows.fitted]
+    curves = [(np.array(at), np.array(sigma)) for at, sigma in found.along_joint]
+    ends = zip(found.joints, readings.min(axis=0).tolist(), readings.max(axis=0).tolist(), strict=True)
+    return {
+        "figures": {
+            name: (significant(rms), significant(found.sigma_max_mm[name])) for name, rms in found.sigma_rms_mm.items()
+        },
+        "pictures": region_pictures(curves, readings, found.joints),
+        "region": list(ends),
+    }

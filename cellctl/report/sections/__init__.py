@@ -1,0 +1,1 @@
+"""The sections that every run has: verdict, failures, identification, compensation table, provenance."""

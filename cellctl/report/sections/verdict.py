@@ -1,0 +1,69 @@
+"""What was run, how it ended, its verdict, and under which conditions it measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cellctl.report.conditions import NOT_RECORDED, temperature
+from cellctl.report.figures import fit_lines
+from cellctl.report.run import Run
+from cellctl.report.section import ReportSection
+
+_ENDS = {"failed": "failed", "aborted": "was aborted", "uncertain": "ended uncertain: a person has to look at the cell"}
+
+
+def build(run: Run) -> Mapping[str, Any]:
+    """State, sentence and conditions."""
+    started, verdict = run.state.started, run.verdict
+    return {
+        "end": _end(run),
+        "finished": run.word == "finished",
+        "better": verdict is not None and verdict.better,
+        "sentence": verdict.sentence if verdict else "",
+        "points": run.state.measurements,
+        "conditions": [
+            ("date", started.calendar if started else NOT_RECORDED),
+            ("operator", (started.operator if started else "") or NOT_RECORDED),
+            *((name, _device(who)) for name, who in run.state.identities.items()),
+            *([] if run.state.identities else [("instruments", NOT_RECORDED)]),
+            ("temperature", temperature(run.data)),
+        ],
+    }
+
+
+def _device(who: Mapping[str, Any]) -> str:
+    """`KR5, serial 1, simulated`."""
+    serial = f"serial {who['serial']}" if who.get("serial") else f"serial {NOT_RECORDED}"
+    model = str(who.get("model") or f"model {NOT_RECORDED}")
+    return ", ".join([model, serial, *(["simulated"] if who.get("simulated") else [])])
+
+
+def _end(run: Run) -> str:
+    """`This run was aborted: …`."""
+    words = _ENDS.get(run.word) or f"{'was' if run.word.startswith('cut') else 'is'} {run.word}"
+    return f"This run {words}{': ' if run.reason else ''}{run.reason}"
+
+
+SECTION = ReportSection(
+    id="verdict",
+    title="",
+    order=0,
+    build=build,
+    error_lines=lambda run: fit_lines(run.figures),
+    template="""\
+{% from "pairs.html" import pairs %}
+<div class="verdict{{ '' if finished and better else ' bad' }}">
+{% if not finished %}
+<p class="sentence">{{ end }}</p>
+<p>{{ points }} measurements are recorded. The report shows what there is.</p>
+{% endif %}
+{% if sentence %}
+<p class="sentence">{{ sentence }}</p>
+{% elif finished %}
+<p class="sentence">Finished, without a verdict: this procedure identifies nothing.</p>
+{% endif %}
+</div>
+{{ pairs(conditions) }}
+""",
+)

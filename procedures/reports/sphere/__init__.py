@@ -1,0 +1,1 @@
+"""Sections of the campaign that touches spheres: touches, stand-offs, reference touches, stops."""

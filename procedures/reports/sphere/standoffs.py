@@ -1,0 +1,96 @@
+"""The proof: stand-offs from a sphere that was not used for calibration, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cellctl.report import ReportSection, Run, Sigma
+from cellctl.report.distributions import before_and_after, one_by_one
+from cellctl.report.figures import error_line
+from cellctl.report.numbers import percent, significant
+from procedures.reports.sphere.standoff_errors import StandOffErrors
+from procedures.steps.sphere.rows import LocateRow, ProofRow, SphereVerdict, StandOffRow
+
+
+def build(run: Run) -> Mapping[str, Any]:
+    """Pictures, and found against predicted."""
+    rows = run.state.recorded(StandOffRow)
+    before, after = StandOffErrors.of(rows, "before"), StandOffErrors.of(rows, "after")
+    proof = run.state.last(ProofRow)
+    each = ""
+    if after.errors.size:
+        each = one_by_one("targets", after.numbers, after.errors, after.sigma, "error")
+    return {
+        "sentences": list(_sentences(rows[0].sphere, len(run.state.recorded(LocateRow)), before, after)),
+        "picture": before_and_after("standoff", before.errors, after.errors, "stand-off error"),
+        "each": each,
+        "centre": _centre(proof) if proof else None,
+    }
+
+
+def _sentences(sphere: str, located: int, before: StandOffErrors, after: StandOffErrors) -> Iterator[str]:
+    yield f"Sphere {sphere} was not used for calibration."
+    if located:
+        yield f"{located} touches located its centre with the model under test."
+    yield "The error is the travel to contact less the stand-off."
+    yield (
+        f"{len(before.errors)} targets with nominal joints, {len(after.errors)} with the controller's table in force."
+    )
+    if after.errors.size:
+        found, predicted = after.found_sigma, after.predicted_sigma
+        yield (
+            f"After: found {significant(found)} mm RMS where {significant(predicted)} mm was predicted "
+            f"(ratio {significant(found / predicted)}); {percent(after.within_two_sigma)} lie within 2 σ."
+        )
+    if before.predicted.any():
+        off = significant(before.found_sigma)
+        yield f"Before: the identified model predicted each error of the nominal robot to {off} mm RMS."
+
+
+def _centre(proof: ProofRow) -> tuple[str, str, str]:
+    """How far apart the two models place the centre; RMS of the touches that located it, before and after, mm."""
+    apart = np.linalg.norm(np.subtract(proof.nominal_centre, proof.identified_centre))
+    sizes = [np.sqrt(np.mean(np.square(each))) for each in (proof.nominal_residuals, proof.identified_residuals)]
+    return significant(float(apart)), significant(float(sizes[0])), significant(float(sizes[1]))
+
+
+def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
+    """Stand-off targets before and after, as the verdict has them."""
+    verdict = run.state.last(SphereVerdict)
+    found = verdict.standoff if verdict else None
+    if found is None or not found.n:
+        return []
+    before, after = vars(found.before), vars(found.after)
+    return [error_line("stand-off targets", found.n, before, after, found.predicted_sigma)]
+
+
+SECTION = ReportSection(
+    id="sphere-standoffs",
+    title="Proof by stand-offs",
+    order=20,
+    needs=(StandOffRow,),
+    build=build,
+    error_lines=error_lines,
+    sigmas=(
+        Sigma(
+            "predicted σ of a stand-off",
+            "the error along the normal at one target, less what the model predicts of it",
+            "covariance of the parameters, of the sphere's centre, and the scatter of a touch",
+            "1 σ, along one line; the share within ±2 σ should be about 95 %",
+        ),
+    ),
+    template="""\
+<p>{{ sentences | join(" ") }}</p>
+{% if centre %}
+<p>The two models place the centre {{ centre[0] }} mm apart. The touches that located it are off by
+{{ centre[1] }} mm RMS by the nominal robot, {{ centre[2] }} mm RMS by the identified one.</p>
+{% endif %}
+<figure>{{ picture | safe }}</figure>
+{% if each %}
+<figure>{{ each | safe }}</figure>
+{% endif %}
+""",
+)
