@@ -33,7 +33,6 @@ from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
 from cellctl.calibration.prediction.drift import Drift, linear_drift
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
-from cellctl.calibration.prediction.outside_region import doubt
 from cellctl.calibration.prediction.planes import PlaneEstimate, plane_estimates
 from cellctl.calibration.prediction.predict import Prediction, predict
 from cellctl.calibration.prediction.shape import shape_sigma, sigma_among, sigma_over_region
@@ -118,7 +117,6 @@ __all__ = [
     "Unknowns",
     "Verdict",
     "compared_errors",
-    "doubt",
     "effect_of",
     "estimate",
     "fit",

@@ -33,7 +33,7 @@ def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] 
         "wide": wide(result),
         "mastering": mastering(measured, result),
         "outliers": _named(measured, result.identification.outliers, lambda row: _far_out(measured, result, row)),
-        "test_outliers": _named(measured, result.unforeseen, lambda row: _unforeseen(measured, result, row)),
+        "test_outliers": _named(measured, result.unpredicted, lambda row: _unpredicted(measured, result, row)),
         "rejected": [{"line": row.line, "reason": row.reason} for row in measured.rejected],
         "sentence": sentence(measured, result),
     }
@@ -79,10 +79,10 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
         )
     if noise >= NOISY and measured.task.prior is None and "geometry" not in result.model.split("+"):
         sentences.append("The model has no links: their errors count as scatter and are not in this σ")
-    if measured.task.prior is not None and measured.task.groups is None and result.identification.loosened:
-        sentences.append(_changed(result.identification.loosened))
-    if result.unforeseen:
-        lines = [str(line) for line in sorted(measured.lines[row] for row in result.unforeseen)]
+    if measured.task.prior is not None and measured.task.groups is None and result.identification.prior_scale:
+        sentences.append(_changed(result.identification.prior_scale))
+    if result.unpredicted:
+        lines = [str(line) for line in sorted(measured.lines[row] for row in result.unpredicted)]
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
         sentences.append(f"{len(lines)} of the held-out {kind} are outliers by the predicted error (line {where})")
     return sentences
@@ -97,10 +97,10 @@ def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
     return held and place is not None and place.as_is_mm >= MOVED * result.nominal.rms
 
 
-def _changed(loosened: Mapping[str, float]) -> str:
+def _changed(prior_scale: Mapping[str, float]) -> str:
     """A robot that has changed since its prior model: by how much, and what to do."""
-    by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in loosened.items())
-    again = f"if something hit the robot, or was exchanged, fit again with --free {','.join(loosened)}"
+    by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in prior_scale.items())
+    again = f"if something hit the robot, or was exchanged, fit again with --free {','.join(prior_scale)}"
     return f"The robot is further from the prior model than the model's σ allows: {by} ({again})"
 
 
@@ -119,9 +119,9 @@ def _far_out(measured: Measurements, result: FitResult, row: int) -> str:
     return f"error {error:.3f} mm, the others {result.fit.rms:.3f} mm (RMS): an outlier, left out of the fit"
 
 
-def _unforeseen(measured: Measurements, result: FitResult, row: int) -> str:
-    place = result.unforeseen.index(row)
-    error, predicted = result.unforeseen_mm[place], result.foreseen_mm[place]
+def _unpredicted(measured: Measurements, result: FitResult, row: int) -> str:
+    place = result.unpredicted.index(row)
+    error, predicted = result.unpredicted_mm[place], result.predicted_mm[place]
     return f"held out: error {error:.3f} mm, predicted {predicted:.3f} mm (1 σ): an outlier, counted in the figures"
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         Task,
     )
     from cellctl.calibration import Parameter as CalibrationParameter
+    from cellctl.calibration.prediction.measured_region import Coverage
     from cellctl.kinematics import Bools, Floats, JointMap
 
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
@@ -124,26 +125,35 @@ class JointRegion(BaseModel):
         """A measured region, in model angles, as readings."""
         import numpy as np
 
+        from cellctl.calibration.residuals.posture_basis import PostureBasis
+
         both = joints.readings(np.stack([region.lower, region.upper]))
-        spread = region.spread
+        basis = region.coverage if isinstance(region.coverage, PostureBasis) else None
         return cls(
             min=both.min(axis=0).tolist(),
             max=both.max(axis=0).tolist(),
-            postures=joints.readings(spread.centres).tolist() if spread else None,
-            length=float(np.rad2deg(spread.length_rad)) if spread else None,
+            postures=joints.readings(basis.centres).tolist() if basis else None,
+            length=float(np.rad2deg(basis.length_rad)) if basis else None,
             within=region.within,
         )
 
-    def measured(self, joints: JointMap, outside_mm: float = 0.0, scatter_mm: float = 0.0) -> MeasuredRegion:
-        """The region in model angles."""
+    def bounds(self, joints: JointMap) -> tuple[Floats, Floats]:
+        """Least and greatest model angles (n,), rad."""
         import numpy as np
 
-        from cellctl.calibration import Discrepancy, MeasuredRegion
+        both = joints.model(np.array([self.min, self.max]))
+        return both.min(axis=0), both.max(axis=0)
 
-        both, spread = joints.model(np.array([self.min, self.max])), None
+    def coverage(self, joints: JointMap) -> Coverage:
+        """What its postures leave open at others, which are model angles."""
+        import numpy as np
+
+        from cellctl.calibration.residuals.posture_basis import PostureBasis
+        from cellctl.formats.joint_box import JointBox
+
         if self.postures and self.length:
-            spread = Discrepancy(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
-        return MeasuredRegion(both.min(axis=0), both.max(axis=0), outside_mm, spread, self.within, scatter_mm)
+            return PostureBasis(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
+        return JointBox(*self.bounds(joints))
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the region (N,)."""
@@ -336,7 +346,7 @@ class ModelFile(BaseModel):
 
         postures = self.robot.joint_map().model(readings) if at is None else at
         found = predict(self.robot_model(), np.array(self.covariance), postures)
-        return Prediction(found.poses, np.hypot(found.sigma_mm, self._doubt(readings)))
+        return Prediction(found.poses, np.hypot(found.sigma_mm, self._extra_sigma(readings)))
 
     def sigma_among(self, readings: Floats, at: At | None = None) -> Floats | None:
         """1 σ (N,), 3-D, mm, of the tool centre points at readings (N, n), deg, among themselves: what moves all as one
@@ -350,16 +360,29 @@ class ModelFile(BaseModel):
             return None
         postures = self.robot.joint_map().model(readings) if at is None else at
         among = shape_sigma(self.robot_model(), np.array(self.covariance), postures)
-        return np.asarray(np.hypot(among, self._doubt(readings)))
+        return np.asarray(np.hypot(among, self._extra_sigma(readings)))
 
     def inside(self, readings: Floats) -> Bools:
-        """Which readings (N, n), deg, lie in the joint region that the fit saw (N,); elsewhere it extrapolates."""
-        return self.joint_region.inside(readings)
+        """Which readings (N, n), deg, lie in the measured region (N,), also that of its residual models; outside it
+        extrapolates.
+        """
+        from cellctl.calibration.prediction.measured_region import OUTSIDE
 
-    def _doubt(self, readings: Floats) -> Floats:
-        """1 σ (N,), 3-D, mm, of what the model never saw."""
-        joints = self.robot.joint_map()
-        return self.joint_region.measured(joints, self.outside_mm, self.scatter_mm).sigma(joints.model(readings))
+        far = self._nominal().outside(self.robot.joint_map().model(readings)) > OUTSIDE
+        return self.joint_region.inside(readings) & ~far
+
+    def measured_region(self) -> MeasuredRegion:
+        """The measured region, in model angles."""
+        from cellctl.calibration import MeasuredRegion
+
+        joints, region, own = self.robot.joint_map(), self.joint_region, self._nominal().residual_models
+        lower, upper = region.bounds(joints)
+        coverage = region.coverage(joints)
+        return MeasuredRegion(lower, upper, self.outside_mm, coverage, region.within, self.scatter_mm, own)
+
+    def _extra_sigma(self, readings: Floats) -> Floats:
+        """1 σ (N,), 3-D, mm, besides that of the parameters: outside the region, and of errors too fast to follow."""
+        return self.measured_region().sigma(self.robot.joint_map().model(readings))
 
 
 def _parameters(found: Identification) -> list[Parameter]:

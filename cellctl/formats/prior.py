@@ -25,9 +25,9 @@ LEANING = 0.002
 
 def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] = (), file: str = "") -> Measurements:
     """The same rows for `prior` in place of nominal. free: groups that alone may change, with nothing known of them;
-    none named: everything that the older model was not sure of. file: names the model in errors.
+    none named: everything that the prior model was not sure of. file: names the model in errors.
 
-    Of a model of several sessions that session is gone on from which the rows name first. Raises InputError where it is
+    Of a model of several sessions that session is updated which the rows name first. Raises InputError where it is
     another robot's model, or has no such group, or where base or tool would have to be those of a session, and none is
     named.
     """
@@ -47,7 +47,7 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
         groups=groups,
         candidates=None,
         nominal=measured.task.model,
-        region=prior.joint_region.measured(prior.robot.joint_map(), prior.outside_mm, prior.scatter_mm),
+        region=prior.measured_region(),
     )
     return replace(measured, task=task)
 
@@ -63,7 +63,7 @@ def only(measured: Measurements, free: Collection[str]) -> Measurements:
 def _in_session(
     prior: ModelFile, measured: Measurements, groups: frozenset[str] | None, file: str
 ) -> tuple[RobotModel, Floats]:
-    """The older model as it stood in the session that the rows name first, and its covariance (P, P)."""
+    """The prior model as it stood in the session that the rows name first, and its covariance (P, P)."""
     import numpy as np
 
     model, covariance = prior.robot_model(), np.array(prior.covariance)
@@ -112,7 +112,7 @@ def _stands_otherwise(model: RobotModel, robot: RobotFile, file: str) -> list[Pr
     if all(math.dist(down, now) < LEANING for down in before):
         return []
     what = f"is a model of a robot that stood otherwise than '{robot.name}' does (mounting, base)"
-    return [Problem(file or "--prior", 0, 0, what, "fit this robot as it stands now, without --prior")]
+    return [Problem(file or "--prior", 0, 0, what, "fit this robot as it is now, without --prior")]
 
 
 def _joints(robot: RobotFile) -> list[tuple[int, float]]:

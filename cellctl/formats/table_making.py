@@ -110,7 +110,7 @@ def table_of(
     joints, identified = model.robot.joint_map(), model.robot_model()
     nominal, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
     places = targets[:, :3, 3]
-    before, after = (np.linalg.norm(identified.tip(joints.model(at)) - places, axis=1) for at in (nominal, commanded))
+    before, after = (np.linalg.norm(identified.tcp(joints.model(at)) - places, axis=1) for at in (nominal, commanded))
     said = np.hstack([places, abc_from_rotation(targets[:, :3, :3])])
     return TableFile.of(
         table_rows(said, nominal, commanded, before, after, target_sigma(model, commanded)),

@@ -79,7 +79,7 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
     and with the tool leaning as far as it was done before. Collisions are not looked for. Perhaps none can be reached.
     """
     model, postures = state.models[block.session], block.postures
-    tips = model.tip(postures)
+    tips = model.tcp(postures)
     room = Room.about(block.q, tips, limits)
     q = room.spread(_TRIED * count)
     if isinstance(block, PositionRows | PoseRows):
@@ -93,7 +93,7 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
 
 def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
     """Up to `count` postures with the tool in the room: of q (M, n), and where hardly any is, led there."""
-    found = q[room.contains(model.tip(q))][:count]
+    found = q[room.contains(model.tcp(q))][:count]
     if len(found) >= count // 4:
         return found
     led, arrived = led_to(model, q[:count], room.low + _evenly(3, min(count, len(q))) * (room.high - room.low))
@@ -103,7 +103,7 @@ def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
 def _measuring(block: PositionRows | PoseRows, model: RobotModel, at: Postures) -> Measured:
     sigma = np.tile(np.median(block.sigma, axis=0), (len(at), 1))
     if isinstance(block, PositionRows):
-        return replace(block, at=at, xyz=model.tip(at), sigma=sigma)
+        return replace(block, at=at, xyz=model.tcp(at), sigma=sigma)
     return replace(block, at=at, poses=model.pose(at), sigma=sigma)
 
 
@@ -130,7 +130,7 @@ def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats
 def _on_planes(block: PlaneRows, state: State, room: Room, q: Floats, count: int) -> Measured:
     """Rows on the block's planes between touches that there were, reached from postures q (M, n)."""
     model, normals = state.models[block.session], block.normals(state)
-    tips = model.tip(block.postures) - block.residual(state) * normals
+    tips = model.tcp(block.postures) - block.residual(state) * normals
     names, share = np.unique(block.point), _evenly(3, len(q))
     of_plane = [np.flatnonzero(block.point == names[turn % len(names)]) for turn in range(len(q))]
     first, second = (
@@ -176,7 +176,7 @@ def led_to(model: RobotModel, q: Floats, targets: Floats) -> tuple[Floats, Bools
 
 def _normals(block: TouchRows, state: State, point: Floats) -> Floats:
     """A direction (M, 3) from each of `point` (M,), within the widest cone about their mean that was touched there."""
-    tips = state.models[block.session].tip(block.postures)
+    tips = state.models[block.session].tcp(block.postures)
     measured = _unit(tips - state.points[block.point])
     samples = _evenly(2, len(point))
     result = np.zeros((len(point), 3))
@@ -204,7 +204,7 @@ def _leaning(model: RobotModel, q: Floats, away: Floats) -> Floats:
 
 def _least_leaning(block: TouchRows | SocketRows, state: State) -> float:
     model = state.models[block.session]
-    return float(_leaning(model, block.q, model.tip(block.postures) - state.points[block.point]).min())
+    return float(_leaning(model, block.q, model.tcp(block.postures) - state.points[block.point]).min())
 
 
 def _as_before(before: Postures, q: Floats) -> Postures:

@@ -63,19 +63,19 @@ def _squares(setup: Setup, block: Measured, q: Floats) -> Floats:
 
 
 def _of_socket(tcps: Floats) -> Floats:
-    """Squared distances (C, N) from a socket, where `tips` (C, N, 3) want it."""
+    """Squared distances (C, N) from a socket, where `tcps` (C, N, 3) want it."""
     return np.asarray(np.sum((tcps - tcps.mean(axis=1, keepdims=True)) ** 2, axis=-1))
 
 
 def _of_plane(tcps: Floats) -> Floats:
-    """Squared distances (C, N) from a plane, where `tips` (C, N, 3), of balls of one size, want it."""
+    """Squared distances (C, N) from a plane, where `tcps` (C, N, 3), of balls of one size, want it."""
     away = tcps - tcps.mean(axis=1, keepdims=True)
     normal = np.linalg.eigh(np.matmul(away.swapaxes(1, 2), away))[1][..., :1]
     return np.asarray(np.matmul(away, normal)[..., 0] ** 2)
 
 
 def _of_point(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
-    """Squared distances (C, N) from a sphere's surface, where `tips` (C, N, 3) want it.
+    """Squared distances (C, N) from a sphere's surface, where `tcps` (C, N, 3) want it.
 
     shifted: its radius and `reach` (N,) differ by an unknown amount.
     """

@@ -171,7 +171,7 @@ def _predicted(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, 
     spread = jacobian @ root
     left = (spread - tied @ (tied.T @ spread)) * sigma[:, None]
     squares = np.sum(left**2, axis=1) + sigma**2
-    turns = np.concatenate([np.tile(np.array(block.quantities) == "rotation", len(block)) for block in blocks])
+    turns = np.concatenate([np.tile(~block.of_length, len(block)) for block in blocks])
     poses = max(int(np.count_nonzero(turns)) // 3, 1)
     mm = float(np.sqrt(np.sum(squares[~turns]) / sum(map(len, blocks))))
     return max(mm, FLOOR_MM), max(float(np.rad2deg(np.sqrt(np.sum(squares[turns]) / poses))), FLOOR_DEG)

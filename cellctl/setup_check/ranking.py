@@ -62,7 +62,7 @@ def _flat(hypothesis: Hypothesis) -> bool:
     task = hypothesis.setup.task
     if task.rows.kinds != {PlaneRows}:
         return False
-    tcps = np.concatenate([task.model.tip(block.postures) for block in task.rows.blocks])
+    tcps = np.concatenate([task.model.tcp(block.postures) for block in task.rows.blocks])
     extents = np.linalg.svd(tcps - tcps.mean(axis=0), compute_uv=False)
     return bool(extents[-1] < FLAT * extents[0])
 

@@ -57,11 +57,11 @@ def _mirrored(state: State, rows: RowBlocks, point: int) -> Floats | None:
 
 
 def _touched(state: State, rows: RowBlocks, point: int) -> tuple[Floats, Floats]:
-    """Tips (N, 3) at the touches of a point, and their distances (N,) from it."""
+    """TCPs (N, 3) at the touches of a point, and their distances (N,) from it."""
     tcps, lengths = [np.zeros((0, 3))], [np.zeros(0)]
     for block in rows.blocks:
         if isinstance(block, TouchRows):
             mine = block.point == point
-            tcps.append(state.models[block.session].tip(block.postures)[mine])
+            tcps.append(state.models[block.session].tcp(block.postures)[mine])
             lengths.append(block.lengths(state)[mine])
     return np.concatenate(tcps), np.concatenate(lengths)

@@ -165,7 +165,7 @@ def _known(rows: RowBlocks, points: int) -> Bools:
 
 def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
     """Whether a robot no further from nominal, with rows no noisier, fits the certificate too."""
-    weights = Weights(found.noise, found.loosened)
+    weights = Weights(found.noise, found.prior_scale)
     _, weighed = identify_kept(replace(alone, spacings=spacings), alone.rows.pick(np.array(found.used)), weights)
     more, count = weighed.found.cost - found.identified.cost, len(spacings)
     return weighed.found.converged and bool(more < count + FITTING * np.sqrt(2.0 * count))

@@ -1,8 +1,8 @@
-"""Whether rows and robot file belong together at all, asked where no set-up error explains why they do not fit.
+"""Whether rows and robot file fit together at all, asked where no set-up error explains why they do not fit.
 
 Everything is fitted within very wide tolerances. A robot that lost its mastering, has an untaught tool, or was measured
 with a tape comes near to its rows in this way. If what is left is still far beyond the robot class, there are two ways
-to tell that robot file and rows do not belong together, and that the rows are not just noisy:
+to tell that robot file and rows do not fit together, and that the rows are not just noisy:
 
 - they are hardly nearer than rows whose measurements were shuffled against the joints (shifted or mixed rows);
 - what is left is a function of the joints, which noise is not (another robot's file).
@@ -75,7 +75,7 @@ class WideFit:
 
     @property
     def unrelated(self) -> bool:
-        """Whether robot file and rows do not belong together."""
+        """Whether robot file and rows do not fit together."""
         other_robot = self.left_mm > SYSTEMATIC_MM and self.systematic > SYSTEMATIC
         return self.implausible and (NEARER * self.left_mm > self.shuffled_mm or other_robot)
 
@@ -84,7 +84,7 @@ def _fitted(setup: Setup, nominal: Misfit) -> tuple[State, list[Any]]:
     """The fit within wide tolerances to the nearest rows, and which these are, by block."""
     task = replace(setup.task, prior=None, groups=None, candidates=None, rough=None)
     unknowns = task.unknowns(nominal.state)
-    unknowns = unknowns.masked(task.identification(unknowns)).loosened(WIDENED)
+    unknowns = unknowns.masked(task.identification(unknowns)).with_prior_scale(WIDENED)
     kept, begin, state = list(nominal.kept), None, nominal.state
     for _ in range(ROUNDS):
         blocks = [_as_uncertain(block, nominal.predicted_mm) for block in only(task.rows, kept).blocks if len(block)]
@@ -96,7 +96,7 @@ def _fitted(setup: Setup, nominal: Misfit) -> tuple[State, list[Any]]:
 
 def _as_uncertain(block: Measured, mm: float) -> Measured:
     """The block with its standard deviations raised in proportion, to `mm` in the median of its distances."""
-    lengths = block.sigma[:, np.array(block.quantities) != "rotation"]
+    lengths = block.sigma[:, block.of_length]
     return block.changed(sigma=block.sigma * max(mm / float(np.median(lengths)), 1.0))
 
 
@@ -125,7 +125,7 @@ def _predicted_by_joints(setup: Setup, state: State) -> float:
     for block in setup.task.rows.blocks:
         if len(block) < 2:
             continue
-        left = block.residual(state)[:, np.array(block.quantities) != "rotation"]
+        left = block.residual(state)[:, block.of_length]
         left = left - left.mean(axis=0)
         total += float(np.sum(left**2))
         kernels = [_kernel(block.q, *weights) for weights in WEIGHTS]

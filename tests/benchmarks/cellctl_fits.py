@@ -22,7 +22,7 @@ def task_of(rows: Rows) -> Task:
 
 def prepare(rows: Rows) -> Callable[[], Tip]:
     task = task_of(rows)
-    return lambda: identify(task).identified.state.model.tip
+    return lambda: identify(task).identified.state.model.tcp
 
 
 if __name__ == "__main__":

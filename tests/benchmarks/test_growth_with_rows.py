@@ -15,14 +15,14 @@ FEW, TIMES = 500, 10
 
 @pytest.mark.long
 @pytest.mark.parametrize("wild", [0.0, 0.02])
-def test_ten_times_as_many_rows_take_nowhere_near_a_hundred_times_as_long(tell, tmp_path, wild):
-    few = save_rows(tmp_path / "few.npz", FEW, wild=wild)
-    many = save_rows(tmp_path / "many.npz", TIMES * FEW, wild=wild)
+def test_ten_times_as_many_rows_take_nowhere_near_a_hundred_times_as_long(tell, tmp_path, outlying):
+    few = save_rows(tmp_path / "few.npz", FEW, outlying=outlying)
+    many = save_rows(tmp_path / "many.npz", TIMES * FEW, outlying=outlying)
     with side(FITS, few) as one, side(FITS, many) as ten:
         found = race(one, ten, rounds=2)
     short, long = (f"{1e3 * median(answers, 'seconds'):.0f} ms" for answers in (found.ours, found.theirs))
     tell(
-        f"identify from {TIMES * FEW} positions, {wild:.0%} wild",
+        f"identify from {TIMES * FEW} positions, {outlying:.0%} wild",
         long,
         f"from {FEW}: {short}",
         f"{found.ratio:.0f} × as long",

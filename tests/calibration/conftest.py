@@ -58,7 +58,7 @@ class ScrewRobot:
             matrix = matrix @ frame(turn, point - turn.apply(point))
         return matrix @ self.home
 
-    def tip(self, readings):
+    def tcp(self, readings):
         flange = self.flange(readings)
         axis = flange[:3, 2]
         sag = np.array([0, 0, -1.0]) + axis[2] * axis
@@ -97,7 +97,7 @@ def touch(robot, rng, centre, noise_mm):
         goal = centre + (REACH + rng.normal(0, noise_mm)) * away
         start = home + rng.uniform(-25, 25, 6) * [1, 1, 1, 3, 1, 4]
         wrist = start[3:]
-        found = least_squares(lambda arm, w=wrist, g=goal: robot.tip(np.r_[arm, w]) - g, start[:3], xtol=1e-14)
+        found = least_squares(lambda arm, w=wrist, g=goal: robot.tcp(np.r_[arm, w]) - g, start[:3], xtol=1e-14)
         readings = np.r_[found.x, wrist]
         if np.linalg.norm(found.fun) < 1e-9 and abs(readings[0]) < 150 and -175 < readings[1] < 60:
             return readings

@@ -35,7 +35,7 @@ class HeightRows(Measured):
         return ("height",)
 
     def residual(self, state):
-        return (self._model(state).tip(self.postures)[:, 2] - self.height)[:, None]
+        return (self._model(state).tcp(self.postures)[:, 2] - self.height)[:, None]
 
     def jacobian(self, state):
         return state.spread(self._model(state).jacobian(self.postures)[:, 2:3], self.session)
@@ -52,8 +52,8 @@ def task():
     rng = np.random.default_rng(8)
     true = truth().on(PLACE @ truth().chain.base_now, truth().chain.tool_now)
     first, second = postures(60), postures(260)[60:]
-    xyz = true.tip(first) + rng.normal(0.0, 0.02, (60, 3))
-    heights = true.tip(second)[:, 2] + rng.normal(0.0, 0.02, 200)
+    xyz = true.tcp(first) + rng.normal(0.0, 0.02, (60, 3))
+    heights = true.tcp(second)[:, 2] + rng.normal(0.0, 0.02, 200)
     blocks = [PositionRows(first, xyz, np.full((60, 3), 0.02)), HeightRows(second, heights, np.full((200, 1), 0.02))]
     return Task(RobotModel(KR5.chain()), blocks)
 

@@ -53,7 +53,7 @@ class Measured:
     def true_error(self, result: FitResult):
         """RMS of the distance from the truth at the held-out rows, mm."""
         held_out = self.rows.pick(np.arange(len(self.true)) >= result.n_fit)
-        tips = result.identification.identified.state.model.tip(held_out.at)
+        tips = result.identification.identified.state.model.tcp(held_out.at)
         return float(np.sqrt(np.mean(np.sum((tips - self.true[result.n_fit :]) ** 2, axis=1))))
 
 
@@ -173,7 +173,7 @@ def test_rows_that_only_a_later_effect_explains_come_back(seed):
     delta_t = rng.uniform(-4.0, 4.0, 120)
     delta_t[list(hot)] = 25.0
     at = Postures(ROBOT.joint_map().model(rng.uniform(LOW, HIGH, (120, 6))), delta_t=delta_t)
-    xyz = nominal.with_deviations(errors).tip(at) + rng.normal(0.0, SIGMA, (120, 3))
+    xyz = nominal.with_deviations(errors).tcp(at) + rng.normal(0.0, SIGMA, (120, 3))
     task = Task(nominal_model(ROBOT), PositionRows(at, xyz, np.full((120, 3), SIGMA)))
     assert identify(task, np.arange(80)).outliers == hot
     auto = fit(replace(task, candidates=(growth,)), Split.by_column(np.arange(120) >= 80))

@@ -49,7 +49,7 @@ class Updated:
     @property
     def errors(self):
         """Of predicted points (M, 3), mm."""
-        return self.done.identified.state.model.tip(self.asked) - self.campaign.truth.points(self.asked)
+        return self.done.identified.state.model.tcp(self.asked) - self.campaign.truth.points(self.asked)
 
     @property
     def nees(self):
@@ -78,7 +78,7 @@ def rms(all_of):
 
 
 def test_a_robot_that_is_what_it_was_is_called_neither_changed_nor_noisy(unchanged):
-    assert not any(one.done.loosened for one in unchanged)
+    assert not any(one.done.prior_scale for one in unchanged)
     assert max(one.done.noise.max() for one in unchanged) == 1.0
 
 
@@ -86,8 +86,8 @@ def test_a_robot_that_has_changed_is_found_and_what_changed_is_named(changed, un
     """No noise is made of it, and nothing but what changed has to be found once more."""
     group, found = changed
     for one in found:
-        assert list(one.done.loosened) == [group]
-        assert one.done.loosened[group] > 5.0
+        assert list(one.done.prior_scale) == [group]
+        assert one.done.prior_scale[group] > 5.0
         assert one.done.noise.max() == 1.0
         assert not one.done.outliers
         assert one.done.identified.converged
@@ -106,7 +106,7 @@ def test_an_update_of_a_changed_robot_is_better_than_its_older_model():
 
 def test_noisier_rows_of_the_same_robot_are_called_noisier_and_the_robot_is_not_called_changed():
     for one in (Updated.of(seed, noise=3.0) for seed in range(4)):
-        assert not one.done.loosened
+        assert not one.done.prior_scale
         assert one.done.noise.max() == pytest.approx(3.0, rel=0.3)
 
 
@@ -117,4 +117,4 @@ def test_wild_rows_are_found_on_a_robot_that_has_changed_as_well():
     xyz[[3, 17, 30]] += [[1.0, -1.0, 0.5], [0.0, 2.0, 0.0], [-1.0, 0.5, 1.0]]
     done = identify(replace(updated.task, rows=RowBlocks.of(replace(rows, xyz=xyz))))
     assert done.outliers == (3, 17, 30)
-    assert list(done.loosened) == ["zeros"]
+    assert list(done.prior_scale) == ["zeros"]

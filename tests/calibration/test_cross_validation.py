@@ -22,7 +22,7 @@ def folded(kr5):
     turns = nominal.parameter_turns
     true = nominal.with_deviations(rng.normal(0.0, np.where(turns, 5e-4, 0.3)))
     sigma = rng.choice([1.0, 3.0], (ROWS, 3)) * SIGMA
-    task = Task(nominal, PositionRows(q, true.tip(q) + rng.normal(0.0, sigma), sigma))
+    task = Task(nominal, PositionRows(q, true.tcp(q) + rng.normal(0.0, sigma), sigma))
     unknowns = nominal_start(task, task.rows)
     found = estimate(unknowns, task.rows.blocks)
     folds = random_folds(q)

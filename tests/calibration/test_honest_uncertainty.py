@@ -49,7 +49,7 @@ def test_no_worse_than_scipys_optimum_of_the_same_posterior(summary):
 @pytest.mark.long
 def test_clean_rows_are_neither_left_out_nor_called_noisy(summary):
     assert summary.left_out_per_1000 == 0.0
-    assert summary.grown == summary.loosened == 0
+    assert summary.grown == summary.prior_scale == 0
     assert summary.unconverged == 0
 
 
@@ -78,7 +78,7 @@ def test_a_truth_outside_the_tolerances_is_found_all_the_same_and_said(setup, wh
     assert found.unconverged == 0
     assert max(one.growth for one in all_of) < 1.3
     assert min(one.strangest for one in all_of) > 4.0
-    assert all(one.loosened.get(group, 1.0) > least for one in all_of)
+    assert all(one.prior_scale.get(group, 1.0) > least for one in all_of)
     assert found.rms < 1.4 * found.said
     assert found.nees < 1.3
 
@@ -107,9 +107,9 @@ def test_few_orientations_leave_tool_and_base_untold_apart_and_it_is_said(turns)
         letters = {letter for words in together for letter in words.partition("tool translation along ")[2][:7]}
         assert fitted(draw).converged
         assert {"X", "Y", "Z"} <= letters if turns is ONE_ORIENTATION else together
-        cause = next(hidden.cause for hidden in told.hidden if not hidden.harmless)
+        reason = next(hidden.reason for hidden in told.hidden if not hidden.harmless)
         one = "orientation never changes in these rows"
-        assert cause == (one if turns is ONE_ORIENTATION else "orientation changes about one axis only")
+        assert reason == (one if turns is ONE_ORIENTATION else "orientation changes about one axis only")
 
 
 def test_what_stays_where_it_starts_does_not_explain_residuals_that_are_left():

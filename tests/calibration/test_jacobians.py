@@ -78,4 +78,4 @@ def test_a_horizontal_torch_of_the_published_size_bends_by_an_eighth_of_a_millim
 def test_a_hanging_tool_does_not_bend():
     chain = SerialChain.from_links("mdh-hayati", [Link(0, 0, 0, np.pi), Link(0, 0, 0, 0)])
     tool = RobotModel(chain, (ToolDeflection(0.4, 15.0),), np.array([0.001]))
-    np.testing.assert_allclose(tool.tip(np.zeros(2)), chain.forward(np.zeros(2))[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(tool.tcp(np.zeros(2)), chain.forward(np.zeros(2))[:3, 3], atol=1e-12)

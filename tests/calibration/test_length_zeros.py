@@ -92,11 +92,11 @@ def test_a_zero_of_half_a_metre_costs_the_robot_little_and_taken_for_none_everyt
 def test_wild_lengths_are_named_and_do_not_move_the_zero(seed, wild_rows, least, most):
     campaign, zeros = at_home(seed)
     rows = lengths(campaign, zeros, 60, TO_OWN_ANCHOR)
-    wild = campaign.rng.permutation(60)[:wild_rows]
+    outlying = campaign.rng.permutation(60)[:wild_rows]
     shown = rows.reach.copy()
-    shown[wild] += campaign.rng.uniform(least, most, wild_rows)
+    shown[outlying] += campaign.rng.uniform(least, most, wild_rows)
     done = identify(task_of(campaign, replace(rows, reach=shown)))
-    assert set(done.outliers) == set(wild.tolist())
+    assert set(done.outliers) == set(outlying.tolist())
     error, covariance = error_of_zeros(done.identified, zeros, [0, 1])
     assert error @ np.linalg.solve(covariance, error) < 15.0
 

@@ -16,15 +16,15 @@ SAID = 0.05
 ROWS = 40
 
 
-def sessions(seed, factors, wild=()):
-    """One robot at a new place for each of `factors`, by which its positions scatter more than they say; rows `wild` of
-    all are 1 mm off.
+def sessions(seed, factors, outlying=()):
+    """One robot at a new place for each of `factors`, by which its positions scatter more than stated; `outlying` rows
+    of all are 1 mm off.
     """
     campaign, blocks = Campaign.of(seed), []
     for number, factor in enumerate(factors):
         moved = replace(campaign, truth=replace(campaign.truth, base=place(campaign.rng)))
         rows = moved.positions(ROWS, SAID * factor, SAID, number)
-        mine = [row - number * ROWS for row in wild if row // ROWS == number]
+        mine = [row - number * ROWS for row in outlying if row // ROWS == number]
         rows.xyz[mine] += 1.0 / np.sqrt(3.0)
         blocks.append(rows)
     bases = [frozenset({"base"} if number else ()) for number in range(len(factors))]
@@ -56,9 +56,9 @@ def test_noisy_sessions_are_found_with_a_few_looks_for_each(looks):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_wild_rows_of_a_good_session_stay_wild_beside_noisy_sessions(seed):
-    wild = (83, 101)
-    found = identify(sessions(seed, [1.0, 3.0, 1.0, 5.0], wild))
-    assert found.outliers == wild
+    outlying = (83, 101)
+    found = identify(sessions(seed, [1.0, 3.0, 1.0, 5.0], outlying))
+    assert found.outliers == outlying
     np.testing.assert_allclose(found.noise[::3], [1.0, 3.0, 1.0, 5.0], rtol=0.25)
 
 
@@ -88,11 +88,11 @@ def test_what_noisier_rows_tell_of_the_model_is_that_of_rows_with_wider_sigma():
     assert linear.seen(noise) == pytest.approx(expected, rel=1e-9)
 
 
-def beside_positions(count, wild=()):
+def beside_positions(count, outlying=()):
     """36 touches of which some are 5 mm off, after `count` positions."""
     campaign = Campaign.of(9)
     touches = campaign.touches(36, SPHERES, SAID)
-    touches.reach[list(wild)] += 5.0
+    touches.reach[list(outlying)] += 5.0
     plate = certificate(campaign.rng, SPHERES, [(0, 1), (0, 2), (1, 2)], 0.01)
     rows = [campaign.positions(count, SAID), touches]
     return Task(nominal_of(campaign.nominal), rows, ("S1", "S2", "S3"), np.full((3, 3), np.nan), plate)
@@ -100,7 +100,7 @@ def beside_positions(count, wild=()):
 
 def test_wild_touches_are_found_beside_any_number_of_positions(monkeypatch):
     monkeypatch.setattr(sys.modules["cellctl.calibration.estimation.identify"], "SEARCHED", 200)
-    found = identify(beside_positions(2000, wild=(4, 17)))
+    found = identify(beside_positions(2000, outlying=(4, 17)))
     assert found.outliers == (2004, 2017)
     assert found.apart == 0
     assert found.noise.tolist() == [1.0] * 4

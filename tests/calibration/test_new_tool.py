@@ -56,6 +56,6 @@ def test_further_touches_with_it_land_on_the_spheres(found, draw, kr5):
     further = draw(5, 40, spheres=SPHERE, robot=robot)
     further_at = further.centres[further.sphere]
     ours = after.state.points[further.sphere] - touches.centres[further.sphere]
-    tips = after.state.model.tip(kr5.joint_map().model(further.readings)) - ours
+    tips = after.state.model.tcp(kr5.joint_map().model(further.readings)) - ours
     distance = np.linalg.norm(tips - further_at, axis=1)
     assert np.sqrt(np.mean((distance - 31.3) ** 2)) < 0.15

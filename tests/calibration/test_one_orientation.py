@@ -45,7 +45,7 @@ def test_the_tool_is_named_as_unobservable_and_does_not_move(spread_deg):
     assert found.converged
     assert result.observability.rank == result.n_parameters - 3
     (hidden,) = result.observability.hidden
-    assert hidden.cause == "orientation never changes in these rows"
+    assert hidden.reason == "orientation never changes in these rows"
     assert "tool translation along Z" in " ".join(hidden.phrases())
     taught = campaign.nominal.tool[:3, 3]
     assert np.linalg.norm(found.state.model.chain.tool_now[:3, 3] - taught) < 5.0

@@ -96,7 +96,7 @@ def test_a_robot_that_touched_three_planes_is_as_far_off_as_it_says(three_planes
     for campaign, task, done in three_planes[0]:
         asked = task.rows.q[::2]
         error, sigma = shape_error(done.identified, campaign.truth, asked)
-        before = nominal_of(campaign.nominal).tip(asked) - campaign.truth.points(asked)
+        before = nominal_of(campaign.nominal).tcp(asked) - campaign.truth.points(asked)
         assert not done.outliers
         assert error < 0.6 * np.sqrt(np.mean(np.sum((before - before.mean(axis=0)) ** 2, axis=1)))
         assert 0.4 * sigma < error < 2.0 * sigma
@@ -151,10 +151,10 @@ def test_what_planes_do_not_see_is_said_in_words():
     campaign = campaign_of(2)
     three = task_of(campaign, [campaign.planes(90, PLANES, SIGMA, BALL)], ("floor", "wall", "side"))
     hidden = fit(three, all_in_fit(three)).observability.hidden
-    assert any("no row has a length in it" in each.cause for each in hidden)
+    assert any("no row has a length in it" in each.reason for each in hidden)
     one = task_of(campaign, [campaign.planes(60, PLANES[:1], SIGMA, BALL)], ("floor",))
-    causes = [each.cause for each in fit(one, all_in_fit(one)).observability.hidden]
-    assert "all rows are on one plane" in causes
+    reasons = [each.reason for each in fit(one, all_in_fit(one)).observability.hidden]
+    assert "all rows are on one plane" in reasons
 
 
 def test_rows_moved_elsewhere_and_rows_to_be_measured_touch_the_same_planes():

@@ -18,7 +18,7 @@ def fitted(kr5):
         nominal = nominal_model(kr5, touched=False)
         true = nominal.with_deviations(rng.normal(0.0, np.where(nominal.parameter_turns, 3e-4, 0.2)))
         q = kr5.joint_map().model(rng.uniform(LOW, HIGH, (FIT + HELD_OUT, 6)))
-        xyz = true.tip(q) + rng.normal(0.0, SIGMA, (FIT + HELD_OUT, 3)) * size[:, None]
+        xyz = true.tcp(q) + rng.normal(0.0, SIGMA, (FIT + HELD_OUT, 3)) * size[:, None]
         task = Task(nominal, PositionRows(q, xyz, np.full(xyz.shape, SIGMA)))
         return fit(task, Split.by_column(np.arange(len(q)) >= FIT))
 

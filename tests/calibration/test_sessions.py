@@ -88,7 +88,7 @@ def test_each_session_has_the_base_and_the_tool_that_it_was_set_up_with(own):
     days = Days(1)
     found = identify(days.task(own)).identified
     for day, model in enumerate(found.state.models):
-        tips, true = model.tip(days.asked), days.truth(day, own).points(days.asked)
+        tips, true = model.tcp(days.asked), days.truth(day, own).points(days.asked)
         assert np.sqrt(np.mean(np.sum((tips - true) ** 2, axis=1))) < 0.1
 
 
@@ -119,13 +119,13 @@ def test_of_a_session_that_has_no_row_in_the_fit_just_that_is_said(own):
     told = fit(Days(2).task(own), split).observability
     assert not any("Wednesday" in words for words in told.unseen)
     last = told.hidden[-1]
-    assert (last.cause, last.combinations) == ("no row of the fit belongs to session Wednesday", ())
+    assert (last.reason, last.combinations) == ("no row of the fit belongs to session Wednesday", ())
 
 
 def test_so_it_is_of_the_first_session():
     split = Split(np.arange(ROWS, ROWS * 3), ((np.arange(ROWS, ROWS * 3), np.arange(ROWS)),))
     told = fit(Days(2).task(OWN["base"]), split).observability
-    assert [hidden.cause for hidden in told.hidden if not hidden.combinations] == [
+    assert [hidden.reason for hidden in told.hidden if not hidden.combinations] == [
         "no row of the fit belongs to the first session"
     ]
 

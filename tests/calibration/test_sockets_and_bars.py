@@ -29,7 +29,7 @@ def task_of(seed, length):
 
 def size(found, truth, q):
     """By what share the model is too large, over tool centre points at q, and 1 σ of that as the model says."""
-    points, true = found.state.model.tip(q), truth.points(q)
+    points, true = found.state.model.tcp(q), truth.points(q)
     a, b = points - points.mean(axis=0), true - true.mean(axis=0)
     turned = Rotation.align_vectors(b, a)[0].apply(a)
     robot = found.unknowns.robot
@@ -87,7 +87,7 @@ def test_sockets_show_a_robots_shape_and_their_own_places_and_only_a_length_its_
     _, task = task_of(1, length)
     found = fit(task, Split(np.arange(len(task.rows)), ())).observability
     assert found.rank == SHAPE + 3 * len(task.points) - (length == "none")
-    named = [each for each in found.hidden if each.cause.startswith("no row has a length in it")]
+    named = [each for each in found.hidden if each.reason.startswith("no row has a length in it")]
     assert [len(each.combinations) for each in named] == ([1] if length == "none" else [])
     assert all(each.harmless for each in found.hidden if each not in named)
 

@@ -61,13 +61,13 @@ def test_the_predicted_sigma_of_a_stand_off_is_the_scatter_over_robots_drawn_fro
     for deviations in random.multivariate_normal(np.zeros(len(spread)), spread, size=1500):
         true = MODEL.with_deviations(deviations)
         # the model touches a sphere that stands where the true robot puts it: distances change by the true robot's
-        moved = true.tip(touched[:8]) - MODEL.tip(touched[:8])
+        moved = true.tcp(touched[:8]) - MODEL.tcp(touched[:8])
         noise = random.normal(0.0, SIGMA, 8)
         seen = REACH + np.einsum("ij,ij->i", located.normals(touched[:8]), moved) + noise
-        centre = _least_squares_centre(MODEL.tip(touched[:8]), 2 * REACH - seen)
+        centre = _least_squares_centre(MODEL.tcp(touched[:8]), 2 * REACH - seen)
         # centre: by how much the model misplaces the sphere, mirrored; the true one is at CENTRE
         misplaced = np.array(CENTRE) - centre
-        off = true.tip(targets) - MODEL.tip(targets)
+        off = true.tcp(targets) - MODEL.tcp(targets)
         normals = located.normals(targets)
         errors.append(np.sum(normals * (off + misplaced), axis=1) + random.normal(0.0, SIGMA, len(targets)))
     found = np.std(errors, axis=0)
@@ -121,11 +121,11 @@ def test_scatter_is_taken_for_drift_in_one_campaign_of_a_hundred_at_most() -> No
 
 def test_visits_that_scatter_far_more_than_known_make_the_slope_less_sure() -> None:
     quiet = linear_drift([0, 20, 40, 60], [0.0, 0.02, 0.04, 0.06], 0.01)
-    wild = linear_drift([0, 20, 40, 60], [0.2, -0.18, -0.16, 0.26], 0.01)
-    assert quiet.mm_per_touch == pytest.approx(wild.mm_per_touch)
+    outlying = linear_drift([0, 20, 40, 60], [0.2, -0.18, -0.16, 0.26], 0.01)
+    assert quiet.mm_per_touch == pytest.approx(outlying.mm_per_touch)
     assert quiet.significant
-    assert not wild.significant
-    assert wild.sigma > 5 * quiet.sigma
+    assert not outlying.significant
+    assert outlying.sigma > 5 * quiet.sigma
 
 
 @pytest.mark.parametrize("visits", [0, 1, 2])

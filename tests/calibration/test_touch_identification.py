@@ -16,8 +16,8 @@ def result(touches, touch_task):
 def volumetric_rms(identification, touches, kr5):
     """3-D RMS over the workspace after the best rigid fit, mm: accuracy where nothing was touched."""
     readings = np.random.default_rng(3).uniform([-40, -110, 40, -90, 10, -90], [40, -40, 120, 90, 90, 90], (300, 6))
-    found = identification.identified.state.model.tip(kr5.joint_map().model(readings))
-    truth = np.array([touches.robot.tip(row) for row in readings])
+    found = identification.identified.state.model.tcp(kr5.joint_map().model(readings))
+    truth = np.array([touches.robot.tcp(row) for row in readings])
     found, truth = found - found.mean(0), truth - truth.mean(0)
     u, _, vt = np.linalg.svd(truth.T @ found)
     turn = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt

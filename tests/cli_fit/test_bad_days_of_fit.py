@@ -165,8 +165,8 @@ def test_a_wrong_name_of_a_sphere_in_one_row_costs_that_row_alone(fit, rows):
 
 
 def test_three_wild_rows_in_forty_are_named_and_no_others(fit, rows):
-    wild = [4, 17, 30]
-    code, result = fit(pushed(rows(), wild, np.random.default_rng(1).normal(0, 2.0, (3, 3))))
+    outlying = [4, 17, 30]
+    code, result = fit(pushed(rows(), outlying, np.random.default_rng(1).normal(0, 2.0, (3, 3))))
     assert code == 0
     assert [row["line"] for row in result["outliers"]] == [6, 19, 32]
     assert result["test_outliers"] == []
@@ -178,8 +178,8 @@ def test_three_wild_rows_in_forty_are_named_and_no_others(fit, rows):
 )
 def test_a_data_set_of_many_wild_rows_is_never_called_better(fit, rows, share, size_mm):
     rng = np.random.default_rng([int(100 * share), int(10 * size_mm)])
-    wild = rng.choice(60, round(share * 60), replace=False)
-    code, result = fit(pushed(rows(), wild, rng.normal(0, size_mm, (len(wild), 3))))
+    outlying = rng.choice(60, round(share * 60), replace=False)
+    code, result = fit(pushed(rows(), outlying, rng.normal(0, size_mm, (len(outlying), 3))))
     assert code == 1
     assert result["verdict"] != "better"
     assert result["test"]["rms"] > 0.3 * size_mm * share
@@ -188,8 +188,8 @@ def test_a_data_set_of_many_wild_rows_is_never_called_better(fit, rows, share, s
 def test_rows_that_mostly_scatter_more_than_was_said_are_judged_by_how_they_scatter(fit, rows):
     """Most rows wild by no more than the robot is wrong: a noisy instrument, from which a robot can be identified."""
     rng = np.random.default_rng([60, 3])
-    wild = rng.choice(60, 36, replace=False)
-    _, result = fit(pushed(rows(), wild, rng.normal(0, 0.3, (36, 3))))
+    outlying = rng.choice(60, 36, replace=False)
+    _, result = fit(pushed(rows(), outlying, rng.normal(0, 0.3, (36, 3))))
     assert min(result["noise_growth"]) > 8.0
     assert "times more than the robot file states" in result["sentence"]
     assert result["test"]["rms"] > 0.3

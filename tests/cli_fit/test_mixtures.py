@@ -45,7 +45,7 @@ def noise(rng, count):
 
 def places(rng, arm, count=30):
     readings = drawn(rng, count)
-    return joints_and_places(readings, arm.tip(readings) + noise(rng, count))
+    return joints_and_places(readings, arm.tcp(readings) + noise(rng, count))
 
 
 def touches(rng, count=30, centre=SPHERE):
@@ -72,7 +72,7 @@ def joined(*parts):
 def test_every_kind_of_row_goes_into_one_fit_and_the_file_may_hold_them_in_any_order(fitted, tmp_path):
     rng = np.random.default_rng(1)
     ball_bar = drawn(rng, 30)
-    distance = np.linalg.norm(AT_BASE.tip(ball_bar) - ANCHOR, axis=1) + rng.normal(0, NOISE_MM, 30)
+    distance = np.linalg.norm(AT_BASE.tcp(ball_bar) - ANCHOR, axis=1) + rng.normal(0, NOISE_MM, 30)
     parts = [
         {**joints(touches(rng)), "sphere": ["S1"] * 30, "radius": [30.0] * 30},
         {**joints(AT_BASE.reaching(SOCKET + noise(rng, 30), rng)), "socket": ["P"] * 30},
@@ -192,7 +192,7 @@ def test_the_artefact_file_may_hold_sockets_and_their_distance(two_sockets, cell
 def grown(rng, count=60):
     arm, readings = replace(ARM, growth=3e-5), drawn(rng, count)
     celsius = rng.uniform(15.0, 35.0, count)
-    columns = joints_and_places(readings, arm.tip(readings, celsius) + noise(rng, count))
+    columns = joints_and_places(readings, arm.tcp(readings, celsius) + noise(rng, count))
     return {**columns, "temperature": celsius}
 
 
@@ -206,7 +206,7 @@ def test_growth_is_identified_and_predicted_at_each_rows_temperature(fitted, cel
     (tmp_path / "asked.csv").write_text(warm)
     assert cellctl("predict", "m.json", "asked.csv", "-o", "tcp.csv") == 0
     cold, hot = (np.array([float(row[n]) for n in "XYZ"]) for row in csv.DictReader((tmp_path / "tcp.csv").open()))
-    true = replace(ARM, growth=3e-5).tip(np.array([[10.0, -30.0, -60.0]] * 2), np.array([20.0, 35.0]))
+    true = replace(ARM, growth=3e-5).tcp(np.array([[10.0, -30.0, -60.0]] * 2), np.array([20.0, 35.0]))
     assert hot - cold == pytest.approx(true[1] - true[0], abs=0.05)
     (tmp_path / "bare.csv").write_text("A1,A2,A3\n10,-30,-60\n")
     assert cellctl("predict", "m.json", "bare.csv", "-o", "tcp.csv") == 0
@@ -217,7 +217,7 @@ def test_play_is_found_in_the_sense_in_which_the_model_counts(fitted, tmp_path):
     rng = np.random.default_rng(8)
     arm, readings = replace(ARM, play_deg=0.01), drawn(rng, 60)
     upwards = rng.choice([-1.0, 1.0], 60)
-    columns = joints_and_places(readings, arm.tip(readings, upwards=upwards) + noise(rng, 60))
+    columns = joints_and_places(readings, arm.tcp(readings, upwards=upwards) + noise(rng, 60))
     directions = {"D1": [0.0] * 60, "D2": -upwards, "D3": [""] * 60}  # the shoulder counts downwards
     result = fitted(csv_text({**columns, **directions}), "--model", "geometry+backlash")
     found = {each.name: each for each in ModelFile.load(tmp_path / "m.json").parameters}["backlash2"]
@@ -253,7 +253,7 @@ def test_a_models_effects_come_back_from_its_file(fitted, tmp_path):
     at = Postures(rng.normal(size=(5, 3)), rng.normal(size=(5, 3)), rng.normal(size=5), np.abs(rng.normal(size=5)))
     robot = model.robot_model()
     assert [effect.group for effect in robot.effects] == ["compliance", "harmonics", "backlash", "growth"]
-    assert np.array_equal(again.robot_model().tip(at), robot.tip(at))
+    assert np.array_equal(again.robot_model().tcp(at), robot.tcp(at))
     assert {each.unit for each in model.parameters} == {"mm", "rad", "rad/(N m)", "1/K"}
 
 
@@ -263,7 +263,7 @@ def test_a_model_file_from_before_effects_and_sessions_still_loads(fitted, tmp_p
     old = {name: value for name, value in new.items() if name not in ("effects", "sessions", "outside_mm")}
     (tmp_path / "old.json").write_text(json.dumps(old))
     q = np.zeros((1, 3))
-    loaded = [ModelFile.load(tmp_path / name).robot_model().tip(q) for name in ("m.json", "old.json")]
+    loaded = [ModelFile.load(tmp_path / name).robot_model().tcp(q) for name in ("m.json", "old.json")]
     assert np.array_equal(*loaded)
 
 

@@ -17,7 +17,7 @@ SPHERE = np.array([[1600.0, 170.0, 270.0]])
 
 def measured(arm, readings, seed):
     rng = np.random.default_rng(seed)
-    return csv_text(joints_and_places(readings, arm.tip(readings) + rng.normal(0, NOISE_MM, (len(readings), 3))))
+    return csv_text(joints_and_places(readings, arm.tcp(readings) + rng.normal(0, NOISE_MM, (len(readings), 3))))
 
 
 def on_the_left(count, seed):

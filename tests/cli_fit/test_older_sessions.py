@@ -21,7 +21,7 @@ def measured(days, count, seed):
     texts = []
     for name, arm in days.items():
         readings = drawn(rng, count)
-        columns = joints_and_places(readings, arm.tip(readings) + rng.normal(0, NOISE_MM, (count, 3)))
+        columns = joints_and_places(readings, arm.tcp(readings) + rng.normal(0, NOISE_MM, (count, 3)))
         texts.append(csv_text({**columns, "session": np.full(count, name)} if name else columns))
     return texts[0] + "".join(text.split("\n", 1)[1] for text in texts[1:])
 
@@ -62,8 +62,8 @@ def test_touches_alone_do_not_go_on_from_just_any_sessions_tool(folder, capsys):
     own = ["--model", "geometry", "--own", "base,tool", "--out", "own.json"]
     assert cellctl("fit", "robot.yaml", "days.csv", *own) == 0
     readings = drawn(np.random.default_rng(3), 40)
-    far = np.linalg.norm(TUESDAY.tip(readings) - [900.0, 500.0, 300.0], axis=1)
-    columns = joints_and_places(readings, TUESDAY.tip(readings))
+    far = np.linalg.norm(TUESDAY.tcp(readings) - [900.0, 500.0, 300.0], axis=1)
+    columns = joints_and_places(readings, TUESDAY.tcp(readings))
     kept = {name: values for name, values in columns.items() if name not in ("X", "Y", "Z")}
     (folder / "bar.csv").write_text(csv_text({**kept, "anchor": np.full(40, "P"), "distance": far}))
     assert cellctl("fit", "robot.yaml", "bar.csv", "--prior", "own.json") == 2

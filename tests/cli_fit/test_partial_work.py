@@ -17,7 +17,7 @@ ARM = ElbowArm()
 def measured(arm, count, seed):
     rng = np.random.default_rng(seed)
     readings = drawn(rng, count)
-    return csv_text(joints_and_places(readings, arm.tip(readings) + rng.normal(0, NOISE_MM, (count, 3))))
+    return csv_text(joints_and_places(readings, arm.tcp(readings) + rng.normal(0, NOISE_MM, (count, 3))))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def errors_of(folder, model, arm, readings, said=None):
     assert cellctl("predict", model, "asked.csv", "-o", "tcp.csv") == 0
     rows = list(csv.DictReader((folder / "tcp.csv").open()))
     places = np.array([[float(row[name]) for name in "XYZ"] for row in rows])
-    return np.linalg.norm(places - arm.tip(readings), axis=1)
+    return np.linalg.norm(places - arm.tcp(readings), axis=1)
 
 
 def test_lost_mastering_comes_back_as_what_has_to_be_added_to_the_controllers_readings(folder, capsys):
@@ -100,7 +100,7 @@ def test_an_update_of_a_robot_that_lost_its_zeros_finds_them_and_asks_for_the_cr
     result = afterwards(folder, crashed, rows=30)
     assert list(result["loosened"]) == ["zeros"]
     assert max(result["noise_growth"]) == 1.0
-    assert f"zeros × {result['loosened']['zeros']:.0f} (if something hit the robot" in result["sentence"]
+    assert f"zeros × {result['prior_scale']['zeros']:.0f} (if something hit the robot" in result["sentence"]
     assert errors_of(folder, "new.json", crashed, drawn(np.random.default_rng(3), 40)).max() < 0.1
 
 

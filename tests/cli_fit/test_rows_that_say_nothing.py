@@ -36,13 +36,13 @@ def positions(count, postures=None):
     """`count` positions, one after another at `postures` different ones."""
     rng = np.random.default_rng(1)
     readings = np.resize(drawn(rng, postures or count), (count, 3))
-    return joints_and_places(readings, ARM.tip(readings) + rng.normal(0, NOISE_MM, (count, 3)))
+    return joints_and_places(readings, ARM.tcp(readings) + rng.normal(0, NOISE_MM, (count, 3)))
 
 
 def distances(count=60):
     rng = np.random.default_rng(2)
     readings, names = drawn(rng, count), [list(ANCHORS)[row % 2] for row in range(count)]
-    true = ElbowArm(at=(0.0, 0.0, 0.0)).tip(readings)
+    true = ElbowArm(at=(0.0, 0.0, 0.0)).tcp(readings)
     away = [float(np.linalg.norm(tip - ANCHORS[name])) for tip, name in zip(true, names, strict=True)]
     joints = {f"A{joint + 1}": readings[:, joint] for joint in range(3)}
     return {**joints, "anchor": names, "distance": np.array(away) + rng.normal(0, NOISE_MM, count)}
@@ -115,7 +115,7 @@ def test_repeats_of_a_posture_do_not_judge_the_model_that_they_made(fitted):
 def test_sessions_of_the_same_postures_are_no_repeats_of_each_other(fitted):
     readings = drawn(np.random.default_rng(4), 10)
     rng, moved = np.random.default_rng(5), [ElbowArm(at=(100.0 * day, 0.0, 0.0)) for day in range(5)]
-    places = np.concatenate([arm.tip(readings) + rng.normal(0, NOISE_MM, (10, 3)) for arm in moved])
+    places = np.concatenate([arm.tcp(readings) + rng.normal(0, NOISE_MM, (10, 3)) for arm in moved])
     columns = joints_and_places(np.tile(readings, (5, 1)), places)
     code, result = fitted({**columns, "session": [f"day {row // 10}" for row in range(50)]})
     assert code in (0, 1)

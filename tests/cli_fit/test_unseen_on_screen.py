@@ -16,7 +16,7 @@ def told(files, cellctl, capsys):
     """Fits positions at readings (N, 3), deg, or touches on spheres; the lines about what was not seen; the JSON."""
 
     def fit(readings, *options, touched=()):
-        xyz = ARM.tip(readings) + np.random.default_rng(2).normal(0.0, 0.01, readings.shape)
+        xyz = ARM.tcp(readings) + np.random.default_rng(2).normal(0.0, 0.01, readings.shape)
         columns = joints_and_places(readings, xyz)
         if touched:
             joints = {name: columns[name] for name in ("A1", "A2", "A3")}

@@ -36,7 +36,7 @@ def fitted(tmp_path, monkeypatch):
 def lengths(rng, count, anchor, zero="", arm=ARM):
     """Columns of `count` lengths to an anchor, of the wire that counts from `zero`."""
     readings = drawn(rng, count)
-    away = np.linalg.norm(arm.tip(readings) - ANCHORS[anchor], axis=1)
+    away = np.linalg.norm(arm.tcp(readings) - ANCHORS[anchor], axis=1)
     shown = away + ZEROS.get(zero, 0.0) + rng.normal(0.0, NOISE_MM, count)
     cells = [*readings.T, [anchor] * count, shown, [zero] * count]
     return dict(zip(NAMES, cells, strict=True))
@@ -91,7 +91,7 @@ def test_rows_whose_zero_says_nothing_are_named_by_line(fitted):
     _, result = fitted(text, "--model", "geometry")
     reasons = {row["line"]: row["reason"] for row in result["rejected"]}
     assert reasons == {
-        82: "one length only with zero 'W3': the zero cannot be told from it; mistyped?",
+        82: "one length only with zero 'W3': it cannot be distinguished from the zero; mistyped?",
         83: "zero 'W1' is of a distance from an anchor, and this is a position",
     }
 

@@ -22,7 +22,7 @@ def tip(readings):
     """Where the arm's tip is (N, 3), mm: its links are off, and it leans by up to 0.3 mm as no link of a table can."""
     turn, shoulder, elbow = np.radians(readings).T
     lean = np.stack([np.sin(2.0 * turn + shoulder), np.cos(turn * elbow), np.sin(turn * shoulder)], axis=1)
-    return elbow_arm.ElbowArm().tip(readings) + 0.3 * lean
+    return elbow_arm.ElbowArm().tcp(readings) + 0.3 * lean
 
 
 def measured_and_fitted(terms):
@@ -57,7 +57,7 @@ def test_harmonics_and_a_discrepancy_come_back_from_a_file_as_they_were_fitted(t
     readings = np.random.default_rng(2).uniform(LOW, HIGH, (50, 3))
     q = ROBOT.joint_map().model(readings)
     own = predict(found.state.model, found.covariance[:count, :count], q)
-    assert_allclose(robot.tip(q), own.poses[:, :3, 3], atol=1e-9)
+    assert_allclose(robot.tcp(q), own.poses[:, :3, 3], atol=1e-9)
     outside = fitted[1].region.sigma(q)
     assert_allclose(again.predict(readings).sigma_mm, np.hypot(own.sigma_mm, outside), rtol=1e-9)
     assert outside.max() > 0.0

@@ -36,7 +36,7 @@ def bent(robot, readings=LEVEL):
     stiff, soft = nominal_model(robot), nominal_model(robot, touched=True)
     soft = soft.with_deviations([0.002 * (name == "tool_deflection") for name in soft.names])
     q = robot.joint_map().model(readings[None])
-    return (soft.tip(q) - stiff.tip(q))[0]
+    return (soft.tcp(q) - stiff.tcp(q))[0]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def fitted(robot, count=60):
     q = np.random.default_rng(1).uniform(-0.6, 0.6, (count, 6)) + robot.joint_map().model(LEVEL[None])
     model = nominal_model(robot, touched=True)
     names = [*(f"A{joint}" for joint in range(1, 7)), "X", "Y", "Z"]
-    rows = np.column_stack([robot.joint_map().readings(q), model.tip(q)]).tolist()
+    rows = np.column_stack([robot.joint_map().readings(q), model.tcp(q)]).tolist()
     data = DataSet.of_records(dict(zip(names, row, strict=True)) for row in rows)
     measured = measurements(robot, data, model="deflection+compliance")
     return measured, ModelFile.of(robot, measured, fit(measured.task, Split(np.arange(count), ())))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cellctl.calibration import PoseRows, PositionRows, SocketRows, TouchRows
+from cellctl.calibration import MeasuredRegion, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.files import InputError
 from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.formats.measurements import ModelTerms, Spacing
@@ -132,6 +132,6 @@ def test_a_model_file_without_postures_doubts_by_the_square_of_the_distance_in_h
     region = JointRegion(min=[-40.0, 10.0], max=[40.0, 10.0])
     readings = np.array([[0.0, 10.0], [41.0, 10.0], [60.0, 10.0], [200.0, 10.0], [60.0, 15.0]])
     joints = ROBOT.joint_map()
-    sigma = region.measured(joints, outside_mm=2.0).sigma(joints.model(readings))
+    sigma = MeasuredRegion(*region.bounds(joints), 2.0, region.coverage(joints)).sigma(joints.model(readings))
     np.testing.assert_allclose(sigma, [0.0, 0.0, 0.5, 2.0, 2.0 * math.hypot(0.25, 0.25)])
     assert region.inside(readings).tolist() == [True, True, False, False, False]

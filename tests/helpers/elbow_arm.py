@@ -45,7 +45,7 @@ class ElbowArm:
     at: tuple[float, float, float] = (1000.0, 20.0, -30.0)
     lost_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def tip(self, readings: Floats, celsius: Floats | float = 20.0, upwards: Floats | float = 0.0) -> Floats:
+    def tcp(self, readings: Floats, celsius: Floats | float = 20.0, upwards: Floats | float = 0.0) -> Floats:
         """The tip (N, 3), mm, in the instrument's frame, at readings (N, 3), deg; upwards (N,): 1, -1 or 0."""
         read = readings + np.array(self.lost_deg)
         turn, shoulder = np.radians(read[:, 0]), np.radians(10.0 - read[:, 1] - self.play_deg * upwards)
@@ -64,8 +64,8 @@ class ElbowArm:
         """Readings (N, 3) that put the tip at `points` (N, 3) (Newton)."""
         q = np.tile((LOWER + UPPER) / 2.0, (len(points), 1)) + rng.uniform(-5.0, 5.0, (len(points), 3))
         for _ in range(60):
-            sides = [(self.tip(q + h) - self.tip(q - h)) / 2e-4 for h in 1e-4 * np.eye(3)]
-            step = np.linalg.solve(np.stack(sides, axis=-1), (self.tip(q) - points)[..., None])[..., 0]
+            sides = [(self.tcp(q + h) - self.tcp(q - h)) / 2e-4 for h in 1e-4 * np.eye(3)]
+            step = np.linalg.solve(np.stack(sides, axis=-1), (self.tcp(q) - points)[..., None])[..., 0]
             q = q - np.clip(step, -10.0, 10.0)
         return q
 

@@ -43,7 +43,7 @@ def postures(count: int, seed: int = 0, robot: RobotFile = KR5, region=REGION):
 def positions(count: int, seed: int = 0, robot: RobotFile = KR5, region=REGION, true=None, place=INSTRUMENT, **errors):
     q = postures(count, seed, robot, region)
     seen = (true or truth(robot)).on(place, np.eye(4) if robot is not KR5 else truth().chain.tool)
-    xyz = seen.tip(q) + np.random.default_rng(seed + 100).normal(0.0, SIGMA, (count, 3))
+    xyz = seen.tcp(q) + np.random.default_rng(seed + 100).normal(0.0, SIGMA, (count, 3))
     return replace(PositionRows(q, xyz, np.full((count, 3), SIGMA)), **errors)
 
 
@@ -112,7 +112,7 @@ def told(task: Task, held_out: float = 0.25, split: Split | None = None, robot: 
     words = {
         "sentence": f"Verdict: {result.verdict}.",
         "outliers": [{"line": lines[row], "reason": "left out"} for row in result.identification.outliers],
-        "test_outliers": [{"line": lines[row], "reason": "wild"} for row in result.unforeseen],
+        "test_outliers": [{"line": lines[row], "reason": "wild"} for row in result.unpredicted],
         "rejected": [],
     }
     return FitStory(

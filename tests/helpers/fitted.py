@@ -38,7 +38,7 @@ TORCH_M = 0.4103
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """What cellctl identified. unknown: the parameters that it is unsure of, and where cellctl counts them from;
-    found (F,), covariance (F, F). left_out: rows taken for outliers; growth: of σ; loosened: of
+    found (F,), covariance (F, F). left_out: rows taken for outliers; growth: of σ; prior_scale: of
     which groups the tolerances grew, and by how much.
     """
 
@@ -48,7 +48,7 @@ class Fitted:
     left_out: int
     growth: float
     converged: bool
-    loosened: Mapping[str, float]
+    prior_scale: Mapping[str, float]
     identification: Identification
     task: Task
 
@@ -94,7 +94,7 @@ def fitted(draw: Draw) -> Fitted:
         left_out=len(done.outliers),
         growth=float(np.max(done.noise)),
         converged=best.converged,
-        loosened=dict(done.loosened),
+        prior_scale=dict(done.prior_scale),
         identification=done,
         task=task,
     )

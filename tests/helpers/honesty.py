@@ -31,7 +31,7 @@ class Honesty:
     scipy_rms, said_rms: of the volumetric error over all of them, mm; volume_inside: rms² is below the 95 % quantile of
     what the fit's covariance says of it. off_scipy: greatest difference from SciPy's optimum in σ. strangest: greatest
     deviation found in σ of its prior, of what has one. left_out: of `rows` that were all clean; growth: of their σ;
-    loosened: of the tolerances, by group.
+    prior_scale: of the tolerances, by group.
     """
 
     nees: float
@@ -48,7 +48,7 @@ class Honesty:
     left_out: int
     rows: int
     growth: float
-    loosened: Mapping[str, float]
+    prior_scale: Mapping[str, float]
     converged: bool
 
 
@@ -83,7 +83,7 @@ def honesty(draw: Draw, *, compared: bool = True) -> Honesty:
         left_out=fit.left_out,
         rows=len(draw.rows.q),
         growth=fit.growth,
-        loosened=fit.loosened,
+        prior_scale=fit.prior_scale,
         converged=fit.converged,
     )
 
@@ -220,7 +220,7 @@ class Summary:
     off_scipy: float
     left_out_per_1000: float
     grown: int
-    loosened: int
+    prior_scale: int
     unconverged: int
 
     @property
@@ -250,6 +250,6 @@ class Summary:
             off_scipy=max(one.off_scipy for one in all_of),
             left_out_per_1000=1000.0 * sum(one.left_out for one in all_of) / sum(one.rows for one in all_of),
             grown=sum(one.growth > 1.0 for one in all_of),
-            loosened=sum(bool(one.loosened) for one in all_of),
+            prior_scale=sum(bool(one.prior_scale) for one in all_of),
             unconverged=sum(not one.converged for one in all_of),
         )

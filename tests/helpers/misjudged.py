@@ -43,22 +43,24 @@ def wild_rows(draw: Draw, how_many: int = WILD_ROWS) -> list[int]:
 def with_wild_rows(draw: Draw, sigmas: float, how_many: int = WILD_ROWS) -> Draw:
     """Some rows are off by `sigmas` standard deviations: in a random direction, or along the sphere's normal."""
     rng = _rng_of(draw)
-    wild = rng.choice(len(draw.rows.q), how_many, replace=False)
+    outlying = rng.choice(len(draw.rows.q), how_many, replace=False)
     away = rng.normal(size=(how_many, 3))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     match draw.rows:
         case OwnPositions() as rows:
             xyz = rows.xyz.copy()
-            xyz[wild] += sigmas * rows.sigma_mm * away
+            xyz[outlying] += sigmas * rows.sigma_mm * away
             return replace(draw, rows=replace(rows, xyz=xyz))
         case OwnPoses() as rows:
             poses = rows.poses.copy()
-            poses[wild, :3, 3] += sigmas * rows.sigma_mm * away
+            poses[outlying, :3, 3] += sigmas * rows.sigma_mm * away
             return replace(draw, rows=replace(rows, poses=poses))
         case OwnTouches() as rows:
-            q, tips = rows.q.copy(), draw.truth.points(rows.q)[wild]
-            normal = (tips - draw.centres[rows.sphere[wild]]) / rows.reach
-            q[wild] = draw.truth.reaching(tips + sigmas * rows.sigma_mm * np.sign(away[:, :1]) * normal, q[wild])
+            q, tips = rows.q.copy(), draw.truth.points(rows.q)[outlying]
+            normal = (tips - draw.centres[rows.sphere[outlying]]) / rows.reach
+            q[outlying] = draw.truth.reaching(
+                tips + sigmas * rows.sigma_mm * np.sign(away[:, :1]) * normal, q[outlying]
+            )
             return replace(draw, rows=replace(rows, q=q))
         case _:
             raise TypeError(type(draw.rows))

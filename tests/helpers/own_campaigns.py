@@ -151,7 +151,7 @@ def certificate(rng: np.random.Generator, points: Floats, pairs: list[tuple[int,
 def shape_error(found: Estimate, truth: OwnArm, q: Floats) -> tuple[float, float]:
     """RMS of the true 3-D error at angles q (N, 6) without what moves all points as one body, and the σ said of it."""
     model, robot = found.state.model, found.unknowns.robot
-    return body_error(model.tip(q), truth.points(q)), sigma_among(model, found.covariance[:robot, :robot], q)
+    return body_error(model.tcp(q), truth.points(q)), sigma_among(model, found.covariance[:robot, :robot], q)
 
 
 def body_error(points: Floats, true: Floats) -> float:

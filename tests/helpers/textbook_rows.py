@@ -17,8 +17,8 @@ WILD_MM = 20.0
 FRESH = 300
 
 
-def save_rows(path, count, *, scatter=1.0, wild=0.0):
-    """`count` positions that scatter by `scatter` σ, a share `wild` of them centimetres off, and FRESH exact ones.
+def save_rows(path, count, *, scatter=1.0, outlying=0.0):
+    """`count` positions that scatter by `scatter` σ, a share `outlying` of them centimetres off, and FRESH exact ones.
 
     Errors of half a millimetre and a twentieth of a degree in each link. The names in the file: see `serving.Rows`.
     """
@@ -28,7 +28,7 @@ def save_rows(path, count, *, scatter=1.0, wild=0.0):
     q, held_out_q = (MIDDLE + SPAN * rng.uniform(-1, 1, (rows, 6)) for rows in (count, FRESH))
     xyz, held_out_xyz = ((base @ forward(links, each) @ tool)[:, :3, 3] for each in (q, held_out_q))
     xyz = xyz + rng.normal(0, scatter * SIGMA, xyz.shape)
-    xyz[: round(wild * count)] += rng.normal(0, WILD_MM, (round(wild * count), 3))
+    xyz[: round(outlying * count)] += rng.normal(0, WILD_MM, (round(outlying * count), 3))
     rows = {"q": q, "xyz": xyz, "held_out_q": held_out_q, "held_out_xyz": held_out_xyz}
     np.savez(path, links=UR10, sigma=SIGMA, **NOMINAL, **rows)
     return path

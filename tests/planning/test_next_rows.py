@@ -104,10 +104,10 @@ def touches(model, limits):
 def test_the_tool_is_led_to_where_it_should_be(model):
     rng = np.random.default_rng(1)
     start = KR5.joint_map().model(rng.uniform([-30, -80, 60, -40, 30, -90], [30, -40, 110, 40, 80, 90], (20, 6)))
-    wanted = model.tip(start) + rng.uniform(-100.0, 100.0, (20, 3))
+    wanted = model.tcp(start) + rng.uniform(-100.0, 100.0, (20, 3))
     q, there = led_to(model, start, wanted)
     assert there.mean() > 0.9
-    assert np.linalg.norm(model.tip(q) - wanted, axis=1)[there].max() < 1e-3
+    assert np.linalg.norm(model.tcp(q) - wanted, axis=1)[there].max() < 1e-3
 
 
 def test_touches_proposed_are_on_the_sphere_within_the_limits_and_from_the_sides_that_were_touched(
@@ -124,7 +124,7 @@ def test_touches_proposed_are_on_the_sphere_within_the_limits_and_from_the_sides
 
 
 def block_normals(model, block):
-    away = model.tip(block.q) - CENTRE
+    away = model.tcp(block.q) - CENTRE
     return away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
@@ -132,13 +132,13 @@ def test_positions_proposed_lie_about_the_volume_that_was_measured(model, limits
     q = KR5.joint_map().model(
         np.random.default_rng(2).uniform([-40, -90, 60, -60, 20, -90], [40, -50, 100, 60, 80, 90], (40, 6))
     )
-    tips = model.tip(q)
+    tips = model.tcp(q)
     block = PositionRows(q, tips, np.full((40, 3), 0.05))
     like = rows_like(block, State.alone(model), limits, 200)
     room = 0.1 * np.linalg.norm(np.ptp(tips, axis=0)) + 1e-9
     assert len(like) == 200
-    assert np.all(model.tip(like.q) >= tips.min(axis=0) - room)
-    assert np.all(model.tip(like.q) <= tips.max(axis=0) + room)
+    assert np.all(model.tcp(like.q) >= tips.min(axis=0) - room)
+    assert np.all(model.tcp(like.q) <= tips.max(axis=0) + room)
     assert np.all((like.q >= limits[:, 0]) & (like.q <= limits[:, 1]))
 
 
@@ -163,7 +163,7 @@ def test_other_kinds_are_proposed_as_they_were_measured(model, limits, touches, 
 def test_conditions_are_such_as_there_were(model, limits, touches):
     count = len(touches)
     at = Postures(touches.q, np.ones((count, 6)), np.linspace(0.0, 8.0, count), np.full(count, 5.0))
-    block = PositionRows(at, model.tip(touches.q), np.full((count, 3), 0.05))
+    block = PositionRows(at, model.tcp(touches.q), np.full((count, 3), 0.05))
     like = rows_like(block, State.alone(model), limits, 64).postures
     assert set(np.unique(like.approach)) == {-1.0, 1.0}
     assert like.delta_t == pytest.approx(np.full(len(like), 4.0))
@@ -176,7 +176,7 @@ def test_rows_measured_as_advised_narrow_the_model_as_promised_and_more_than_oth
     low, high = KR5.joint_map().model(np.array([[-40, -90, 60, -60, 20, -90], [40, -50, 100, 60, 80, 90]]))
     lower, upper = np.minimum(low, high), np.maximum(low, high)
     q, sigma = rng.uniform(lower, upper, (20, 6)), np.full((20, 3), 0.05)
-    task = Task(model, PositionRows(q, model.tip(q) + rng.normal(0.0, 0.05, (20, 3)), sigma))
+    task = Task(model, PositionRows(q, model.tcp(q) + rng.normal(0.0, 0.05, (20, 3)), sigma))
     found = identify(task).identified
     like = rows_like(task.rows.only, found.state, limits, 256)
     asked = shape_columns(found.state.model, spread_over(lower, upper))
@@ -184,7 +184,7 @@ def test_rows_measured_as_advised_narrow_the_model_as_promised_and_more_than_oth
     advice = next_rows(found.covariance, asked, columns, 6)
     more = np.concatenate([q, like.q[list(advice.chosen)]])
     again = identify(
-        Task(model, PositionRows(more, model.tip(more) + rng.normal(0.0, 0.05, (26, 3)), np.full((26, 3), 0.05)))
+        Task(model, PositionRows(more, model.tcp(more) + rng.normal(0.0, 0.05, (26, 3)), np.full((26, 3), 0.05)))
     )
     robot = again.identified
     promised = sigma_over_region(robot.state.model, robot.covariance, lower, upper)

@@ -68,9 +68,9 @@ def test_errors_drawn_are_model_less_measurement_row_by_row(seen, rows):
     models = [each.state.model for each in (seen.result.identification.nominal, seen.found)]
     block = seen.task.rows.only
     for model, drawn in zip(models, (rows.before, rows.after), strict=True):
-        assert drawn == pytest.approx(model.tip(block.q) - block.xyz, abs=1e-12)
+        assert drawn == pytest.approx(model.tcp(block.q) - block.xyz, abs=1e-12)
     assert rows.row.tolist() == list(range(200))
-    assert rows.tip == pytest.approx(models[1].tip(block.q))
+    assert rows.tip == pytest.approx(models[1].tcp(block.q))
 
 
 def test_held_out_rows_drawn_are_those_of_the_verdict(seen, rows):
@@ -83,7 +83,7 @@ def test_held_out_rows_drawn_are_those_of_the_verdict(seen, rows):
 def test_a_touchs_error_is_drawn_along_its_normal(touched):
     rows = residuals_of(touched)
     block, state = touched.task.rows.only, touched.found.state
-    away = state.model.tip(block.q) - state.points[block.point]
+    away = state.model.tcp(block.q) - state.points[block.point]
     distance = np.linalg.norm(away, axis=1)
     assert rows.signed_after == pytest.approx(distance - REACH)
     assert rows.after == pytest.approx((distance - REACH)[:, None] * away / distance[:, None])
@@ -95,7 +95,7 @@ def test_the_part_along_a_joints_way_is_that_of_a_joint_turned_a_little(seen, ro
     for joint in range(6):
         turned = q.copy()
         turned[:, joint] += step
-        way = model.tip(turned) - model.tip(q)
+        way = model.tcp(turned) - model.tcp(q)
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         assert rows.joint_after[:, joint] == pytest.approx(np.sum(rows.after * way, axis=1), abs=1e-5)
 
@@ -152,7 +152,7 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
     waved = q.copy()
     waved[:, 0] += 3e-4 * np.sin(9.0 * q[:, 0])
     noise = np.random.default_rng(1).normal(0.0, 0.03, (400, 3))
-    story = told(measured(PositionRows(q, true.tip(waved) + noise, np.full((400, 3), 0.03))))
+    story = told(measured(PositionRows(q, true.tcp(waved) + noise, np.full((400, 3), 0.03))))
     found = by_joint.explained(residuals_of(story))
     assert found[0][0] == 0
     assert found[0][1] > 0.5
@@ -306,7 +306,7 @@ def test_rows_advised_are_within_the_limits_and_each_lowers_sigma(touched):
     for row in told_["rows"]:
         readings = np.array([float(text.replace("−", "-")) for text in row["readings"]])
         assert np.all((readings > limits[:, 0]) & (readings < limits[:, 1]))
-        tip = touched.found.state.model.tip(KR5.joint_map().model(readings))
+        tip = touched.found.state.model.tcp(KR5.joint_map().model(readings))
         assert np.linalg.norm(tip - CENTRES[["S1", "S2", "S3"].index(row["what"])]) == pytest.approx(REACH, abs=4.0)
 
 
@@ -416,7 +416,7 @@ def test_tolerances_that_the_rows_widened_are_told_as_stated_with_the_factor():
     lengths = {name: 4.0 * (-1) ** at for at, name in enumerate(("a1", "a2", "a3", "d4", "a4", "d5"))}
     true = truth(errors=lengths)
     story = told(measured(positions(150, true=true)))
-    factor = story.result.identification.loosened["links"]
+    factor = story.result.identification.prior_scale["links"]
     line = next(line for group in table.groups(story) for line in group.lines if line.label == "a2")
     assert factor > 1.5
     assert float(line.assumed_sigma) == pytest.approx(0.5)
@@ -433,6 +433,6 @@ def test_a_parameter_that_changed_since_the_older_model_is_told_by_what_that_kne
     story = told(task)
     line = next(line for group in table.groups(story) for line in group.lines if line.label == "θ3")
     at = older.state.model.names.index("theta3")
-    assert list(story.result.identification.loosened) == ["zeros"]
+    assert list(story.result.identification.prior_scale) == ["zeros"]
     assert float(line.assumed_sigma) == pytest.approx(np.degrees(np.sqrt(known[at, at])), rel=0.1)
     assert line.wide

@@ -167,8 +167,8 @@ def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int,
     found = identify(task).identified
     model, robot, true = found.state.model, found.unknowns.robot, campaign.truth.points(asked)
     return Figures(
-        before=body_error(nominal.tip(asked), true),
-        after=body_error(model.tip(asked), true),
+        before=body_error(nominal.tcp(asked), true),
+        after=body_error(model.tcp(asked), true),
         stated=sigma_among(model, found.covariance[:robot, :robot], asked),
     )
 

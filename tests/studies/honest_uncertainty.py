@@ -57,7 +57,7 @@ def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
             f"{found.off_scipy:.3f}",
             f"{found.left_out_per_1000:.2f}",
             str(found.grown),
-            str(found.loosened),
+            str(found.prior_scale),
             str(found.unconverged),
         )
         lines.append(_line(name, found.draws, *cells))
@@ -164,8 +164,8 @@ def _figures(all_of: Iterable[Elsewhere]) -> tuple[str, ...]:
 
 
 def _loosened(all_of: list[Honesty]) -> str:
-    groups = dict.fromkeys(group for one in all_of for group in one.loosened)
-    return ", ".join(f"{group} {_span(one.loosened.get(group, 1.0) for one in all_of)}" for group in groups) or "–"
+    groups = dict.fromkeys(group for one in all_of for group in one.prior_scale)
+    return ", ".join(f"{group} {_span(one.prior_scale.get(group, 1.0) for one in all_of)}" for group in groups) or "–"
 
 
 def _span(values: Iterable[float]) -> str:

@@ -33,7 +33,7 @@ class Backlash(Effect):
     expected: float = EXPECTED_RAD
 
     group: ClassVar[Group] = "backlash"
-    title: ClassVar[str] = "Play"
+    title: ClassVar[str] = "Backlash"
     needs: ClassVar[str] = "columns D1…Dn, with 1 and -1 for at least one joint, say from which side each joint came"
     missing: ClassVar = (("approach", "no columns D1…Dn: predicted midway in each joint's play"),)
 

@@ -72,8 +72,8 @@ class JointCompliance(Effect):
         return cls(nominal.n, load_known, _upright(nominal, down), down)
 
     group: ClassVar[Group] = "compliance"
-    title: ClassVar[str] = "Joints under weight"
-    needs: ClassVar[str] = "every joint of this robot stands upright"
+    title: ClassVar[str] = "Joint compliance"
+    needs: ClassVar[str] = "every joint axis of this robot is vertical at all postures: gravity turns none of them"
     missing: ClassVar = (("payload", "no column payload: predicted for none"),)
 
     @classmethod

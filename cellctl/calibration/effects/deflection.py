@@ -40,7 +40,7 @@ class ToolDeflection(Effect):
     down: Direction = DOWN
 
     group: ClassVar[Group] = "deflection"
-    title: ClassVar[str] = "Bending of the tool"
+    title: ClassVar[str] = "Tool deflection"
     chosen: ClassVar = "named"
     of_touches: ClassVar[bool] = True
     needs: ClassVar[str] = "the robot file's tool needs a mass, and a length along z"

@@ -1,7 +1,7 @@
 """What every effect that is no geometry has in common: it is linear in its amounts, at joints that are nominal.
 
 An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
-model file has them; all that is asked of effects elsewhere is asked by the attributes below.
+model file has them; other packages use nothing but the attributes below.
 """
 
 from __future__ import annotations
@@ -40,12 +40,6 @@ class OwnTurns:
         """How the tool moves (N, 6, K) with the amounts; arms (N, 6, n): with the joints."""
         return np.asarray(arms[:, :, self.joints] * self.values[:, None, :])
 
-    def dense(self, joints: int) -> Floats:
-        """Φ (N, n, K)."""
-        result = np.zeros((len(self.values), joints, len(self.joints)))
-        result[:, self.joints, np.arange(len(self.joints))] = self.values
-        return result
-
 
 STORED = "stored"
 """Key of a field's metadata: the name of a setting in model files, where that is not the field's."""
@@ -79,17 +73,18 @@ class Effect(ABC):
     and closed.
 
     group: name of the kind, by which it is freed or held, named in `--model`, and stored. title: the same for people.
-    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model by itself
-    (`never`). of_touches: whether `auto` begins with it where the tool touches. needs: what it needs, where rows do not
-    show it. missing: conditions that it needs at a prediction, each with what is predicted without it. prior_scales:
-    bounds of what the evidence may scale its prior by; None: it is never scaled.
+    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model where the
+    rows show that something is missing (`by evidence`; a residual model). of_touches: whether `auto` begins with it
+    where the tool touches. needs: what it needs, where rows do not show it. missing: conditions that it needs at a
+    prediction, each with what is predicted without it. prior_scales: bounds of what the evidence may scale its prior
+    by; None: it is never scaled.
     """
 
     __slots__ = ()
 
     group: ClassVar[Group]
     title: ClassVar[str]
-    chosen: ClassVar[Literal["named", "tried", "never"]] = "tried"
+    chosen: ClassVar[Literal["named", "tried", "by evidence"]] = "tried"
     of_touches: ClassVar[bool] = False
     needs: ClassVar[str] = ""
     missing: ClassVar[tuple[tuple[Condition, str], ...]] = ()

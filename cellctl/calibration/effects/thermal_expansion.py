@@ -44,7 +44,7 @@ class ThermalExpansion(Effect):
         return cls(nominal.n, frozenset((np.flatnonzero(lengths < 1e-6) + 1).tolist()))
 
     group: ClassVar[Group] = "growth"
-    title: ClassVar[str] = "Growth with temperature"
+    title: ClassVar[str] = "Thermal expansion"
     needs: ClassVar[str] = "a column temperature with different values"
     missing: ClassVar = (("delta_t", "no column temperature: predicted for 20 °C"),)
 

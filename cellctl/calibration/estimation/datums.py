@@ -45,26 +45,26 @@ def with_datums(state: State, blocks: Sequence[Measured]) -> State:
 @final
 @dataclass(frozen=True, eq=False)
 class _Lengths:
-    """What one instrument showed (N,), mm, with the tool at tips (N, 3), to the points of index point (N,)."""
+    """What one instrument showed (N,), mm, with the tool at TCPs (N, 3), to the points of index point (N,)."""
 
-    tips: Floats
+    tcps: Floats
     shown: Floats
     point: Any
 
     @classmethod
     def of(cls, state: State, blocks: Sequence[Measured], datum: int) -> _Lengths:
         """Those of the instrument of number `datum`."""
-        tips, shown, point = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, int)]
+        tcps, shown, point = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, int)]
         for block in blocks:
             if isinstance(block, TouchRows) and np.any(mine := block.datum == datum):
-                tips.append(state.models[block.session].tip(block.postures.pick(mine)))
+                tcps.append(state.models[block.session].tcp(block.postures.pick(mine)))
                 shown.append(block.reach[mine])
                 point.append(block.point[mine])
-        return cls(np.concatenate(tips), np.concatenate(shown), np.concatenate(point))
+        return cls(np.concatenate(tcps), np.concatenate(shown), np.concatenate(point))
 
     def beyond(self, points: Floats) -> Floats:
         """By how much more (N,), mm, it showed than the distance from `points` (S, 3)."""
-        return np.asarray(self.shown - np.linalg.norm(self.tips - points[self.point], axis=-1))
+        return np.asarray(self.shown - np.linalg.norm(self.tcps - points[self.point], axis=-1))
 
     def datum(self, points: Floats) -> float:
         """What it shows at no length, its points anywhere; where the rows do not tell, near `points` (S, 3) and 0."""
@@ -74,7 +74,7 @@ class _Lengths:
     def place(self, point: int, near: Floats, datum: float) -> Floats:
         """The place (3,) of `point`, as its rows want it with the `datum` known; where they do not tell, `near`."""
         mine = self.point == point
-        alone = _Lengths(self.tips[mine], self.shown[mine] - datum, np.zeros(np.count_nonzero(mine), int))
+        alone = _Lengths(self.tcps[mine], self.shown[mine] - datum, np.zeros(np.count_nonzero(mine), int))
         return np.asarray(near + _solved(*alone._linear(near[None]))[:3])
 
     def _linear(self, points: Floats) -> tuple[Floats, Floats]:
@@ -82,7 +82,7 @@ class _Lengths:
         the constants, `EVEN` mm² each.
         """
         there, number = np.unique(self.point, return_inverse=True)
-        away, each = self.tips - points[self.point], np.arange(len(self.shown))
+        away, each = self.tcps - points[self.point], np.arange(len(self.shown))
         lines = np.zeros((len(self.shown), len(there), 4))
         lines[each, number, :3], lines[each, number, 3] = 2.0 * away, EVEN
         return lines.reshape(len(self.shown), -1), np.sum(away**2, axis=1) - self.shown**2

@@ -36,7 +36,7 @@ class Estimate:
     """The outcome of a fit.
 
     deviations (P,): from the start, in the parameters' units, 0 where not free. covariance (P, P): of the posterior, 0
-    where neither free nor doubted beforehand. triangle (F, F): R of the *data alone* at the solution, columns in
+    where neither free nor considered beforehand. triangle (F, F): R of the *data alone* at the solution, columns in
     tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units. ended: how
     it ended, in words.
     """
@@ -205,7 +205,7 @@ def _parts(blocks: Sequence[Rows]) -> Iterable[Rows]:
 
 
 def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
-    """Posterior covariance (P, P), in the parameters' units: of the free ones, and through the held but doubted ones.
+    """Posterior covariance (P, P), in the parameters' units: of the free ones, and through the considered ones.
 
     With M = (RᵀR + WᵀW)⁻¹ the free ones answer an error δ of held ones by −M RᵀR_h δ (Schmidt's *consider* covariance).
     """
@@ -215,15 +215,15 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
     if unknowns.pinned is not None and len(unknowns.pinned) and free.size:
         own = own + _of_the_pinned(unknowns.pinned[:, free], triangle, exact)
     if unknowns.prior is not None:
-        doubted = np.flatnonzero(unknowns.doubted)
-        columns = np.concatenate([free, doubted])
-        folded = problem.fold(x, columns, np.concatenate([scale, np.ones(len(doubted))]))[:, :-1]
-        count, known = free.size, unknowns.prior[np.ix_(doubted, doubted)]
+        considered = np.flatnonzero(unknowns.considered)
+        columns = np.concatenate([free, considered])
+        folded = problem.fold(x, columns, np.concatenate([scale, np.ones(len(considered))]))[:, :-1]
+        count, known = free.size, unknowns.prior[np.ix_(considered, considered)]
         answer = -exact @ folded[:, :count].T @ folded[:, count:]
         own = own + answer @ known @ answer.T
-        result[np.ix_(free, doubted)] = scale[:, None] * (answer @ known)
-        result[np.ix_(doubted, free)] = result[np.ix_(free, doubted)].T
-        result[np.ix_(doubted, doubted)] = known
+        result[np.ix_(free, considered)] = scale[:, None] * (answer @ known)
+        result[np.ix_(considered, free)] = result[np.ix_(free, considered)].T
+        result[np.ix_(considered, considered)] = known
     result[np.ix_(free, free)] = own * np.outer(scale, scale)
     return result
 

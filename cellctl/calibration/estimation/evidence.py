@@ -1,5 +1,5 @@
 """Whether rows are noisier than they say, or the robot is further from nominal than its tolerances say, or from an
-older model than that was sure of.
+prior model than that was sure of.
 
 Both make the residuals large, and who takes the one for the other is wrong twice: tolerances that are too tight push a
 robot's true errors into the residuals, which then look like noise, which makes the tolerances weigh more. So both are
@@ -32,7 +32,7 @@ UNEXPECTED = 2.5
 """χ² this many of its own standard deviations above what it should be is looked into."""
 
 Factor: TypeAlias = tuple[str, int]
-"""What may be larger than said: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
+"""What may be larger than stated: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
 
 _NEVER_LOOSENED = ("points", "datums", "base")
 
@@ -57,9 +57,9 @@ def unexpected(found: Estimate, rows: RowBlocks) -> bool:
 
 
 def _strange(found: Estimate) -> bool:
-    """Whether parameters are further from where they were expected than tolerances, or an older model, say."""
+    """Whether parameters are further from where they were expected than tolerances, or a prior model, say."""
     unknowns, x = found.unknowns, found.deviations / found.unknowns.sigma
-    groups, loose = np.array(unknowns.groups), loosenable(unknowns)
+    groups, loose = np.array(unknowns.groups), scalable(unknowns)
     if unknowns.prior is not None:  # its errors of one group are those of the others, too
         mine = unknowns.free & np.isin(groups, loose)
         return _beyond(float(np.sum((found.whitening @ x[unknowns.free]) ** 2)), int(mine.sum()))
@@ -67,7 +67,7 @@ def _strange(found: Estimate) -> bool:
     return any(_beyond(float(np.sum(x[mine] ** 2)), int(mine.sum())) for mine in each)
 
 
-def loosenable(unknowns: Unknowns) -> tuple[str, ...]:
+def scalable(unknowns: Unknowns) -> tuple[str, ...]:
     """Names (`Unknowns.scaled_with`) of what is scaled together of the prior: free, and something known of it."""
     known = unknowns.free & (unknowns.sigma < 100.0)  # what is registered to an instrument was not known at all
     names = unknowns.scaled_with
@@ -78,7 +78,7 @@ def loosenable(unknowns: Unknowns) -> tuple[str, ...]:
 
 
 def estimated(unknowns: Unknowns) -> dict[str, tuple[float, float]]:
-    """Which of `loosenable` belong to effects, whose size is estimated and not tested: with the bounds of its scale."""
+    """Which of `scalable` belong to effects, whose size is estimated and not tested: with the bounds of its scale."""
     if unknowns.prior is not None:
         return {}
     free = (parameter for parameter, is_free in zip(unknowns.parameters, unknowns.free, strict=True) if is_free)
@@ -137,7 +137,7 @@ class Normal:
 class System:
     """The linearised problem: rows by kind of number; fixed: rows that are never in doubt, and what is pinned.
 
-    Its unknowns are those of the fit and what is held but doubted: what an older model did not know is no noise. groups
+    Its unknowns are the free and the considered ones of the fit: what a prior model did not know is no noise. groups
     (F,): for each its factor's place in `loose`, or −1. known (F, F): their covariance beforehand; change (F,): by how
     much each variance grows with its factor²; x (F,): where the fit is; all in tolerances. of_effects: factors that are
     estimated, and within which bounds; closed: places in `loose` of which no unknown is left.
@@ -157,7 +157,7 @@ class System:
     @classmethod
     def of(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
         """The problem of `unknowns` linearised at `deviations` (P,) from their start."""
-        about = np.flatnonzero(unknowns.free | unknowns.doubted)
+        about = np.flatnonzero(unknowns.free | unknowns.considered)
         scale = unknowns.sigma[about]
         state, x = unknowns.state(deviations), deviations[about] / scale
 
@@ -171,7 +171,7 @@ class System:
             for quantity in dict.fromkeys(block.quantities if len(block) else ()):
                 mine = np.array(block.quantities) == quantity
                 numbers["noise", own.start + int(np.argmax(mine))] = Normal.of(columns[:, mine], away[:, mine])
-        loose = tuple(group for group in loosenable(unknowns) if group != "links" or _measures_length(rows, certain))
+        loose = tuple(group for group in scalable(unknowns) if group != "links" or _measures_length(rows, certain))
         place, names = {name: number for number, name in enumerate(loose)}, unknowns.scaled_with
         return cls(
             numbers=numbers,

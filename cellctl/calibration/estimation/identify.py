@@ -1,4 +1,4 @@
-"""Identification: find the rows that belong together, register, fit, judge the noise."""
+"""Identification: find the inliers, register, fit, judge the noise."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
-    discrepancy_scales,
-    may_lack,
+    may_join,
+    scales_with,
     widened,
-    with_discrepancy,
+    with_kind,
     without_functions,
 )
 from cellctl.calibration.selection.sample import sampled
@@ -39,7 +39,7 @@ them are right, and all stay; but so few may always go.
 """
 
 CLOSEST = 0.6
-"""The share of the rows, those nearest to nominal, that the search for the rows that belong together starts from."""
+"""The share of the rows, those nearest to nominal, that the search for the inliers starts from."""
 
 ROUNDS = 8
 
@@ -58,7 +58,7 @@ FEW_SCALES = 5
 """With more prior scales than this, as of the bands of harmonics, it is enough to know each roughly."""
 
 SEARCHED = 3000
-"""Rows among which those that belong together are searched for; more are judged by what a sample of these foresees."""
+"""So many rows are searched for inliers; more are judged by what a sample of them predicts."""
 
 
 @final
@@ -68,7 +68,7 @@ class Identification:
 
     noise: by how much the rows' standard deviations had to grow, for each of `RowBlocks.quantities`. used, outliers:
     indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
-    rows did not belong to the others where that was too many to leave them out; 0 otherwise. loosened: by how much
+    rows did not belong to the others where that was too many to leave them out; 0 otherwise. prior_scale: by how much
     the tolerances of which groups had to grow, as the robot is further from nominal than they say.
     """
 
@@ -78,19 +78,19 @@ class Identification:
     used: tuple[int, ...]
     outliers: tuple[int, ...]
     apart: int = 0
-    loosened: Mapping[Group, float] = field(default_factory=dict)
+    prior_scale: Mapping[Group, float] = field(default_factory=dict)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """By how much noise is greater, and tolerances are wider, than said."""
+    """By how much noise is greater, and tolerances are wider, than stated."""
 
     noise: Floats
-    loosened: Mapping[Group, float]
+    prior_scale: Mapping[Group, float]
 
     @classmethod
-    def as_said(cls, rows: RowBlocks) -> Self:
+    def as_stated(cls, rows: RowBlocks) -> Self:
         """Neither is."""
         return cls(np.ones(len(rows.quantities)), {})
 
@@ -101,7 +101,7 @@ class Weights:
 
     def factors(self, rows: RowBlocks) -> dict[Factor, float]:
         """What `of` makes these weights from."""
-        found: dict[Factor, float] = {(name, 0): value for name, value in self.loosened.items()}
+        found: dict[Factor, float] = {(name, 0): value for name, value in self.prior_scale.items()}
         for block, _, own in rows.parts():
             for quantity in dict.fromkeys(block.quantities):
                 number = own.start + block.quantities.index(quantity)
@@ -110,8 +110,10 @@ class Weights:
 
     def settled(self, before: Self) -> bool:
         """Whether this is what was there `before`, or next to it: the sizes of effects need only be roughly known."""
-        groups = {*before.loosened, *self.loosened}
-        change = [abs(np.log(self.loosened.get(group, 1.0) / before.loosened.get(group, 1.0))) for group in groups]
+        groups = {*before.prior_scale, *self.prior_scale}
+        change = [
+            abs(np.log(self.prior_scale.get(group, 1.0) / before.prior_scale.get(group, 1.0))) for group in groups
+        ]
         roughly = SETTLED if len(groups) <= FEW_SCALES else 10.0 * SETTLED
         return bool(max([0.0, *change]) < roughly and np.abs(np.log(self.noise / before.noise)).max() < roughly)
 
@@ -136,19 +138,21 @@ def identify(
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
 
     Outliers are left out. Where the rest is clearly noisier than its stated σ, the robot further from nominal than the
-    tolerances, or something missing from the model, noise, prior scales and a discrepancy are what the evidence
-    supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked something
-    come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where known.
+    tolerances, or something missing from the model, noise, prior scales and a residual model are what the
+    evidence supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked
+    something come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where
+    known.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
     rows = task.rows.pick(chosen)
     kept, apart = rows_together(without_functions(task), rows) if together is None else together
     inliers = rows.pick(kept)
     nominal, weighed = identify_kept(task, inliers, weights)
-    wider = _with_discrepancy(task, inliers, weighed)
-    if wider is not None:
-        task, weights = wider
-        nominal, weighed = identify_kept(task, inliers, weights)
+    for kind in may_join(task):
+        wider = _with_residual_model(kind, task, inliers, weighed)
+        if wider is not None:
+            task, weights = wider
+            nominal, weighed = identify_kept(task, inliers, weights)
     may_come_back = together is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
     while may_come_back and not kept.all():
         back = ~kept & (weighed.p_values(rows) >= OUTLIER_P)
@@ -164,22 +168,25 @@ def identify(
         nominal=nominal,
         identified=weighed.found,
         noise=weighed.weights.noise,
-        loosened={name: factor for name, factor in weighed.weights.loosened.items() if name in there},
+        prior_scale={name: factor for name, factor in weighed.weights.prior_scale.items() if name in there},
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
         apart=apart,
     )
 
 
-def _with_discrepancy(task: Task, rows: RowBlocks, weighed: Weighed) -> tuple[Task, Weights] | None:
-    """`task` with a discrepancy, and the weights then; None where the rows do not support one."""
-    if not may_lack(task) or len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
+def _with_residual_model(
+    kind: type[ResidualModel], task: Task, rows: RowBlocks, weighed: Weighed
+) -> tuple[Task, Weights] | None:
+    """`task` with a residual model of this kind, and the weights then; None where the rows do not support it."""
+    if len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
         return None
-    wider = with_discrepancy(task, rows)
+    wider = with_kind(task, kind, rows)
+    if wider is None:
+        return None
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
-    scales = discrepancy_scales(
-        weighed.found, nominal_start(wider, rows), sample, certain(task), weighed.weights.factors(rows)
-    )
+    start, known = nominal_start(wider, rows), weighed.weights.factors(rows)
+    scales = scales_with(kind.group, weighed.found, start, sample, certain(task), known)
     return None if scales is None else (wider, Weights.of(rows, scales))
 
 
@@ -201,7 +208,7 @@ def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -
 
 
 def rows_together(task: Task, rows: RowBlocks) -> tuple[Bools, int]:
-    """Which of `rows` (N,) belong together; and how many do not, where that is too many to leave them out: all are then
+    """Which of `rows` (N,) are inliers; and how many are not, where that is too many to leave them out: all are then
     kept.
     """
     kept = _like_sample(task, rows, sampled(rows, SEARCHED)) if len(rows) > SEARCHED else _belonging(task, rows)
@@ -220,7 +227,7 @@ def _all_of(kept: Bools, which: slice) -> Bools:
 
 
 def _like_sample(task: Task, rows: RowBlocks, sample: Any) -> Bools:
-    """Which of `rows` (N,) lie where those of `sample` (indices) that belong together foresee them."""
+    """Which of `rows` (N,) lie where the inliers among `sample` (indices) predict them."""
     of_sample = rows.pick(sample)
     together = _belonging(task, of_sample)
     _, weighed = identify_kept(task, of_sample.pick(together))
@@ -286,7 +293,7 @@ def certain(task: Task) -> list[Rows]:
 
 
 def _belonging(task: Task, rows: RowBlocks) -> Bools:
-    """Which rows (N,) belong together, found about the fit of those that do, and again until they stay the same.
+    """Which rows (N,) are inliers: found about the fit of the inliers, and again until they stay the same.
 
     All, where these are too few to say anything of each other.
     """
@@ -309,7 +316,7 @@ def _belonging(task: Task, rows: RowBlocks) -> Bools:
 
 
 def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
-    """Nominal registered on the share of rows that is nearest to it: wild rows do not decide where it starts."""
+    """Nominal registered on the share of rows that is nearest to it: outliers do not decide where it starts."""
     nominal, share = registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
     before: Any = None
     for _ in range(ROUNDS):
@@ -323,7 +330,7 @@ def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
 
 def _weighed(unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
     """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
-    result = _fit_with(Weights.as_said(rows), unknowns, rows, others, begin)
+    result = _fit_with(Weights.as_stated(rows), unknowns, rows, others, begin)
     if not estimated(unknowns) and not unexpected(result.found, rows):
         return result
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
@@ -339,7 +346,7 @@ def _fit_with(
     weights: Weights, unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None
 ) -> Weighed:
     blocks = [*rows.noisier(weights.noise).blocks, *others]
-    return Weighed(_fit(unknowns.loosened(weights.loosened), blocks, begin), weights)
+    return Weighed(_fit(unknowns.with_prior_scale(weights.prior_scale), blocks, begin), weights)
 
 
 def _noise(rows: RowBlocks, grown: Mapping[Factor, float]) -> Floats:

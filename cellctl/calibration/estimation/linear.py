@@ -1,4 +1,4 @@
-"""Rows about a state, linearised: where the others foresee each of them, and how far it is from there."""
+"""Rows about a state, linearised: where the others predict each of them, and how far it is from there."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Linear:
 
     @classmethod
     def about(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
-        """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never wild."""
+        """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never outliers."""
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
         x = deviations[free] / scale
@@ -74,30 +74,30 @@ class Linear:
         return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
 
     def leave_one_out_chi2(self, kept: Bools) -> tuple[Floats, Floats]:
-        """Squared distance (N,) of each row from where the *other* kept rows foresee it, in foreseen standard
+        """Squared distance (N,) of each row from where the *other* kept rows predict it, in predicted standard
         deviations (χ² with k degrees of freedom); and the most probable unknowns by the kept rows (F,).
         """
-        residual, foreseen, x = self._foreseen(kept)
-        return np.einsum("nk,nk->n", residual, np.linalg.solve(foreseen, residual[..., None])[..., 0]), x
+        residual, predicted, x = self._predicted(kept)
+        return squared_distances(residual, predicted), x
 
     def scatter(self, kept: Bools) -> Floats:
-        """By how much the numbers of each kind (Q,) scatter more than said about where the *other* kept rows foresee
-        them: by the median of all, so that a few wild ones do not count; 1 for a factor that no number has.
+        """By how much the numbers of each kind (Q,) scatter more than stated about where the *other* kept rows predict
+        them: by the median of all, so that a few outliers do not count; 1 for a factor that no number has.
         """
-        residual, foreseen, _ = self._foreseen(kept)
-        squares = residual**2 / np.diagonal(foreseen, axis1=-2, axis2=-1)
+        residual, predicted, _ = self._predicted(kept)
+        squares = residual**2 / np.diagonal(predicted, axis1=-2, axis2=-1)
         result = np.ones(int(self.factors.max()) + 1)
         for each in self._kinds:
             result[each] = np.sqrt(np.median(squares[self.factors == each]) / chi2.median(1))
         return result
 
-    def _foreseen(self, kept: Bools) -> tuple[Floats, Floats, Floats]:
+    def _predicted(self, kept: Bools) -> tuple[Floats, Floats, Floats]:
         """Residuals (N, k), their covariances (N, k, k) by the *other* kept rows; unknowns x (F,) by all of them."""
         x, covariance = self.normal(kept)
         spread = (_flat(self.columns) @ covariance).reshape(self.columns.shape) @ np.swapaxes(self.columns, -1, -2)
         side = np.where(kept, -1.0, 1.0)[:, None, None]  # a kept row's own pull on x is taken out again
-        foreseen = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
-        return self.away + self.columns @ x, foreseen, x
+        predicted = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
+        return self.away + self.columns @ x, predicted, x
 
     def misfit(self, kept: Bools, x: Floats) -> float:
         """χ² of the kept rows about the model, and of the unknowns x (F,) about what was known of them beforehand."""
@@ -120,6 +120,11 @@ class Linear:
         """JᵀJ of the numbers of each of `_kinds`: (their count, F, F)."""
         lines = (self.columns[self.factors == each] for each in self._kinds)
         return np.stack([mine.T @ mine for mine in lines])
+
+
+def squared_distances(residual: Floats, covariance: Floats) -> Floats:
+    """rᵀS⁻¹r (N,) of residuals r (N, k) with covariances S (N, k, k)."""
+    return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
 
 
 def _flat(columns: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""In which valley a new tool lies: what several tools make of the rows is weighed, and said where it decides nothing.
+"""In which local optimum a new tool lies: the tools that explain the rows are weighed against each other.
 
 Each is weighed by how probable it makes the rows, whatever all other parameters are within what is known of them:
 −2 ln p = r S⁻¹ r + ln det S with S = I + J P Jᵀ. A robot that is itself uncertain forgives a tool some residuals.
@@ -22,7 +22,7 @@ IMPROBABLE = 0.01
 """A tool this many times less probable than the best is none."""
 
 ALIKE = 0.5
-"""From these odds on two tools are said to be equally probable."""
+"""From these odds on two tools count as equally probable."""
 
 BEYOND = 16.3
 """A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""

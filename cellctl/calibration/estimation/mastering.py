@@ -1,6 +1,6 @@
-"""How far joint zeros have moved since an older model was made, and how sure that is.
+"""How far joint zeros have moved since a prior model was made, and how sure that is.
 
-A zero's change is surer than the zero: what the older model did not know of it (a turn of the base may pass for one of
+A zero's change is surer than the zero: what the prior model did not know of it (a turn of the base may pass for one of
 joint 1) is in both, and drops out.
 """
 
@@ -16,7 +16,7 @@ from cellctl.kinematics import Floats
 def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
     """Change of each joint's zero (n,) from `task.model` to `found`, and its 1 σ (n,), rad.
 
-    With the errors e of the older model the new zeros come out wrong by A e_held + noise, their change by A e_held −
+    With the errors e of the prior model the new zeros come out wrong by A e_held + noise, their change by A e_held −
     e_zeros + noise; Σ_new holds A Σ_held Aᵀ + noise, and A Σ_held beside it.
     """
     parameters = found.state.model.parameters

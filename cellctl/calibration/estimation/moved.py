@@ -25,7 +25,7 @@ class Placing:
 
     @property
     def moved(self) -> bool:
-        """Whether base or tool are elsewhere than the prior model has them."""
+        """Whether base or tool have moved since the prior model."""
         return self.as_is_mm >= MOVED * self.registered_mm and self.as_is_mm > 0.0
 
 

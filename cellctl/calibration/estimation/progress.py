@@ -16,8 +16,8 @@ def silent(doing: str, share: float) -> None:
 def part_of(progress: Progress, begin: float, end: float, name: str = "") -> Progress:
     """A progress of its own for the work between the shares `begin` and `end` of the whole: `name: doing`."""
 
-    def told(doing: str, share: float) -> None:
+    def reported(doing: str, share: float) -> None:
         words = ": ".join(word for word in (name, doing) if word)
         progress(words, begin + share * (end - begin))
 
-    return told
+    return reported

@@ -51,7 +51,7 @@ def fixed_points(models: Sequence[RobotModel], blocks: Sequence[Measured], rough
     for index in np.flatnonzero(np.isnan(points).any(axis=1)):
         points[index] = _point(models, blocks, int(index))
     if np.isnan(points).any():
-        seen = np.concatenate([models[block.session].tip(block.postures) for block in blocks])
+        seen = np.concatenate([models[block.session].tcp(block.postures) for block in blocks])
         points = np.where(np.isnan(points), seen.mean(axis=0), points)
     return points
 

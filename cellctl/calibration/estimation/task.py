@@ -35,14 +35,14 @@ class Session:
 class Task:
     """What is identified, from what.
 
-    model: nominal robot, or an older model. rows: everything measured, one block or several. points, rough: names of
+    model: nominal robot, or a prior model. rows: everything measured, one block or several. points, rough: names of
     spheres, sockets and planes, and where they roughly are (S, 3), mm (of planes the poles; NaN where not known).
     datums: names of instruments that measure lengths from a zero that nobody knows. spacings: certified distances, or
     None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
     effects that the model has.
     sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
 
-    prior (P, P): covariance of the model's own parameters where an older model is gone on from. With it and no `groups`
+    prior (P, P): covariance of the model's own parameters where a prior model is updated. With it and no `groups`
     everything is free within what that model was sure of, or further from it where the rows are evidence that the robot
     has changed since; but for base and tool where an instrument measured: they are found anew. With `groups` these
     alone are free, with nothing known of them (a crash, a new motor, a new tool), and the rest is held, as uncertain as
@@ -71,7 +71,7 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
-            raise ValueError("an older model is gone on from as it is: it climbs no ladder")
+            raise ValueError("a prior model is updated with its own terms: no terms are tried")
         object.__setattr__(self, "rows", RowBlocks.of(self.rows))
 
     @property
@@ -83,14 +83,14 @@ class Task:
 
     @property
     def partial(self) -> bool:
-        """Whether an older model is kept but for a few groups."""
+        """Whether a prior model is kept but for a few groups."""
         return self.prior is not None and self.groups is not None
 
     @property
     def retooled(self) -> bool:
-        """Whether an older model has a new tool that nothing but distances tells of, their zeros known."""
-        told = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
-        return self.partial and "tool" in self.freed and told
+        """Whether a prior model has a new tool that nothing but distances tells of, their zeros known."""
+        touched = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
+        return self.partial and "tool" in self.freed and touched
 
     @property
     def registered(self) -> frozenset[Group]:
@@ -144,7 +144,7 @@ class Task:
         instrument.
         """
         instrument = self._seen_by(unknowns, lambda block: block.of_instrument)
-        later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any older model
+        later = np.arange(len(unknowns.names)) >= unknowns.robot  # a later session's own is new to any prior model
         placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
         return np.asarray(placed | unknowns.among(frozenset({"points", "datums"})))
 
@@ -155,14 +155,14 @@ class Task:
             return np.asarray(free)
         known = unknowns.prior
         assert known is not None
-        return np.asarray(free & (np.diag(known) > 0.0))  # what the older model held stays held
+        return np.asarray(free & (np.diag(known) > 0.0))  # what the prior model held stays held
 
     def start(self, rows: RowBlocks) -> State:
         """Where nominal begins, from the model and `rows` alone."""
         return self.fixed_by(self.placed(rows), rows)
 
     def changed(self, rows: RowBlocks) -> State:
-        """Where what is identified begins, from the model and `rows` alone: base or tool that are new to an older model
+        """Where what is identified begins, from the model and `rows` alone: base or tool that are new to a prior model
         are where the rows want them.
         """
         return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
@@ -202,7 +202,7 @@ class Task:
         return np.asarray(turns & ~self._seen_by(unknowns, lambda block: block.orientations is not None))
 
     def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:
-        """These unknowns as an older model knew them, but for what is to be found anew."""
+        """These unknowns as a prior model knew them, but for what is to be found anew."""
         assert self.prior is not None
         covariance = np.zeros((len(unknowns.names),) * 2)
         covariance[: unknowns.robot, : unknowns.robot] = self.prior
@@ -214,7 +214,7 @@ class Task:
             sigma, anew = np.where(unknown, flat, unknowns.sigma), anew | unknown
         found = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
         covariance[anew], covariance[:, anew] = 0.0, 0.0
-        covariance[anew, anew] = np.where(found, sigma**2, 0.0)[anew]  # what nobody looks for is where it is said to be
+        covariance[anew, anew] = np.where(found, sigma**2, 0.0)[anew]  # the others are exactly as stated
         return replace(unknowns, sigma=sigma, prior=covariance)
 
     def _found_anew(self, unknowns: Unknowns, flat: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """A new tool and the points it touches, found together from many starts at once.
 
 A touch says |t + p − c| = ρ of a tool t at the flange p and a centre c: tool and centre multiply each other, and least
-squares from where the tool was said to be ends in whichever valley is nearest.
+squares from where the tool was stated to be ends in whichever local optimum is nearest.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROUNDS = 4
 """Times that tools are tried round the best one so far; the search ends where that finds nothing better."""
 
 UNSEEN = 1e-30
-"""Holds tool and points that no distance sees: a point that begins at the tip has no direction to go."""
+"""Holds tool and points that no distance sees: a point that begins at the TCP has no direction to go."""
 
 STEPS = 40
 SETTLED = 1e-6
@@ -46,13 +46,13 @@ MOST = 8
 class Touched:
     """The touches made with the first session's tool, as they see that tool and their points.
 
-    tips (N, 3), mm: with the tool as `state` has it; turn (N, 3, 3): how they move with it; point (N,): among `points`,
+    tcps (N, 3), mm: with the tool as `state` has it; turn (N, 3, 3): how they move with it; point (N,): among `points`,
     the numbers of those touched; reach, sigma (N,), mm. pairs (M, 2), among `points`, mm, pair_sigma (M,): certified
     distances between them.
     """
 
     state: State
-    tips: Floats
+    tcps: Floats
     turn: Floats
     points: Any
     point: Any
@@ -74,7 +74,7 @@ class Touched:
         tool = tool_of(state)
         return cls(
             state=state,
-            tips=np.concatenate([np.zeros((0, 3)), *(model.tip(block.at) for model, block in seen)]),
+            tcps=np.concatenate([np.zeros((0, 3)), *(model.tcp(block.at) for model, block in seen)]),
             turn=np.concatenate([np.zeros((0, 3, 3)), *(model.jacobian(b.at)[:, :3, tool] for model, b in seen)]),
             points=points,
             point=point,
@@ -134,8 +134,8 @@ class Touched:
     def _starts(self, middle: Floats) -> Floats:
         """Tools round `middle` (3,), each with its points in the middle of their touches (K, F)."""
         tools = middle + np.concatenate([np.zeros((1, 3)), *(size * _directions(DIRECTIONS) for size in SHELLS_MM)])
-        tips = self.tips + np.einsum("nij,kj->kni", self.turn, tools)
-        middles = [tips[:, self.point == index].mean(axis=1) for index in range(len(self.points))]
+        tcps = self.tcps + np.einsum("nij,kj->kni", self.turn, tools)
+        middles = [tcps[:, self.point == index].mean(axis=1) for index in range(len(self.points))]
         return np.concatenate([tools, *middles], axis=1)
 
     def _settled(self, x: Floats) -> tuple[Floats, Floats]:
@@ -158,7 +158,7 @@ class Touched:
     def _linear(self, x: Floats) -> tuple[Floats, Floats]:
         """How far touches and certified distances are from x (K, F), in σ (K, N + M); and how that changes (…, F)."""
         points = x[:, 3:].reshape(len(x), -1, 3)
-        away = self.tips + np.einsum("nij,kj->kni", self.turn, x[:, :3]) - points[:, self.point]
+        away = self.tcps + np.einsum("nij,kj->kni", self.turn, x[:, :3]) - points[:, self.point]
         both = np.concatenate([away, points[:, self.pairs[:, 0]] - points[:, self.pairs[:, 1]]], axis=1)
         length, sigma = np.linalg.norm(both, axis=-1), np.concatenate([self.sigma, self.pair_sigma])
         along = both / np.maximum(length, 1e-9)[..., None] / sigma[:, None]

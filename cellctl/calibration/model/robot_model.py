@@ -9,12 +9,12 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.calibration.effects import Effect, OwnTurns
+from cellctl.calibration.effects import Effect, OwnTurns, ResidualModel
 from cellctl.calibration.model.parameter import Parameter, of_chain
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.kinematics import Bools, Floats, SerialChain
 
-_Cause: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
+_EffectPart: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
 
 BLOCK = 2048
 """Postures whose effects are worked out at a time: harmonics have hundreds of amounts."""
@@ -64,6 +64,22 @@ class RobotModel:
         chain = self.chain.deviations if self.chain.deviations.size else np.zeros(len(self.chain.parameters))
         return np.concatenate([chain, self._amounts])
 
+    @cached_property
+    def residual_models(self) -> tuple[ResidualModel, ...]:
+        """Those of its effects that are random functions of the posture."""
+        return tuple(effect for effect in self.effects if isinstance(effect, ResidualModel))
+
+    def open_variance(self, at: At) -> Floats:
+        """What its residual models leave open at each posture (N,): mm² of the tool's place on each axis."""
+        postures = Postures.of(at)
+        return np.asarray(sum((each.variance(postures) for each in self.residual_models), np.zeros(len(postures))))
+
+    def outside(self, at: At) -> Floats:
+        """How far each posture (N,) is outside those that its residual models need: 0 to 1, a share of variance."""
+        postures = Postures.of(at)
+        of_each = [np.zeros(len(postures)), *(each.outside(postures) for each in self.residual_models)]
+        return np.asarray(np.max(of_each, axis=0))
+
     def amount(self, name: str) -> float | None:
         """The value of parameter `name` as it is now; None where this model has none of that name."""
         return float(self.deviations[self.names.index(name)]) if name in self.names else None
@@ -83,7 +99,7 @@ class RobotModel:
             raise ValueError(f"{given.size} values for {len(self.parameters)} parameters")
         return replace(self, chain=self.chain.with_parameters(given[:of_chain]), amounts=given[of_chain:])
 
-    def tip(self, at: At) -> Floats:
+    def tcp(self, at: At) -> Floats:
         """Tool centre point (..., 3), mm, in the measuring frame."""
         return np.asarray(self.pose(at)[..., :3, 3])
 
@@ -100,19 +116,19 @@ class RobotModel:
         postures = Postures.of(at)
         if not self.effects:
             return _shaped(self.chain.parameter_jacobian(postures.q), at)
-        causes = self._causes(postures)
-        q = self._turned(postures, causes)
+        parts = self._effect_parts(postures)
+        q = self._turned(postures, parts)
         columns, arms = self.chain.parameter_jacobian(q), self.chain.tool_jacobian(q)
         result = np.zeros((len(postures), 6, len(self.parameters)))
         result[..., : columns.shape[-1]] = columns
-        for place, turned, shifted in causes:
+        for place, turned, shifted in parts:
             mine = slice(columns.shape[-1] + place.start, columns.shape[-1] + place.stop)
             if turned is not None:
                 result[..., mine] = turned.columns(arms) if isinstance(turned, OwnTurns) else np.matmul(arms, turned)
             if shifted is not None:
                 result[:, :3, mine] += np.matmul(self.chain.base_now[:3, :3], shifted)
         result[:, :3, self._of_base] += np.cross(
-            result[:, 3:, self._of_base], self._shift(postures, causes)[:, :, None], axisa=1, axisb=1, axisc=1
+            result[:, 3:, self._of_base], self._shift(postures, parts)[:, :, None], axisa=1, axisb=1, axisc=1
         )
         return _shaped(result, at)
 
@@ -133,12 +149,12 @@ class RobotModel:
         return np.flatnonzero([parameter.group == "base" for parameter in self.parameters])
 
     def _bent_pose(self, at: Postures) -> Floats:
-        causes = self._causes(at)
-        result = self.chain.forward(self._turned(at, causes)).copy()
-        result[..., :3, 3] += self._shift(at, causes)
+        parts = self._effect_parts(at)
+        result = self.chain.forward(self._turned(at, parts)).copy()
+        result[..., :3, 3] += self._shift(at, parts)
         return result
 
-    def _causes(self, at: Postures) -> list[_Cause]:
+    def _effect_parts(self, at: Postures) -> list[_EffectPart]:
         """Each effect's amounts, its Φ and its Ψ (N, 3, K)."""
         start, found = 0, []
         for effect in self.effects:
@@ -146,18 +162,18 @@ class RobotModel:
             found.append((place, effect.turns(self._nominal, at), effect.shifts(self._nominal, at)))
         return found
 
-    def _turned(self, at: Postures, causes: list[_Cause]) -> Floats:
+    def _turned(self, at: Postures, parts: list[_EffectPart]) -> Floats:
         q = at.q
-        for place, turned, _ in causes:
+        for place, turned, _ in parts:
             amounts = self._amounts[place]
             if turned is not None:
                 q = q + (turned.total(amounts, self.n) if isinstance(turned, OwnTurns) else turned @ amounts)
         return q
 
-    def _shift(self, at: Postures, causes: list[_Cause]) -> Floats:
+    def _shift(self, at: Postures, parts: list[_EffectPart]) -> Floats:
         """The tool's shift (N, 3), mm, in the measuring frame."""
         total = np.zeros((len(at), 3))
-        for place, _, shifted in causes:
+        for place, _, shifted in parts:
             if shifted is not None:
                 total = total + shifted @ self._amounts[place]
         return np.asarray(total @ self.chain.base_now[:3, :3].T)

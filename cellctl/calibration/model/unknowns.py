@@ -51,7 +51,7 @@ class Tolerances:
 @final
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a fit stands: the robot in each session, and the unknown points (S, 3), mm, in the measuring frame.
+    """The state of a fit: the robot in each session, and the unknown points (S, 3), mm, in the measuring frame.
 
     models: one for each session, alike but for base and tool. columns: for each, which of the `width` columns of a
     Jacobian each of its parameters has; the points' x, y, z come after them, the datums last. datums (D,): what each
@@ -192,8 +192,8 @@ class Unknowns:
         """These unknowns with none but those at `free` (P,) free."""
         return replace(self, free=self.free & free)
 
-    def loosened(self, factors: Mapping[Group, float]) -> Self:
-        """These unknowns with the tolerances of some groups wider by a factor; or, of an older model, with as much more
+    def with_prior_scale(self, factors: Mapping[Group, float]) -> Self:
+        """These unknowns with the tolerances of some groups wider by a factor; or, of a prior model, with as much more
         that may have changed since (`change`).
         """
         wider = np.array([factors.get(group, 1.0) for group in self.scaled_with])
@@ -216,7 +216,7 @@ class Unknowns:
         """Variance (P,), in tolerances, that each parameter gains where its group's factor² grows by 1.
 
         A robot changes without regard to how well it was known: all that is free of a group gains alike, so much that
-        the 1 σ grow by the factor in the root mean square. Without an older model that is 1.
+        the 1 σ grow by the factor in the root mean square. Without a prior model that is 1.
         """
         if self.prior is None:
             return np.ones(len(self.names))
@@ -229,8 +229,8 @@ class Unknowns:
         return result
 
     @property
-    def doubted(self) -> Bools:
-        """Which parameters (P,) are held although an older model was not certain of them."""
+    def considered(self) -> Bools:
+        """Which parameters (P,) are held although a prior model was not certain of them."""
         if self.prior is None:
             return np.zeros(len(self.names), bool)
         return np.asarray(~self.free & (np.diag(self.prior) > 0.0))

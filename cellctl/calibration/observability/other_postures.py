@@ -22,7 +22,7 @@ FURTHEST_RAD = 0.4
 """Of a joint, in one step on the way back to a fixed point."""
 
 BACK_MM = 1e-3
-"""A tip this near to its point is there."""
+"""A TCP this near to its point is there."""
 
 DAMPING_MM2 = 1.0
 
@@ -35,44 +35,44 @@ def thinned(block: Measured) -> Measured:
 
 
 def moved(block: Measured, state: State, joints: Bools, by_rad: float) -> Measured:
-    """The rows with each of `joints` (n,) up to `by_rad` elsewhere, at random.
+    """The rows with each of `joints` (n,) moved by up to `by_rad`, at random.
 
-    Where the tip is held by a fixed point the other joints bring it back; rows at which they cannot are left out.
+    Where the TCP is held by a fixed point the other joints bring it back; rows at which they cannot are left out.
     """
     spread = np.random.default_rng(len(block)).uniform(-by_rad, by_rad, block.q.shape)
     q, model = block.q + np.where(joints, spread, 0.0), state.models[block.session]
     if (block.visited < 0).all():
         return _at(block, q, model)
-    tips = block.anywhere(state) if joints.all() else model.tip(block.postures)
-    return brought(block, model, q, tips, np.ones(len(joints), bool) if joints.all() else ~joints)
+    tcps = block.anywhere(state) if joints.all() else model.tcp(block.postures)
+    return brought(block, model, q, tcps, np.ones(len(joints), bool) if joints.all() else ~joints)
 
 
-def brought(block: Measured, model: RobotModel, q: Floats, tips: Floats, joints: Bools) -> Measured:
-    """The rows with their tips at `tips` (N, 3), mm, brought there from angles `q` (N, n) by `joints` (n,) alone; those
+def brought(block: Measured, model: RobotModel, q: Floats, tcps: Floats, joints: Bools) -> Measured:
+    """The rows with their TCPs at `tcps` (N, 3), mm, brought there from angles `q` (N, n) by `joints` (n,) alone; those
     that do not get there are left out.
     """
-    q = _reaching(block, model, q, tips, joints)
-    return _at(block, q, model).pick(_away(block, model, q, tips) < BACK_MM)
+    q = _reaching(block, model, q, tcps, joints)
+    return _at(block, q, model).pick(_away(block, model, q, tcps) < BACK_MM)
 
 
 def in_their_sockets(block: Measured, state: State) -> Measured:
-    """Visits to sockets with each tip quite in its socket, where the robot can bring it there; others as they are.
+    """Visits to sockets with each TCP quite in its socket, where the robot can bring it there; others as they are.
 
-    Tips that scatter about their socket, because the robot is not yet identified, would show by that scatter how the
+    TCPs that scatter about their socket, because the robot is not yet identified, would show by that scatter how the
     robot is turned as a whole.
     """
     if not isinstance(block, SocketRows) or not len(block):
         return block
-    model, tips = state.models[block.session], state.points[block.point]
-    q = _reaching(block, model, block.q, tips, np.ones(block.q.shape[1], bool))
-    near = _away(block, model, q, tips) < BACK_MM
+    model, tcps = state.models[block.session], state.points[block.point]
+    q = _reaching(block, model, block.q, tcps, np.ones(block.q.shape[1], bool))
+    near = _away(block, model, q, tcps) < BACK_MM
     return _at(block, np.where(near[:, None], q, block.q), model)
 
 
-def _reaching(block: Measured, model: RobotModel, q: Floats, tips: Floats, joints: Bools) -> Floats:
-    """Angles (N, n) that bring the tips to `tips` (N, 3), as near as `joints` can from `q`."""
+def _reaching(block: Measured, model: RobotModel, q: Floats, tcps: Floats, joints: Bools) -> Floats:
+    """Angles (N, n) that bring the TCPs to `tcps` (N, 3), as near as `joints` can from `q`."""
     for _ in range(STEPS):
-        away = tips - model.tip(_with(block, q))
+        away = tcps - model.tcp(_with(block, q))
         if np.all(np.abs(away) < 0.1 * BACK_MM):
             break
         arms = model.chain.tool_jacobian(q)[:, :3] * joints
@@ -82,8 +82,8 @@ def _reaching(block: Measured, model: RobotModel, q: Floats, tips: Floats, joint
     return q
 
 
-def _away(block: Measured, model: RobotModel, q: Floats, tips: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(tips - model.tip(_with(block, q)), axis=1))
+def _away(block: Measured, model: RobotModel, q: Floats, tcps: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(tcps - model.tcp(_with(block, q)), axis=1))
 
 
 def under(block: Measured, **conditions: Any) -> Measured:

@@ -36,20 +36,20 @@ def phrases(combinations: Sequence[Sequence[Parameter]], most: int | None = None
     """`θ2 with a2, α3` of each combination of parameters, with `and 24 others` beyond `most` phrases; those that stand
     alone in one, last: `θ5; d5; backlash of joints 1, 2: each alone`.
     """
-    said = [in_words(parameters) for parameters in combinations]
-    alone = [each for own, parts in zip(combinations, said, strict=True) if len(parts) == 1 for each in own]
-    found = [f"{parts[0]}{_WITH}{_cut(parts[1:], most)}" for parts in said if len(parts) > 1]
+    phrases = [in_words(parameters) for parameters in combinations]
+    alone = [each for own, parts in zip(combinations, phrases, strict=True) if len(parts) == 1 for each in own]
+    found = [f"{parts[0]}{_WITH}{_cut(parts[1:], most)}" for parts in phrases if len(parts) > 1]
     parts = in_words(list(dict.fromkeys(alone)))
     several = len(alone) > 1
     return [*found, f"{'; '.join(parts)}{': each' if several else ''} alone"] if parts else found
 
 
-def alike(said: Sequence[str]) -> list[str]:
+def alike(phrases: Sequence[str]) -> list[str]:
     """Phrases with the same others as one, and those that differ by one number alone: `θ7, d7 each with tool
     translation along X`; `d of link i with growth of link i, i = 3, 5`.
     """
     heads: dict[str, list[str]] = {}
-    for phrase in said:
+    for phrase in phrases:
         head, _, others = phrase.partition(_WITH)
         heads.setdefault(others, []).append(head)
     shorter = [_headed(first, others) for others, first in heads.items()]

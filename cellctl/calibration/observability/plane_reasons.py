@@ -35,8 +35,8 @@ def _on_a_step(block: Measured, state: State) -> Measured:
     if not isinstance(block, PlaneRows):
         return block
     model, height = state.models[block.session], STEP_MM * (np.arange(len(block)) % 2)
-    tips = model.tip(block.postures) + height[:, None] * block.normals(state)
-    return brought(replace(block, reach=block.reach + height), model, block.q, tips, _all_joints(block))
+    tcps = model.tcp(block.postures) + height[:, None] * block.normals(state)
+    return brought(replace(block, reach=block.reach + height), model, block.q, tcps, _all_joints(block))
 
 
 def _on_other_planes(rows: Rowed, plane: int) -> Floats:
@@ -44,22 +44,22 @@ def _on_other_planes(rows: Rowed, plane: int) -> Floats:
     normal = planes_of(rows.state.points[plane])[0]
     found = [np.zeros((0, int(np.count_nonzero(rows.unknowns.free))))]
     blocks = [thinned(block) for block in rows.blocks]
-    tips = [rows.state.models[block.session].tip(block.postures) for block in blocks]
-    middle = np.concatenate(tips).mean(axis=0)
+    tcps = [rows.state.models[block.session].tcp(block.postures) for block in blocks]
+    middle = np.concatenate(tcps).mean(axis=0)
     for axis in np.linalg.svd(normal[None])[2][1:]:
         turn = Rotation.from_rotvec(np.pi / 2.0 * axis)
         turned = turn.apply(normal)
         there = replace(rows.state, points=rows.state.points.copy())
         there.points[plane] = pole_of(turned, float(turned @ middle))
         moved = [
-            _turned(block, there, middle + turn.apply(own - middle)) for block, own in zip(blocks, tips, strict=True)
+            _turned(block, there, middle + turn.apply(own - middle)) for block, own in zip(blocks, tcps, strict=True)
         ]
         found.append(lines_of_points_own(rows, there, moved, plane))
     return np.concatenate(found)
 
 
-def _turned(block: Measured, state: State, tips: Floats) -> Measured:
-    return brought(block, state.models[block.session], block.q, tips, _all_joints(block))
+def _turned(block: Measured, state: State, tcps: Floats) -> Measured:
+    return brought(block, state.models[block.session], block.q, tcps, _all_joints(block))
 
 
 def _all_joints(block: Measured) -> Bools:

@@ -42,7 +42,7 @@ def of_no_length(rows: Rowed) -> Iterator[Reason]:
 def _on_a_bar(block: Measured, state: State) -> Measured:
     """The rows with the tool away from its socket, and how far measured."""
     there = replace(block.postures, q=block.q + np.random.default_rng(0).uniform(-MOVED_RAD, MOVED_RAD, block.q.shape))
-    far = np.linalg.norm(state.models[block.session].tip(there) - state.points[block.visited], axis=1)
+    far = np.linalg.norm(state.models[block.session].tcp(there) - state.points[block.visited], axis=1)
     return TouchRows(there, block.visited, far, np.full((len(block), 1), LENGTH_SIGMA_MM), block.session)
 
 
@@ -77,7 +77,7 @@ def lines_of_points_own(rows: Rowed, there: State, blocks: list[Measured], point
 
 
 def _shifted(block: Measured, state: State, by: Floats) -> Measured:
-    """The rows with their tips elsewhere by (3,), mm."""
+    """The rows with their TCPs moved by (3,), mm."""
     model = state.models[block.session]
     everywhere = np.ones(model.n, bool)
-    return brought(block, model, block.q, model.tip(block.postures) + by, everywhere)
+    return brought(block, model, block.q, model.tcp(block.postures) + by, everywhere)

@@ -37,12 +37,12 @@ ANYWHERE = "no measurement of these kinds can tell these apart, or depends on th
 @final
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """What one cause hides. cause: `joint 3 never moves in these rows`. combinations: the parameters of each; the
+    """What one reason hides. reason: `joint 3 never moves in these rows`. combinations: the parameters of each; the
     rows tell only what these do together. harmless: no row of these kinds could tell them apart, wherever it was
     taken.
     """
 
-    cause: str
+    reason: str
     combinations: tuple[tuple[Parameter, ...], ...]
     harmless: bool = False
 
@@ -53,7 +53,7 @@ class Hidden:
     def summary(self) -> dict[str, Any]:
         """As plain values for JSON; `short`: the words for a screen."""
         return {
-            "cause": self.cause,
+            "cause": self.reason,
             "harmless": self.harmless,
             "combinations": [[parameter.name for parameter in parts] for parts in self.combinations],
             "words": self.phrases(),
@@ -128,12 +128,12 @@ def _by_cause(rows: Rowed, combined: Floats, strong: list[tuple[Parameter, ...]]
     left = np.ones(len(combined), bool)
     least = np.maximum(SEEN, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
     found: list[Hidden] = []
-    for cause in reasons_for(rows) if left.any() else ():
-        mine = left & (_sizes(cause.lines(), combined) >= least)
-        if cause.of_frames:
+    for reason in reasons_for(rows) if left.any() else ():
+        mine = left & (_sizes(reason.lines(), combined) >= least)
+        if reason.of_frames:
             mine &= [not all(each.of_the_arm for each in parts) for parts in strong]
         left &= ~mine
-        found += [Hidden(cause.words, _picked(strong, mine))] if mine.any() else []
+        found += [Hidden(reason.words, _picked(strong, mine))] if mine.any() else []
     found.sort(key=lambda hidden: -len(hidden.combinations))
     if left.any():
         untold = left & (_sizes(any_posture(rows), combined) >= least)

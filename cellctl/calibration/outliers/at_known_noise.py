@@ -1,10 +1,10 @@
-"""Which rows are wild at a given noise: a row left out costs what it may surprise, and the cheapest set is sought.
+"""Which rows are outliers at a given noise: each row left out has a penalty, and the set with the least χ² is sought.
 
-A row is wild if it lies where the *others* hardly ever put one. Many sets of rows fulfil that: a clean row that stands
-alone looks wild among wild ones, and these do not surprise each other without it. Of all such sets the one is right
-whose kept rows have the least χ², each row left out counted as the χ² that would just have made it wild. Where every
-row has a say in the model (few rows, many unknowns), leaving out the worst again and again does not lead there: many
-sets are followed side by side.
+A row is an outlier if it lies where the *others* hardly ever put one. Many sets of rows fulfil that: a clean row that
+is alone among outliers looks like one, and outliers agree with each other without it. Of all such sets the one is right
+whose kept rows have the least χ², where each row left out counts as the χ² at which it just becomes an outlier. Where
+every row changes the model much (few rows, many unknowns), leaving out the worst again and again does not find that
+set: many sets are followed side by side.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from cellctl.calibration.estimation.linear import Linear
 from cellctl.kinematics import Bools, Floats
 
 OUTLIER_P = 1e-5
-"""A row of the fit is wild if the others would put it where it is less often than this: hardly a clean row in a hundred
-thousand is lost by it, and most wild rows of ten standard deviations are found.
+"""A row of the fit is an outlier if the others would put it where it is less often than this: hardly a clean row in a
+hundred thousand is lost by it, and most outliers of ten standard deviations are found.
 """
 
-WILD_BESIDE = 1e-4
-"""The same where a wild row has been found: where there is one there may be more, and one that stays does more harm
+OUTLIER_P_BESIDE = 1e-4
+"""The same where an outlier has been found: where there is one there may be more, and one that stays does more harm
 than a clean one that goes.
 """
 
-WILD_AT_MOST = 0.45
-"""No search beyond this share of wild rows of any block: with half of them wild nobody could say which half it is."""
+LEFT_OUT_AT_MOST = 0.45
+"""No search beyond this share of outliers of any block: beyond one half, outliers and inliers cannot be told apart."""
 
 DECISIVE = 10
 """With more numbers than this for each unknown no row has enough say in the model to hide another."""
@@ -44,8 +44,8 @@ PATIENCE = 3
 @final
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """Rows (N,) that are not wild, how much each row surprises these, the unknowns x (F,) by them, the χ² of both, and
-    the same with what was paid for rows left out.
+    """Rows (N,) that are no outliers, the leave-one-out χ² of each row, the unknowns x (F,) by them, the χ² of both,
+    and the same with the penalty of the rows left out.
     """
 
     rows: Bools
@@ -56,19 +56,19 @@ class Kept:
 
     @classmethod
     def of(cls, linear: Linear, rows: Bools, limit: Floats) -> Self:
-        """What these `rows` foresee."""
+        """What these `rows` predict."""
         leave_one_out_chi2, x = linear.leave_one_out_chi2(rows)
         misfit = linear.misfit(rows, x)
         return cls(rows, leave_one_out_chi2, x, misfit, misfit + float(limit[~rows].sum()))
 
 
-def unsurprised(linear: Linear, *, thorough: bool) -> Kept | None:
+def within_limit(linear: Linear, *, thorough: bool) -> Kept | None:
     """Rows none of which surprises the others; None where too few are left. thorough: the cheapest of many sets."""
     limit = np.asarray(chi2.isf(OUTLIER_P, linear.numbers))
     everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
     if not (everyone.leave_one_out_chi2 > limit).any():
         return everyone
-    limit = np.asarray(chi2.isf(WILD_BESIDE, linear.numbers))
+    limit = np.asarray(chi2.isf(OUTLIER_P_BESIDE, linear.numbers))
     found = _settled(linear, everyone, limit)
     if not thorough or linear.numbers.sum() > DECISIVE * len(linear.known):
         return found
@@ -102,14 +102,14 @@ def _settled(linear: Linear, kept: Kept, limit: Floats) -> Kept | None:
     had to go.
     """
     count = len(limit)
-    while (wild := kept.rows & (kept.leave_one_out_chi2 > limit)).any():
-        worst = np.argsort(np.where(wild, -kept.leave_one_out_chi2, np.inf))[
-            : max(1, count // 50, np.count_nonzero(wild) // 10)
+    while (outlying := kept.rows & (kept.leave_one_out_chi2 > limit)).any():
+        worst = np.argsort(np.where(outlying, -kept.leave_one_out_chi2, np.inf))[
+            : max(1, count // 50, np.count_nonzero(outlying) // 10)
         ]
-        kept = Kept.of(linear, _changed(kept.rows, worst[wild[worst]], False), limit)
+        kept = Kept.of(linear, _changed(kept.rows, worst[outlying[worst]], False), limit)
         if _too_many(linear, kept.rows):
             return None
-    for _ in range(count):  # a row left out for the sake of a wild one comes back, the least surprising first
+    for _ in range(count):  # a row left out for the sake of an outlier comes back, the one with the least χ² first
         back = ~kept.rows & (kept.leave_one_out_chi2 <= limit)
         if not back.any():
             break
@@ -125,7 +125,7 @@ def _changed(rows: Bools, which: Any, to: bool) -> Bools:
 
 
 def _too_many(linear: Linear, rows: Bools) -> bool:
-    """Whether more than `WILD_AT_MOST` of the rows of any block are left out, and more than one."""
+    """Whether more than `LEFT_OUT_AT_MOST` of the rows of any block are left out, and more than one."""
     of_block = linear.factors[:, 0]
     left_out, all_of = np.bincount(of_block[~rows], minlength=of_block.max() + 1), np.bincount(of_block)
-    return bool((left_out > np.maximum(WILD_AT_MOST * all_of, 1)).any())
+    return bool((left_out > np.maximum(LEFT_OUT_AT_MOST * all_of, 1)).any())

@@ -1,8 +1,8 @@
-"""Which rows belong together: wild ones are told from noisy ones before anything is made from either.
+"""Which rows are inliers: outliers are distinguished from noisy rows before anything is made from either.
 
-Ordinary residuals hide a wild row: a model with as many parameters as a robot bends towards it, its neighbours look
-worse than it does, and the noise that all seem to have excuses it. So each row is judged by what the *others* foresee,
-and explanations are weighed against each other: a few wild rows among rows as good as promised, or rows that all, or
+Ordinary residuals hide an outlier: a model with as many parameters as a robot bends towards it, its neighbours look
+worse than it does, and the noise that all seem to have excuses it. So each row is judged by what the *others* predict,
+and explanations are weighed against each other: a few outliers among rows as good as promised, or rows that all, or
 all of one kind, are noisier than promised.
 """
 
@@ -15,17 +15,17 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.calibration.estimation.linear import Linear
-from cellctl.calibration.outliers.at_known_noise import unsurprised
+from cellctl.calibration.outliers.at_known_noise import within_limit
 from cellctl.kinematics import Bools, Floats
 
 OUTLYING = 1e-6
 """A held-out row is named if what was identified would put it where it is less often than this."""
 
 WIDTH = 20.0
-"""A wild row lies anywhere within so many standard deviations, for weighing it against noise that all rows have."""
+"""An outlier lies anywhere within so many standard deviations, for weighing it against noise that all rows have."""
 
-WILD_SHARE = 0.05
-"""How often a row is expected to be wild, for the same: with more, the best of many sets of noisy rows looks wild."""
+OUTLIER_SHARE = 0.05
+"""How often a row is expected to be an outlier, for the same: with more, noisy rows would often be left out."""
 
 STEP = 1.25
 NOISIEST = 1e4
@@ -38,7 +38,7 @@ ROUNDS = 5
 @final
 @dataclass(frozen=True, eq=False)
 class Belonging:
-    """kept (N,): the rows that belong together; noise (Q,): the factors of σ with which they do, one for each of
+    """kept (N,): the rows that are inliers; noise (Q,): the factors of σ with which they are, one for each of
     `RowBlocks.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
     are further from the model than that, or belong to rows left out; none: nothing is left to be explained.
     """
@@ -50,21 +50,21 @@ class Belonging:
 
     @classmethod
     def at(cls, linear: Linear, noise: Floats, *, thorough: bool = False) -> Self:
-        """The rows that belong together with this noise."""
+        """The rows that are inliers with this noise."""
         scaled = linear.noisier(noise)
-        kept = unsurprised(scaled, thorough=thorough)
+        kept = within_limit(scaled, thorough=thorough)
         if kept is None:
             return cls(np.ones(len(linear.away), bool), noise, -np.inf, _there(linear, noise))
-        price = np.sum(np.log(1.0 / WILD_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
+        price = np.sum(np.log(1.0 / OUTLIER_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
         weight = _at_best(linear, noise) - 0.5 * kept.misfit - float(price)
         return cls(kept.rows, noise, weight, _strained(scaled, kept.rows, kept.x, noise))
 
 
 def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
-    """The rows that belong together, by the most probable explanation: some wild, some kinds noisy, or both.
+    """The rows that are inliers, by the most probable explanation: some outliers, some kinds noisy, or both.
 
-    From noise as it is said, or as each of several kinds scatters, the factors of all kinds of numbers, or of one of
-    them, grow as long as that makes the rows more probable. thorough: no wild row hides another (`unsurprised`).
+    From noise as stated, or as each of several kinds scatters, the factors of all kinds of numbers, or of one of
+    them, grow as long as that makes the rows more probable. thorough: no outlier hides another (`within_limit`).
     """
     found = Belonging.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
     if _there(linear, found.noise).sum() > 1 and found.strained.any():

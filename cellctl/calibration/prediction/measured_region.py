@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self, final
+from typing import Protocol, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Discrepancy
+from cellctl.calibration.effects import ResidualModel
 from cellctl.calibration.estimation.estimate import Estimate
-from cellctl.calibration.prediction.outside_region import doubt
+from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.posture_basis import PostureBasis
 from cellctl.kinematics import Floats
 
 INFORMED = 0.8
@@ -21,43 +22,62 @@ positions that takes 10 more, of one from 200 about 30.
 KNOWN = 1e-9
 """Combinations known better than this share (of variance, scaled) of the least known one are arithmetic."""
 
+OUTSIDE = 0.5
+"""A posture at which more than this share of the variance is left is outside."""
+
 _PLACES = frozenset({"base", "tool", "points", "datums"})
+
+
+class Coverage(Protocol):
+    """What postures leave open at others: a `PostureBasis`, or what an old model file has in its place."""
+
+    def joined(self, q: Floats) -> tuple[Self, float]:
+        """With postures q (N, n), rad, besides; and what is left at all of these postures, on average."""
+        ...
+
+    def remainder(self, q: Floats) -> Floats:
+        """The share (N,) of the variance of a smooth error that is left at q (N, n), rad."""
+        ...
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class MeasuredRegion:
-    """Where the rows were that determined a model's own parameters, and what it is worth elsewhere.
+    """The postures of the rows that determined a model's own parameters, and how much σ grows outside them.
 
-    lower, upper (n,): least and greatest model angles, rad. spread: a Gaussian process over the postures; the share of
-    its variance that these leave at another posture is how far that is outside. None in models from before it was
-    kept: there it is `doubt`. within: that share at the rows themselves, on average: it is in their noise already.
-    outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left. scatter_mm: by how much the rows
-    scatter beyond their stated σ, 1 σ, 3-D, mm: errors of the robot that change too fast for the model to follow.
+    lower, upper (n,): least and greatest model angles, rad. coverage: what these postures leave of the variance of a
+    smooth error at another posture is how far that is outside. within: that share at the rows themselves, on average:
+    it is in their noise already. outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left.
+    scatter_mm: by how much the rows scatter beyond their stated σ, 1 σ, 3-D, mm: errors of the robot that change too
+    fast for the model to follow. residual_models: those of the model; where one is further outside, that counts.
     """
 
     lower: Floats
     upper: Floats
-    outside_mm: float = 0.0
-    spread: Discrepancy | None = None
+    outside_mm: float
+    coverage: Coverage
     within: float = 0.0
     scatter_mm: float = 0.0
+    residual_models: tuple[ResidualModel, ...] = ()
 
     @classmethod
-    def of(cls, angles: Floats, outside_mm: float = 0.0, scatter_mm: float = 0.0) -> Self:
+    def of(
+        cls,
+        angles: Floats,
+        outside_mm: float = 0.0,
+        scatter_mm: float = 0.0,
+        residual_models: tuple[ResidualModel, ...] = (),
+    ) -> Self:
         """The region of rows at angles (N, n), rad."""
-        spread = Discrepancy.over(angles)
-        within = float(spread.remainder(angles).mean())
-        return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, spread, within, scatter_mm)
+        basis = PostureBasis.over(angles)
+        within = float(basis.remainder(angles).mean())
+        return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, basis, within, scatter_mm, residual_models)
 
-    def with_angles(self, angles: Floats) -> MeasuredRegion:
+    def with_angles(self, angles: Floats) -> Self:
         """The region of this one and of rows at angles (N, n), rad."""
-        if self.spread is None:
-            both = np.vstack([angles, self.lower, self.upper])
-            return MeasuredRegion(both.min(axis=0), both.max(axis=0), self.outside_mm)
-        joined = MeasuredRegion.of(np.vstack([angles, self.spread.centres]), self.outside_mm, self.scatter_mm)
-        lower, upper = np.minimum(joined.lower, self.lower), np.maximum(joined.upper, self.upper)
-        return replace(joined, lower=lower, upper=upper)
+        lower, upper = np.minimum(self.lower, angles.min(axis=0)), np.maximum(self.upper, angles.max(axis=0))
+        coverage, within = self.coverage.joined(angles)
+        return replace(self, lower=lower, upper=upper, coverage=coverage, within=within)
 
     def sigma(self, q: Floats) -> Floats:
         """1 σ (N,), 3-D, mm, of a prediction at angles q (N, n), rad, besides the model's own."""
@@ -65,10 +85,9 @@ class MeasuredRegion:
 
     def outside(self, q: Floats) -> Floats:
         """The part of `sigma` (N,) that grows with the distance from the rows."""
-        if self.spread is None:
-            return self.outside_mm * doubt(self.lower, self.upper, q)
-        beyond = np.maximum(self.spread.remainder(q) - self.within, 0.0) / (1.0 - self.within)
-        return self.outside_mm * np.sqrt(beyond)
+        beyond = np.maximum(self.coverage.remainder(q) - self.within, 0.0) / (1.0 - self.within)
+        own = [each.outside(Postures(q)) for each in self.residual_models]
+        return np.asarray(self.outside_mm * np.sqrt(np.max([beyond, *own], axis=0)))
 
 
 def informed(found: Estimate) -> bool:

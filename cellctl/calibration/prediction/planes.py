@@ -37,8 +37,8 @@ def plane_estimates(task: Task, found: Estimate) -> list[PlaneEstimate]:
 def _estimate(task: Task, found: Estimate, point: int) -> PlaneEstimate:
     state, pole = found.state, found.state.points[point]
     touching = [block for block in task.rows.blocks if block.of_planes]
-    tips = [state.models[block.session].tip(block.postures)[block.visited == point] for block in touching]
-    middle = np.concatenate(tips).mean(axis=0)
+    tcps = [state.models[block.session].tcp(block.postures)[block.visited == point] for block in touching]
+    middle = np.concatenate(tcps).mean(axis=0)
     own = state.points_at + 3 * point + np.arange(3)
     covariance = found.covariance[np.ix_(own, own)]
     normal, offset = planes_of(pole)

@@ -8,10 +8,11 @@ from typing import final
 import numpy as np
 from scipy.stats import chi2
 
+from cellctl.calibration.estimation.linear import squared_distances
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import Rows
+from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Bools, Floats
 
 BLOCK = 4096
@@ -30,22 +31,23 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
     """Tool poses at postures, or model angles (N, n), rad, with the uncertainty that `covariance` (P, P) of the
     parameters leaves.
 
-    The σ is the model's: neither the robot's repeatability nor what the model leaves out is in it.
+    The variance that the model's residual models leave open is in it. The robot's repeatability and what the model
+    leaves out are not.
     """
     postures = Postures.of(at)
-    variance = np.empty(len(postures))
+    variance = 3.0 * model.open_variance(postures)
     for start in range(0, len(postures), BLOCK):
         part = np.s_[start : start + BLOCK]
         columns = model.jacobian(postures.pick(part))[:, :3]
         moved = (columns.reshape(-1, len(covariance)) @ covariance).reshape(columns.shape)
-        variance[part] = np.einsum("nkp,nkp->n", moved, columns)
+        variance[part] += np.einsum("nkp,nkp->n", moved, columns)
     return Prediction(model.pose(postures), np.sqrt(np.maximum(variance, 0.0)))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PredictedRows:
-    """Held-out rows as foreseen: variance (N,) of each distance error, mm²; chance (N,): of an error as improbable as
+    """Held-out rows as predicted: variance (N,) of each distance error, mm²; p_value (N,): of an error as improbable as
     the one found, or more so.
     """
 
@@ -61,23 +63,24 @@ class PredictedRows:
 def predict_rows(
     found: State,
     covariance: Floats,
-    rows: Rows,
+    rows: Measured,
     *,
     hidden: Floats | None = None,
     taken: Floats | None = None,
-    doubted: Floats | None = None,
+    extra_sigma: Floats | float = 0.0,
     tails: float = 1.0,
 ) -> PredictedRows:
     """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
 
     hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
     these very rows (a socket's place, a new session's base), and therefore cannot show in them. taken (H, P): what it
-    took up of each parameter, over all rows: that cannot show in them either. doubted (N,): 1 σ of each row, mm, for
-    what the model never saw; on each axis the same. tails: by how much noise is wider for the chance of an error than
-    its σ says, where it has more large errors than a normal distribution.
+    took up of each parameter, over all rows: that cannot show in them either. extra_sigma (N,): 1 σ of each row, mm,
+    on each axis, besides the model's: for postures outside the measured region. tails: by how much noise is wider for
+    the p-value of an error than its σ says, where it has more large errors than a normal distribution.
     """
     variance, p_value = np.empty(len(rows)), np.empty(len(rows))
-    lengths = np.array([quantity != "rotation" for quantity in rows.quantities])
+    extra = np.hypot(extra_sigma, np.sqrt(found.model.open_variance(rows.postures)))
+    lengths = rows.of_length
     for start in range(0, len(rows), BLOCK):
         part = np.s_[start : start + BLOCK]
         block = rows.pick(part)
@@ -90,13 +93,11 @@ def predict_rows(
         if hidden is not None:
             own = hidden[part]
             spread = spread - np.matmul(own, np.swapaxes(own, -1, -2)) + 1e-9 * np.eye(residual.shape[1])
-        if doubted is not None:
-            own_doubt = lengths * doubted[part, None] / block.sigma
-            spread = spread + (own_doubt**2)[:, :, None] * np.eye(residual.shape[1])
+        scaled = lengths * extra[part, None] / block.sigma
+        spread = spread + (scaled**2)[:, :, None] * np.eye(residual.shape[1])
         spread = spread + np.matmul(moved, np.swapaxes(lines, -1, -2))
         wider = spread + (tails**2 - 1.0) * np.eye(residual.shape[1])
-        squared = np.einsum("nk,nk->n", residual, np.linalg.solve(wider, residual[..., None])[..., 0])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)
-        p_value[part] = chi2.sf(squared, residual.shape[1])
+        p_value[part] = chi2.sf(squared_distances(residual, wider), residual.shape[1])
     return PredictedRows(variance, p_value)

@@ -20,7 +20,7 @@ def shape_sigma(model: RobotModel, covariance: Floats, at: At) -> Floats:
     """
     shape = shape_columns(model, at)
     variance = np.sum((shape @ covariance) * shape, axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1) + 3.0 * model.open_variance(at), 0.0)))
 
 
 def shape_columns(model: RobotModel, at: At) -> Floats:
@@ -32,7 +32,7 @@ def shape_columns(model: RobotModel, at: At) -> Floats:
     if len(postures) < 4:
         raise ValueError(f"{len(postures)} points have no shape to speak of")
     columns = model.jacobian(postures)[:, :3].reshape(3 * len(postures), -1)
-    together, _ = np.linalg.qr(_rigid_motions(model.tip(postures)))
+    together, _ = np.linalg.qr(_rigid_motions(model.tcp(postures)))
     return np.asarray(columns - together @ (together.T @ columns))
 
 

@@ -37,12 +37,12 @@ class LocatedSphere:
     sigma_mm: float
 
     def distances(self, q: Floats) -> Floats:
-        """How far from the centre the model sees the tip (M,), mm, at model angles q (M, n), rad."""
-        return np.asarray(np.linalg.norm(self.model.tip(q) - self.centre, axis=-1))
+        """How far from the centre the model sees the TCP (M,), mm, at model angles q (M, n), rad."""
+        return np.asarray(np.linalg.norm(self.model.tcp(q) - self.centre, axis=-1))
 
     def normals(self, q: Floats) -> Floats:
-        """Unit vectors (M, 3) from the centre to the tip."""
-        away = self.model.tip(q) - self.centre
+        """Unit vectors (M, 3) from the centre to the TCP."""
+        away = self.model.tcp(q) - self.centre
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
     def sigma_of_stand_off(self, covariance: Floats, q: Floats) -> Floats:
@@ -67,7 +67,7 @@ def locate_sphere(model: RobotModel, q: Floats, reach: Floats, sigma_mm: float) 
     if len(q) < 4:
         raise ValueError(f"{len(q)} touches do not locate a sphere and show that they agree: four at least")
     rows = TouchRows(q, np.zeros(len(q), int), reach, np.full((len(q), 1), sigma_mm))
-    start = State.alone(model, sphere_centre(model.tip(q), reach)[None])
+    start = State.alone(model, sphere_centre(model.tcp(q), reach)[None])
     unknowns = Unknowns.of(start, ("sphere",), Tolerances())
     found = estimate(unknowns.only(frozenset({"points"})), [rows]).state
     columns = rows.jacobian(found)[:, 0]

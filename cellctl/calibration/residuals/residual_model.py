@@ -18,17 +18,27 @@ class ResidualModel(Effect):
     It is estimated together with everything else of a model (decision 28): `of_inputs` chooses the functions, the
     estimator fits the amounts, `turns` and `shifts` say how they move the tool. The amounts are no parameters that mean
     something one by one: they are left out of lists of parameters, and of the search for outliers.
+
+    What the given functions do not span is counted once. Either the measured region counts it, whose postures are those
+    of the rows (`far_sigma`), or the model has a region of its own (`variance`, `outside`).
     """
 
     __slots__ = ()
 
     def variance(self, at: Postures) -> Floats:
-        """What the amounts leave open of the function at each posture (N,): mm² of the tool's place on each axis."""
+        """What the amounts leave open of the function at each posture (N,): mm² of the tool's place on each axis. Every
+        σ of a prediction has it."""
         return np.zeros(len(at))
 
     def outside(self, at: Postures) -> Floats:
-        """How far each posture (N,) is outside the measured region: the share of the variance that is left, 0 to 1."""
+        """How far each posture (N,) is outside the postures that this model needs: 0 to 1, a share of variance. The
+        measured region ends where this is large."""
         return np.zeros(len(at))
+
+    def far_sigma(self, sigma: Floats) -> float:
+        """1 σ on each axis, mm, of the function where nothing was measured, with the prior 1 σ (K,) of its amounts. The
+        measured region adds the share of it that its own postures leave."""
+        return 0.0
 
     def reduced(self, bands: Collection[str]) -> Self:
         """The same without the amounts whose band (`Parameter.band`) is not among `bands`."""

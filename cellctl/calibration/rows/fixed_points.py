@@ -51,11 +51,11 @@ class TouchRows(RowsAtJoints):
 
     def residual(self, state: State) -> Floats:
         """The tool's distance from the point less the measured one (N, 1), mm."""
-        away = self._model(state).tip(self.postures) - state.points[self.point]
+        away = self._model(state).tcp(self.postures) - state.points[self.point]
         return np.asarray(np.linalg.norm(away, axis=-1) - self.lengths(state))[:, None]
 
     def jacobian(self, state: State) -> Floats:
-        """(N, 1, P): the tip's motion along the line between, less the point's; 1 for the row's datum."""
+        """(N, 1, P): the TCP's motion along the line between, less the point's; 1 for the row's datum."""
         model, normal = self._model(state), self.normals(state)
         along = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
         result = with_points(along, -normal[:, None], self.point, state, self.session)
@@ -73,16 +73,16 @@ class TouchRows(RowsAtJoints):
         return self.datum
 
     def place(self, model: RobotModel) -> Floats:
-        """The centre (3,), mm, of the sphere that the tips lie on."""
-        return sphere_centre(model.tip(self.postures), self.reach)
+        """The centre (3,), mm, of the sphere that the TCPs lie on."""
+        return sphere_centre(model.tcp(self.postures), self.reach)
 
     def normals(self, state: State) -> Floats:
-        """From each row's point to the tip (N, 3)."""
-        away = self._model(state).tip(self.postures) - state.points[self.point]
+        """From each row's point to the TCP (N, 3)."""
+        away = self._model(state).tcp(self.postures) - state.points[self.point]
         return np.asarray(away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9))
 
     def anywhere(self, state: State) -> Floats:
-        """Tips (N, 3) that touch each row's sphere from anywhere."""
+        """TCPs (N, 3) that touch each row's sphere from anywhere."""
         normals = np.random.default_rng(len(self)).normal(size=(len(self), 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(state.points[self.point] + self.lengths(state)[:, None] * normals)
@@ -119,7 +119,7 @@ class SocketRows(RowsAtJoints):
 
     def residual(self, state: State) -> Floats:
         """The tool's place less the socket's (N, 3), mm."""
-        return np.asarray(self._model(state).tip(self.postures) - state.points[self.point])
+        return np.asarray(self._model(state).tcp(self.postures) - state.points[self.point])
 
     def jacobian(self, state: State) -> Floats:
         """(N, 3, P)."""

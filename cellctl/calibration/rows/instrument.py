@@ -40,7 +40,7 @@ class PositionRows(RowsAtJoints):
 
     def residual(self, state: State) -> Floats:
         """Model point minus measured point (N, 3), mm."""
-        return np.asarray(self._model(state).tip(self.postures) - self.xyz)
+        return np.asarray(self._model(state).tcp(self.postures) - self.xyz)
 
     def jacobian(self, state: State) -> Floats:
         """(N, 3, P)."""

@@ -93,6 +93,11 @@ class RowsAtJoints(ABC):
     def quantities(self) -> tuple[str, ...]:
         """See `Rows`."""
 
+    @property
+    def of_length(self) -> Bools:
+        """Which of the k numbers of a row are lengths, mm; the others are angles."""
+        return np.array([quantity != "rotation" for quantity in self.quantities])
+
     @abstractmethod
     def residual(self, state: State) -> Floats:
         """See `Rows`."""
@@ -131,7 +136,7 @@ class RowsAtJoints(ABC):
 
     def place(self, model: RobotModel) -> Floats:
         """Where all these rows, of one fixed point, see it (3,), mm; of a plane its pole."""
-        return np.asarray(model.tip(self.postures).mean(axis=0))
+        return np.asarray(model.tcp(self.postures).mean(axis=0))
 
     def normals(self, state: State) -> Floats:
         """The line (N, 3), unit vectors, along which each row is a distance; NaN where it is none."""
@@ -139,7 +144,7 @@ class RowsAtJoints(ABC):
 
     def anywhere(self, state: State) -> Floats:
         """Tool centre points (N, 3), mm, at which each row would be measured alike, as far apart as can be."""
-        return self._model(state).tip(self.postures)
+        return self._model(state).tcp(self.postures)
 
     def moved_to(self, postures: Postures, model: RobotModel) -> Self:
         """The same measurements at other postures of `model`."""

@@ -11,17 +11,17 @@ from cellctl.kinematics import Floats
 CENTRE_STEPS = 8
 
 
-def sphere_centre(tips: Floats, reach: Any) -> Floats:
-    """Centre (3,) of the sphere of radius `reach` (N,), mm, whose surface the points `tips` (N, 3) lie nearest to.
+def sphere_centre(tcps: Floats, reach: Any) -> Floats:
+    """Centre (3,) of the sphere of radius `reach` (N,), mm, whose surface the points `tcps` (N, 3) lie nearest to.
 
     From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from either side of the points along the
     direction in which they spread least, as the linear problem does not know how curved a small cap is; Gauss–Newton on
     the distances, the nearest wins. Fewer than four points give the nearest to the mean that they allow.
     """
-    reach = np.broadcast_to(np.asarray(reach, float), len(tips))
-    mean = tips.mean(axis=0)
-    away = tips - mean
-    lines = np.concatenate([2.0 * away, np.ones((len(tips), 1))], axis=1)
+    reach = np.broadcast_to(np.asarray(reach, float), len(tcps))
+    mean = tcps.mean(axis=0)
+    away = tcps - mean
+    lines = np.concatenate([2.0 * away, np.ones((len(tcps), 1))], axis=1)
     linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=1e-6)[0][:3]
     across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
     found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]

@@ -25,7 +25,7 @@ ACROSS_MM = 300.0
 """How far from its own place on each axis of space a touch on a plane may be moved (`anywhere`)."""
 
 CARRIED_MM = 30.0
-"""A part of the robot that is further from the tip than this shows from which side it touches."""
+"""A part of the robot that is further from the TCP than this shows from which side it touches."""
 
 
 @final
@@ -60,14 +60,14 @@ class PlaneRows(RowsAtJoints):
     def residual(self, state: State) -> Floats:
         """The tool's distance from the plane less the ball's radius (N, 1), mm."""
         normal, offset = planes_of(state.points[self.point])
-        along = np.sum(normal * self._model(state).tip(self.postures), axis=-1)
+        along = np.sum(normal * self._model(state).tcp(self.postures), axis=-1)
         return np.asarray(along - offset - self.reach)[:, None]
 
     def jacobian(self, state: State) -> Floats:
-        """(N, 1, P): the tip's motion along the normal; of the pole, the tilt's arm at the tip less the offset."""
+        """(N, 1, P): the TCP's motion along the normal; of the pole, the tilt's arm at the TCP less the offset."""
         model, normal = self._model(state), self.normals(state)
         columns = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
-        of_pole = by_pole(state.points[self.point], model.tip(self.postures))
+        of_pole = by_pole(state.points[self.point], model.tcp(self.postures))
         return with_points(columns, of_pole[:, None], self.point, state, self.session)
 
     def errors(self, state: State) -> Floats:
@@ -79,16 +79,16 @@ class PlaneRows(RowsAtJoints):
         return planes_of(state.points[self.point])[0]
 
     def place(self, model: RobotModel) -> Floats:
-        """The pole (3,), mm, of the plane that the tips lie on."""
-        tips = model.tip(self.postures)
-        return plane_pole(tips, self.reach, model.chain.frames(self.q)[..., :3, 3])
+        """The pole (3,), mm, of the plane that the TCPs lie on."""
+        tcps = model.tcp(self.postures)
+        return plane_pole(tcps, self.reach, model.chain.frames(self.q)[..., :3, 3])
 
     def anywhere(self, state: State) -> Floats:
-        """Tips (N, 3) that touch each row's plane, up to `ACROSS_MM` beside where they are."""
-        tips, normal = self._model(state).tip(self.postures), self.normals(state)
-        beside = np.random.default_rng(len(self)).uniform(-ACROSS_MM, ACROSS_MM, tips.shape)
+        """TCPs (N, 3) that touch each row's plane, up to `ACROSS_MM` beside where they are."""
+        tcps, normal = self._model(state).tcp(self.postures), self.normals(state)
+        beside = np.random.default_rng(len(self)).uniform(-ACROSS_MM, ACROSS_MM, tcps.shape)
         lift = np.sum(normal * beside, axis=1) + self.residual(state)[:, 0]
-        return np.asarray(tips + beside - lift[:, None] * normal)
+        return np.asarray(tcps + beside - lift[:, None] * normal)
 
 
 def planes_of(poles: Floats) -> tuple[Floats, Floats]:
@@ -111,14 +111,14 @@ def by_pole(poles: Floats, points: Floats) -> Floats:
     return np.asarray(across / length - 0.5 * (1.0 + (SCALE_MM / length) ** 2) * normal)
 
 
-def plane_pole(tips: Floats, reach: Floats, frames: Floats) -> Floats:
-    """Pole (3,), mm, of the plane from which `tips` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
-    which they spread least, its normal towards what carries the tips: the last of the robot's `frames` (N, K, 3), mm,
-    that is not where the tip is.
+def plane_pole(tcps: Floats, reach: Floats, frames: Floats) -> Floats:
+    """Pole (3,), mm, of the plane from which `tcps` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
+    which they spread least, its normal towards what carries the TCPs: the last of the robot's `frames` (N, K, 3), mm,
+    that is not where the TCP is.
     """
-    away, arms = tips - tips.mean(axis=0), frames - tips[:, None]
+    away, arms = tcps - tcps.mean(axis=0), frames - tcps[:, None]
     carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
     normal = np.linalg.eigh(away.T @ away)[1][:, 0]
     if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
         normal = -normal
-    return pole_of(normal, float(np.median(tips @ normal - reach)))
+    return pole_of(normal, float(np.median(tcps @ normal - reach)))

@@ -73,8 +73,7 @@ class Folded:
         system = System.of(unknowns, deviations, rows, certain)
         mm = np.zeros(linear.away.shape)
         for block, mine, _ in rows.parts():
-            lengths = np.array([quantity != "rotation" for quantity in block.quantities])
-            mm[mine, : len(lengths)] = block.sigma * lengths
+            mm[mine, : len(block.quantities)] = block.sigma * block.of_length
         own = tuple((test, _normals(linear, test)) for test in folds)
         return cls(linear, system, mm, own, registering[unknowns.free])
 
@@ -133,9 +132,9 @@ class Folded:
         self, residual: Floats, columns: Floats, at: Any, test: Any, left: Mapping[Factor, Normal]
     ) -> tuple[Floats, bool]:
         """Residuals once what no other row knows (a point, a session) is found from these; whether there is any."""
-        told = np.sum([np.diag(normal.square) for normal in left.values()], axis=0) if left else np.zeros(len(at))
+        known = np.sum([np.diag(normal.square) for normal in left.values()], axis=0) if left else np.zeros(len(at))
         there = np.einsum("nkf,nkf->f", columns, columns)
-        unknown = self.registering[at] & (told <= 1e-9 * there) & (there > 0.0)
+        unknown = self.registering[at] & (known <= 1e-9 * there) & (there > 0.0)
         if not unknown.any():
             return residual, False
         mine = columns[..., unknown].reshape(residual.size, -1)

@@ -1,4 +1,4 @@
-"""Whether rows show that a model lacks something: then a discrepancy term joins it, by the evidence of the rows."""
+"""Whether rows show that a model lacks something: then a residual model joins it, by the evidence of the rows."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.effects import Discrepancy, ResidualModel, in_order
+from cellctl.calibration.effects import EffectInputs, ResidualModel, in_order, kinds
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.evidence import Factor, System
 from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
@@ -19,38 +21,42 @@ from cellctl.kinematics import Floats
 ROWS_AT_LEAST = 10
 
 SHOWN = 2.0
-"""A discrepancy has to raise the logarithm of the evidence by this: seven times as probable. One that is there by
+"""A residual model has to raise the logarithm of the evidence by this: seven times as probable. One that is there by
 chance only makes σ larger; without one that is needed σ is too small.
 """
 
 
 def without_functions(task: Task) -> Task:
-    """`task` without harmonics and discrepancy; as it is where they belong to a prior model."""
+    """`task` without residual models; as it is where they belong to a prior model."""
     if task.prior is not None:
         return task
     return task.with_effects(tuple(effect for effect in task.model.effects if not isinstance(effect, ResidualModel)))
 
 
-def may_lack(task: Task) -> bool:
-    """Whether a discrepancy is looked for: of a robot whose geometry is identified, and of which nothing was known."""
-    there = any(isinstance(effect, Discrepancy) for effect in task.model.effects)
-    return task.prior is None and task.groups is None and not there
+def may_join(task: Task) -> list[type[ResidualModel]]:
+    """Residual models that the rows may ask for: those of a robot whose geometry is identified, without prior model."""
+    if task.prior is not None or task.groups is not None:
+        return []
+    there = {effect.group for effect in task.model.effects}
+    of_evidence = [kind for kind in kinds().values() if kind.chosen == "by evidence" and kind.group not in there]
+    return [kind for kind in of_evidence if issubclass(kind, ResidualModel)]
 
 
-def with_discrepancy(task: Task, rows: RowBlocks) -> Task:
-    """`task` whose model has a discrepancy over the postures of `rows`."""
-    return task.with_effects(in_order([*task.model.effects, Discrepancy.over(rows.q)]))
+def with_kind(task: Task, kind: type[ResidualModel], rows: RowBlocks) -> Task | None:
+    """`task` whose model has a residual model of this kind, made from `rows`; None where they cannot show it."""
+    made = kind.of_inputs(EffectInputs(task.model.chain, Postures(rows.q)))
+    return None if made is None else task.with_effects(in_order([*task.model.effects, made]))
 
 
-def discrepancy_scales(
-    found: Estimate, wider: Unknowns, rows: RowBlocks, certain: list[Rows], scales: dict[Factor, float]
+def scales_with(
+    group: Group, found: Estimate, wider: Unknowns, rows: RowBlocks, certain: list[Rows], scales: dict[Factor, float]
 ) -> dict[Factor, float] | None:
-    """Noise and prior scales with the discrepancy that `wider` has beside what was `found` with `scales`; None where
-    the rows are hardly more probable with it.
+    """Noise and prior scales with the residual model `group` that `wider` has beside what was `found` with `scales`;
+    None where the rows are hardly more probable with it.
     """
     system = System.of(wider, carried(found, wider), rows, certain)
     logs = {factor: float(np.log(value)) for factor, value in scales.items()}
-    gain, tuned = system.gain((Discrepancy.group, 0), logs)
+    gain, tuned = system.gain((group, 0), logs)
     if gain < SHOWN:
         return None
     return {factor: float(np.exp(value)) for factor, value in tuned.items()}

@@ -1,7 +1,7 @@
 """A sample of many rows that has something of everything: small blocks and rare points whole, large ones thinned.
 
 A sample drawn from all rows alike would have six of thirty-six touches beside twenty thousand positions: too few to
-tell a wild one by.
+tell an outlier by.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ class FitResult:
     nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
     sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: nothing was held out), and why.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, apart from what moves all of it
-    as one body: what a residual on spheres cannot tell. unforeseen: indices of held-out rows far beyond what the model
-    foresees, unforeseen_mm: how far off, foreseen_mm: 1 σ (3-D) of each of them as foreseen; they are in the figures.
+    as one body: what a residual on spheres cannot tell. unpredicted: indices of held-out rows far beyond what the model
+    predicts, unpredicted_mm: how far off, predicted_mm: 1 σ (3-D) predicted for each; they are in the figures.
     ladder: the models tried, where it was left open.
 
     prior: a prior model, registered, on the rows of `nominal`; None without one. against: what decided the verdict.
@@ -62,9 +62,9 @@ class FitResult:
     verdict_reason: str
     sigma_ok: bool | None
     sigma_reason: str
-    unforeseen: tuple[int, ...]
-    unforeseen_mm: tuple[float, ...]
-    foreseen_mm: tuple[float, ...]
+    unpredicted: tuple[int, ...]
+    unpredicted_mm: tuple[float, ...]
+    predicted_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
     reliability: Reliability
@@ -111,7 +111,7 @@ class FitResult:
             "converged": found.converged,
             "ended": found.ended,
             "ladder": [asdict(step) for step in self.ladder],
-            "loosened": dict(self.identification.loosened),
+            "loosened": dict(self.identification.prior_scale),
             "noise_growth": [float(value) for value in self.identification.noise],
         }
 
@@ -182,14 +182,14 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         nominal=ErrorFigures.of(nominal),
         fit=ErrorFigures.of(own.errors(final_one.identified.state)),
         test=ErrorFigures.of(held_out.identified),
-        predicted_test_rms=held_out.foreseen_rms,
+        predicted_test_rms=held_out.predicted_rms,
         coverage_95=float(held_out.inside.mean()) if held_out.inside.size else 0.0,
         predicted_volumetric_rms=_over_region(final_one.identified, region),
         verdict=judgement.verdict,
         verdict_reason=judgement.reason,
         sigma_ok=judgement.sigma_ok,
         sigma_reason=judgement.sigma_reason,
-        **_unforeseen(split, held_out),
+        **_unpredicted(split, held_out),
         nominal_errors=nominal,
         test_errors=held_out.identified,
         ladder=whole.ladder,
@@ -234,14 +234,14 @@ def _observability(task: Task, found: Identification, own: RowBlocks) -> Observa
     )
 
 
-def _unforeseen(split: Split, held_out: HeldOut) -> dict[str, Any]:
-    """The held-out rows far beyond what was foreseen, how far off each was, and how far it should be, by row."""
+def _unpredicted(split: Split, held_out: HeldOut) -> dict[str, Any]:
+    """The held-out rows far beyond what was predicted, how far off each was, and how far it should be, by row."""
     places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
-    which = held_out.unforeseen
+    which = held_out.unpredicted
     columns = (places[which], held_out.identified[which], np.sqrt(held_out.variance[which]))
     found = sorted(zip(*(column.tolist() for column in columns), strict=True))
-    rows, errors, foreseen = zip(*found, strict=True) if found else ((), (), ())
-    return {"unforeseen": rows, "unforeseen_mm": errors, "foreseen_mm": foreseen}
+    rows, errors, expected = zip(*found, strict=True) if found else ((), (), ())
+    return {"unpredicted": rows, "unpredicted_mm": errors, "predicted_mm": expected}
 
 
 def _over_region(found: Estimate, region: MeasuredRegion) -> float:

@@ -33,14 +33,14 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
     noisy = rows.noisier(_noise_of(used, by))
     hidden = _hidden(identified, noisy, unseen)
     taken = _taken(identified, noisy, hidden)
-    foreseen = [
+    predicted = [
         predict_rows(
             identified,
             covariance,
             block,
             hidden=own,
             taken=taken,
-            doubted=reliability.region.outside(block.q) / np.sqrt(3.0),
+            extra_sigma=reliability.region.outside(block.q) / np.sqrt(3.0),
             tails=reliability.tails,
         )
         for block, own in zip(noisy.blocks, hidden, strict=True)
@@ -50,8 +50,8 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
     return HeldOut(
         nominal=before if task.nominal is None else nominal_errors(task, used, rows),
         identified=rows.errors(identified),
-        variance=np.concatenate([np.zeros(0), *(each.variance for each in foreseen)]),
-        p_value=np.concatenate([np.zeros(0), *(each.p_value for each in foreseen)]),
+        variance=np.concatenate([np.zeros(0), *(each.variance for each in predicted)]),
+        p_value=np.concatenate([np.zeros(0), *(each.p_value for each in predicted)]),
         left=np.full(len(rows), _share_left(rows, hidden)),
         prior=None if task.nominal is None else before,
     )

@@ -18,7 +18,7 @@ UNLIKELY = 0.01
 """So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
 
 FAR = 1.25
-"""Found errors up to this many times those foreseen are of the size foreseen."""
+"""Found errors up to this many times those predicted are of the size predicted."""
 
 NOTHING_MM = 1e-6
 """Differences up to this are arithmetic."""
@@ -57,7 +57,7 @@ def _joined(parts: Iterable[Floats]) -> Floats:
 @dataclass(frozen=True, eq=False)
 class HeldOut:
     """Rows that a model never saw: distances from the nominal and from the identified robot (N,), mm; variance (N,) of
-    the latter as foreseen, mm²; chance (N,) of one as improbable as that found, or more so, by what was foreseen; left
+    the latter as predicted, mm²; p_value (N,): of the error found, by what was predicted; left
     (N,): the share of each row that is left where something was fitted to these very rows first (None: all of it).
     prior: distances from a prior model that was updated, registered; None where there was none.
     """
@@ -88,17 +88,17 @@ class HeldOut:
         return float(self.nominal.size if self.left is None else self.left.sum())
 
     @property
-    def foreseen_rms(self) -> float:
+    def predicted_rms(self) -> float:
         """Foreseen root mean square of the identified robot's distances, mm; 0 without rows."""
         return float(np.sqrt(self.variance.mean())) if self.variance.size else 0.0
 
     @property
     def inside(self) -> Bools:
-        """Which rows (N,) lie in their foreseen 95 % region."""
+        """Which rows (N,) lie in their predicted 95 % region."""
         return np.asarray(self.p_value >= 0.05)
 
     @property
-    def unforeseen(self) -> Bools:
+    def unpredicted(self) -> Bools:
         """Which rows (N,) lie where hardly any ever does: something is wrong with them, or with the model there."""
         return np.asarray(self.p_value < OUTLYING)
 
@@ -169,17 +169,17 @@ def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, s
         return False, "; ".join(doubts)
     found = ErrorFigures.of(rows.identified).rms
     inside = f"{int(rows.inside.sum())} of {rows.inside.size} held-out rows lie in their 95 % region"
-    figures = f"{inside}; {rows.foreseen_rms:.3f} mm RMS predicted, {found:.3f} found"
-    return _foreseen(rows, found), figures
+    figures = f"{inside}; {rows.predicted_rms:.3f} mm RMS predicted, {found:.3f} found"
+    return _predicted(rows, found), figures
 
 
-def _foreseen(rows: HeldOut, found: float) -> bool:
-    """Whether the found errors (`found`: their RMS, mm) are those foreseen: enough in the 95 % regions, or the size."""
+def _predicted(rows: HeldOut, found: float) -> bool:
+    """Whether the found errors (`found`: their RMS, mm) are those predicted, by coverage or by size."""
     from scipy.stats import binom
 
     count = max(round(rows.count), 1)
     covered = float(binom.cdf(round(float(rows.inside.mean()) * count), count, 0.95)) >= UNLIKELY
-    return covered or rows.foreseen_rms * FAR >= found
+    return covered or rows.predicted_rms * FAR >= found
 
 
 def paired_verdict(nominal: Floats, identified: Floats, *, count: float | None = None) -> Verdict:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self, final
@@ -9,10 +10,11 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.stats import binom, chi2
 
-from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.estimation.identify import Identification, Weights, certain
+from cellctl.calibration.estimation.linear import squared_distances
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion
+from cellctl.calibration.residuals.posture_basis import PostureBasis
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded, Predicted
 from cellctl.calibration.selection.folds import end_folds, evenly, judging, random_folds
@@ -29,9 +31,6 @@ WIDEST = 3.0
 
 FEW = 250
 """Of so few rows each fold has a say in noise and prior scales: they are found without it."""
-
-OUTSIDE = 0.5
-"""A posture of which the measured ones leave more than this share of the variance is outside."""
 
 STEPS = 24
 
@@ -54,8 +53,9 @@ class Reliability:
             return cls(1.0, task.region.with_angles(used.q))
         most = float(np.sqrt(np.mean(used.errors(found.nominal.state) ** 2) / _axes(used)))
         tails, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
-        in_space = float(np.sqrt(3.0) * np.hypot(outside, _own_discrepancy(found)))
-        return cls(tails, MeasuredRegion.of(used.q, in_space, _scatter(found, used)))
+        model = found.identified.state.model
+        in_space = float(np.sqrt(3.0) * np.hypot(outside, _far_sigma(found)))
+        return cls(tails, MeasuredRegion.of(used.q, in_space, _scatter(found, used), model.residual_models))
 
 
 def _judged(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
@@ -82,12 +82,12 @@ def mostly_outside(measured: Floats, predicted: Floats) -> bool:
     """Whether most of the postures `predicted` (M, n), rad, are outside those `measured` (N, n)."""
     if not len(predicted) or len(measured) < ROWS_AT_LEAST:
         return False
-    return float(np.median(Discrepancy.over(measured).remainder(predicted))) > OUTSIDE
+    return float(np.median(PostureBasis.over(measured).remainder(predicted))) > OUTSIDE
 
 
 def _axes(rows: RowBlocks) -> int:
     """How many axes a row's error has: 3 of a point, 1 of a distance."""
-    return max((sum(name != "rotation" for name in block.quantities) for block in rows.blocks if len(block)), default=1)
+    return max((int(block.of_length.sum()) for block in rows.blocks if len(block)), default=1)
 
 
 def _scatter(found: Identification, used: RowBlocks) -> float:
@@ -96,22 +96,17 @@ def _scatter(found: Identification, used: RowBlocks) -> float:
     """
     excess = []
     for block, _, own in used.parts():
-        lengths = np.array([name != "rotation" for name in block.quantities])
+        lengths = block.of_length
         if len(block) and lengths.any():
             grown = np.maximum(found.noise[own][lengths] ** 2 - 1.0, 0.0)
             excess.append(float(np.mean(grown * block.sigma[:, lengths] ** 2)))
     return float(np.sqrt(3.0 * min(excess, default=0.0)))
 
 
-def _own_discrepancy(found: Identification) -> float:
-    """1 σ, mm, of the model's own discrepancy where nothing was measured; 0 without one."""
-    unknowns = found.identified.unknowns
-    mine = unknowns.among(frozenset({Discrepancy.group}))
-    return float(unknowns.sigma[mine].max()) if mine.any() else 0.0
-
-
-def _squares(residual: Floats, covariance: Floats) -> Floats:
-    return np.asarray(np.einsum("nk,nk->n", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]))
+def _far_sigma(found: Identification) -> float:
+    """1 σ on each axis, mm, of the model's own residual models where nothing was measured; 0 without any."""
+    unknowns, models = found.identified.unknowns, found.identified.state.model.residual_models
+    return math.hypot(*(each.far_sigma(unknowns.sigma[unknowns.among(frozenset({each.group}))]) for each in models))
 
 
 def _tails(predicted: Predicted, noise: Floats) -> float:
@@ -126,7 +121,7 @@ def _tails(predicted: Predicted, noise: Floats) -> float:
     added = own[:, :, None] * np.eye(own.shape[1])
 
     def inside(factor: float) -> int:
-        return int(np.count_nonzero(_squares(residual, covariance + (factor**2 - 1.0) * added) <= limits))
+        return int(np.count_nonzero(squared_distances(residual, covariance + (factor**2 - 1.0) * added) <= limits))
 
     if binom.cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
         return 1.0
@@ -138,7 +133,7 @@ def _left_by_the_others(q: Floats, folds: Sequence[Any]) -> Floats:
     """The share of variance (M,) that the other rows leave at the rows of each fold that are looked at."""
     others = [np.delete(np.arange(len(q)), test) for test in folds]
     pairs = zip(folds, others, strict=True)
-    return np.concatenate([Discrepancy.over(q[rest]).remainder(q[evenly(test, OF_EACH_END)]) for test, rest in pairs])
+    return np.concatenate([PostureBasis.over(q[rest]).remainder(q[evenly(test, OF_EACH_END)]) for test, rest in pairs])
 
 
 def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> float:
@@ -151,7 +146,7 @@ def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> flo
     best, chosen = -np.inf, most
     for tried in most * np.append(0.0, np.geomspace(0.01, 1.0, STEPS)):
         whole = covariance + tried**2 * added
-        fit = -0.5 * float(np.sum(_squares(residual, whole) + np.linalg.slogdet(whole)[1]))
+        fit = -0.5 * float(np.sum(squared_distances(residual, whole) + np.linalg.slogdet(whole)[1]))
         if fit > best:
             best, chosen = fit, float(tried)
     return chosen

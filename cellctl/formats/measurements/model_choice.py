@@ -97,7 +97,7 @@ def _effects() -> dict[str, type[Effect]]:
     """The effects that a person may name, by name."""
     from cellctl.calibration import kinds
 
-    return {group: kind for group, kind in kinds().items() if kind.chosen != "never"}
+    return {group: kind for group, kind in kinds().items() if kind.chosen != "by evidence"}
 
 
 def _wrong(choice: str, given: Collection[str]) -> str | None:

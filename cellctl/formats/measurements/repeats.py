@@ -66,7 +66,9 @@ def reject_lone_zeros(sieve: Sieve, zeros: Sequence[str], kept: list[int]) -> No
     if len(lone) == len(kept):
         return  # that there are too few rows is said in other words
     for row in lone:
-        sieve.reject(row, f"one length only with zero '{zeros[row]}': the zero cannot be told from it; mistyped?")
+        sieve.reject(
+            row, f"one length only with zero '{zeros[row]}': it cannot be distinguished from the zero; mistyped?"
+        )
 
 
 def posture_numbers(readings: Floats) -> list[int]:

@@ -75,7 +75,9 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
 def _scaled(story: FitStory) -> str:
     """Which groups of parameters deviate more than was assumed, and by which factor."""
     sizes = estimated(story.found.unknowns)  # of effects: their scale is estimated anyway
-    factors = {name: by for name, by in story.result.identification.loosened.items() if name not in sizes and by > 1.0}
+    factors = {
+        name: by for name, by in story.result.identification.prior_scale.items() if name not in sizes and by > 1.0
+    }
     words = [f"{group}: the data show {factor:.1f} times as much" for group, factor in factors.items()]
     return ", ".join(words)
 

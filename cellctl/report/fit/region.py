@@ -49,7 +49,7 @@ class RegionSigma:
     @cached_property
     def _rigid(self) -> Floats:
         """The rigid motion (6, K) nearest to each error."""
-        columns, moves = _motions(self.model.tip(self.postures)), self._moves(self.postures)
+        columns, moves = _motions(self.model.tcp(self.postures)), self._moves(self.postures)
         return np.asarray(np.linalg.lstsq(columns.reshape(-1, 6), moves.reshape(-1, moves.shape[-1]), rcond=None)[0])
 
     def in_frame(self, q: Floats) -> Floats:
@@ -58,7 +58,7 @@ class RegionSigma:
 
     def among(self, q: Floats) -> Floats:
         """1 σ (N,) at q (N, n) relative to the region."""
-        left = self._moves(q) - _motions(self.model.tip(q)) @ self._rigid
+        left = self._moves(q) - _motions(self.model.tcp(q)) @ self._rigid
         return np.asarray(np.sqrt(np.sum(left**2, axis=(1, 2))))
 
     def _moves(self, q: Floats) -> Floats:

@@ -42,7 +42,7 @@ def residuals_of(story: FitStory) -> Residuals:
         point=np.array([story.task.points[at] if at >= 0 else "" for at in point], str),
         on_sphere=np.isfinite(columns["signed_after"]) & (point >= 0) & ~on_plane,
         held_out=np.isin(index, held_out),
-        outlier=np.isin(index, [*left_out, *story.result.unforeseen]) & ~np.isin(index, story.used),
+        outlier=np.isin(index, [*left_out, *story.result.unpredicted]) & ~np.isin(index, story.used),
         readings=story.readings[index],
         p_value=np.concatenate([np.full(len(in_fit), np.nan), _p_values(story, held_out)]),
         **columns,
@@ -94,7 +94,7 @@ class _Predicted:
 def _block(block: Measured, states: tuple[State, State], predicted: _Predicted | None) -> dict[str, Any]:
     """The columns of one block of rows, whose σ are those found."""
     model = states[1].models[block.session]
-    tips = model.tip(block.postures)
+    tips = model.tcp(block.postures)
     vectors = [_vectors(block, state) for state in states]
     ways = model.chain.tool_jacobian(block.q)[:, :3]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1.0)

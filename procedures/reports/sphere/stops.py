@@ -38,8 +38,8 @@ def _texts(rows: Sequence[TouchRow], stops: StopFigures | None) -> Iterator[str]
 def _picture(model: ModelFile, rows: Sequence[TouchRow]) -> str:
     """The tip's way from contact to rest by the identified robot."""
     joints, robot = model.robot.joint_map(), model.robot_model()
-    contact = robot.tip(joints.model(np.array([row.joints for row in rows])))
-    rest = robot.tip(joints.model(np.array([row.resting for row in rows])))
+    contact = robot.tcp(joints.model(np.array([row.joints for row in rows])))
+    rest = robot.tcp(joints.model(np.array([row.resting for row in rows])))
     faulty = np.array([any(getattr(row, fate) for fate in _FATES) for row in rows])
     return over_travel_picture(np.linalg.norm(rest - contact, axis=1), faulty)
 

@@ -22,7 +22,7 @@ def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact
     import numpy as np
 
     joints, models = _models(context.run_folder / "model.json")
-    tips = models[target.run].tip(joints.model([found.start, found.joints]))
+    tips = models[target.run].tcp(joints.model([found.start, found.joints]))
     travel = float((tips[0] - tips[1]) @ np.array(target.normal))
     return StandOffRow(
         number=target.number,

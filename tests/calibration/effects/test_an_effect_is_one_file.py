@@ -65,7 +65,7 @@ def data(warm: bool = True) -> DataSet:
     readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (120, 3))
     temperature = rng.uniform(15.0, 35.0, 120)
     flange = ROBOT.chain().forward_flange(ROBOT.joint_map().model(readings))[:, :3, :3]
-    places = elbow_arm.ElbowArm().tip(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
+    places = elbow_arm.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
     head, *lines = csv_text(joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))).splitlines()
     if warm:
         head = f"{head},temperature"

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.posture_basis import PostureBasis
 
 
 def kernel(one, other, length):
@@ -34,13 +35,13 @@ def test_what_the_centres_span_and_the_remainder_are_the_whole_variance_anywhere
     cross = kernel(q, centres, 1.3)
     square = kernel(centres, centres, 1.3)
     left = 1.0 - np.einsum("nm,nm->n", cross, np.linalg.solve(square, cross.T).T)  # a conditional variance
-    assert_allclose(effect.remainder(q), left, atol=1e-4)
+    assert_allclose(effect.basis.remainder(q), left, atol=1e-4)
     own = np.einsum("nana->na", covariance(effect, six_joints.chain(), q)) / 0.2**2
-    assert_allclose(own + effect.remainder(q)[:, None], np.ones((50, 3)), atol=1e-9)
+    assert_allclose(own + effect.basis.remainder(q)[:, None], np.ones((50, 3)), atol=1e-9)
 
 
 def test_nothing_is_left_at_the_centres_and_all_far_away(centres):
-    effect = Discrepancy(centres)
+    effect = PostureBasis(centres)
     assert effect.remainder(centres).max() < 1e-5
     assert effect.remainder(centres + 10.0).min() > 0.999
 
@@ -48,7 +49,7 @@ def test_nothing_is_left_at_the_centres_and_all_far_away(centres):
 def test_no_two_centres_are_alike_and_all_postures_are_near_one(rng):
     q = rng.uniform(-1.0, 1.0, (40, 6))
     repeated = np.repeat(q, 5, axis=0) + rng.normal(0.0, 1e-4, (200, 6))
-    effect = Discrepancy.over(repeated)
+    effect = PostureBasis.over(repeated)
     apart = np.linalg.norm(effect.centres[:, None] - effect.centres[None], axis=2) + 10.0 * np.eye(len(effect.centres))
     assert len(effect.centres) == 40
     assert apart.min() > 0.05
@@ -56,12 +57,12 @@ def test_no_two_centres_are_alike_and_all_postures_are_near_one(rng):
 
 
 def test_of_many_postures_at_most_64_are_centres_and_of_one_posture_one(rng):
-    assert len(Discrepancy.over(rng.uniform(-1.0, 1.0, (500, 6))).centres) == 64
-    assert len(Discrepancy.over(np.ones((30, 6))).centres) == 1
-    assert len(Discrepancy.over(np.ones((1, 6))).centres) == 1
+    assert len(PostureBasis.over(rng.uniform(-1.0, 1.0, (500, 6))).centres) == 64
+    assert len(PostureBasis.over(np.ones((30, 6))).centres) == 1
+    assert len(PostureBasis.over(np.ones((1, 6))).centres) == 1
 
 
 def test_the_length_is_that_at_which_half_of_the_rows_tell_of_the_others(rng):
     dense, sparse = rng.uniform(-0.5, 0.5, (300, 3)), rng.uniform(-3.0, 3.0, (60, 6))
-    assert Discrepancy.over(dense).length_rad == 1.0
-    assert Discrepancy.over(sparse).length_rad > 3.0
+    assert PostureBasis.over(dense).length_rad == 1.0
+    assert PostureBasis.over(sparse).length_rad > 3.0

@@ -45,7 +45,7 @@ def at(arm, rng):
 def parts(effect, arm, at):
     turned, shifted = effect.turns(arm.chain(), at), effect.shifts(arm.chain(), at)
     if isinstance(turned, OwnTurns):
-        turned = turned.dense(arm.n)
+        turned = turned.columns(np.broadcast_to(np.eye(arm.n), (len(at), arm.n, arm.n)))
     return [part for part in (turned, shifted) if part is not None]
 
 

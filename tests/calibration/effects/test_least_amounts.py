@@ -35,7 +35,7 @@ def task(six_joints):
 
     def day(number):
         at = Postures(rng.uniform(-1.5, 1.5, (60, 6)), approach=rng.choice([-1.0, 1.0], (60, 6)))
-        return PositionRows(at, true.tip(at) + rng.normal(0.0, SIGMA, (60, 3)), np.full((60, 3), SIGMA), number)
+        return PositionRows(at, true.tcp(at) + rng.normal(0.0, SIGMA, (60, 3)), np.full((60, 3), SIGMA), number)
 
     return Task(model, [day(0), day(1)], sessions=(Session(), Session("later", frozenset({"base"}))))
 

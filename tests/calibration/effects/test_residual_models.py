@@ -5,18 +5,26 @@ import pytest
 
 from cellctl.calibration.effects import Discrepancy, Harmonics, functions, kinds
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.prediction.measured_region import MeasuredRegion
 
 
 def test_harmonics_and_the_discrepancy_are_the_random_functions():
     assert functions() == {"harmonics", "discrepancy"} < set(kinds())
 
 
-def test_a_discrepancy_leaves_nothing_open_at_its_postures_and_all_of_it_far_away():
+def test_what_a_discrepancy_leaves_open_is_counted_once_by_the_measured_region():
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
     model = Discrepancy(q, 1.0, 0.2)
-    assert model.variance(Postures(q)) == pytest.approx(np.zeros(20), abs=1e-5)
-    assert model.variance(Postures(q + 50.0)) == pytest.approx(np.full(20, 0.04))
-    assert model.outside(Postures(q + 50.0)) == pytest.approx(np.ones(20))
+    assert model.far_sigma(model.sigma) == pytest.approx(0.2)
+    assert not model.variance(Postures(q + 50.0)).any()
+    assert not model.outside(Postures(q + 50.0)).any()
+
+
+def test_the_measured_region_reaches_as_far_as_its_postures():
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3))
+    region = MeasuredRegion.of(q, outside_mm=0.4)
+    assert region.outside(q).mean() < 0.05
+    assert region.outside(q + 50.0) == pytest.approx(np.full(200, 0.4))
 
 
 def test_harmonics_reduced_to_a_band_keep_its_waves_and_no_other():

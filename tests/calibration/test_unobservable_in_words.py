@@ -133,7 +133,7 @@ def test_conditions_that_change_show_the_effects(robot):
 
 def by_cause(found):
     """Of each cause, how many combinations it hides; those that harm nothing under `harmless`."""
-    return {"harmless" if each.harmless else each.cause: len(each.combinations) for each in found.hidden}
+    return {"harmless" if each.harmless else each.reason: len(each.combinations) for each in found.hidden}
 
 
 @pytest.mark.parametrize("kind", ["positions", "poses", "distances"])
@@ -149,7 +149,7 @@ def test_several_joints_that_never_move_are_one_cause(robot):
 
 def test_rows_at_one_posture_are_told_so_before_anything_else():
     first, *_ = seen(TABLE, angles(range(7)), "positions").hidden
-    assert first.cause == "all rows are at one posture"
+    assert first.reason == "all rows are at one posture"
 
 
 def test_a_joint_that_hardly_moves_is_named_with_how_much():
@@ -191,7 +191,7 @@ def test_what_takes_up_the_base_and_the_tool_is_said_to_harm_nothing_and_last():
 def test_alike_parameters_are_told_in_one_phrase():
     at = Postures(angles(), np.ones((ROWS, 7)), np.full(ROWS, 5.0), np.full(ROWS, 3.0))
     found = seen(TABLE, angles(), "positions", effects_of(TABLE), at)
-    (sides,) = [each for each in found.hidden if each.cause.startswith("every row")]
+    (sides,) = [each for each in found.hidden if each.reason.startswith("every row")]
     assert "θi with backlash of joint i, i = 2, 3, 4, 5, 6" in sides.phrases()
     (alone,) = [each for each in seen(TABLE, angles(), "positions", (Backlash(7),)).hidden if not each.harmless]
     assert alone.phrases() == ["backlash of joints 1, 2, 3, 4, 5, 6, 7: each alone"]

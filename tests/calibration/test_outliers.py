@@ -38,18 +38,18 @@ def test_a_joint_read_wrong_once_is_named_and_does_no_harm(touches, touch_task, 
 
 
 def test_three_wild_rows_in_forty_are_found_and_only_these(touches, touch_task):
-    wild = [4, 17, 31]
-    found = identify(turned(touch_task(touches), wild, [0.5, -0.5, 0.5]), np.arange(40))
-    assert found.outliers == tuple(wild)
+    outlying = [4, 17, 31]
+    found = identify(turned(touch_task(touches), outlying, [0.5, -0.5, 0.5]), np.arange(40))
+    assert found.outliers == tuple(outlying)
 
 
 def test_touches_on_another_sphere_than_they_say_are_found(touches, touch_task, clean):
-    task, wild = touch_task(touches), [5, 20, 35]
+    task, outlying = touch_task(touches), [5, 20, 35]
     rows = task.rows.only
     sphere = rows.point.copy()
-    sphere[wild] = (sphere[wild] + 1) % 3
+    sphere[outlying] = (sphere[outlying] + 1) % 3
     found = fit(replace(task, rows=replace(rows, point=sphere)), Split.by_column(LATER))
-    assert found.identification.outliers == tuple(wild)
+    assert found.identification.outliers == tuple(outlying)
     assert found.test.mean < clean.test.mean + 0.01
 
 
@@ -76,8 +76,8 @@ def test_rows_that_are_all_noisy_are_noisy_and_not_wild(draw, touch_task):
 @pytest.mark.parametrize("degrees", [0.1, 0.5, 4.0])
 def test_with_two_fifths_of_the_rows_wild_sigma_is_not_trusted_and_it_says_so(touches, touch_task, degrees):
     rng = np.random.default_rng(8)
-    wild = rng.choice(FIT, 20, replace=False)
-    found = fit(turned(touch_task(touches), wild, degrees * rng.choice([-1, 1], 20)), Split.by_column(LATER))
+    outlying = rng.choice(FIT, 20, replace=False)
+    found = fit(turned(touch_task(touches), outlying, degrees * rng.choice([-1, 1], 20)), Split.by_column(LATER))
     assert found.test.mean > 0.2
     assert found.sigma_ok is False
     assert "do not fit together" in found.sigma_reason
@@ -88,7 +88,7 @@ def test_with_two_fifths_of_the_rows_wild_sigma_is_not_trusted_and_it_says_so(to
 
 def test_a_held_out_row_far_from_everything_is_named_and_stays_in_the_figures(touches, touch_task):
     found = fit(turned(touch_task(touches), [60], 0.5), Split.by_column(LATER))
-    assert found.unforeseen == (60,)
+    assert found.unpredicted == (60,)
     assert found.n_test == 30
     assert found.test.max > 1.0
 
