@@ -115,9 +115,15 @@ class Cell:
 
 def _read(document: Document, content: dict[str, Any]) -> _CellModel:
     """The file's content. Raises InputError; the cure of an address at top level names its new place."""
-    misplaced = {key for key, value in content.items() if isinstance(value, str) and "://" in value}
+    misplaced = {key for key, value in content.items() if isinstance(value, str) and "://" in value} - {"devices"}
     cure = "write it under `devices:`, as `devices: {NAME: ADDRESS}`"
     moved = [document.problem((key,), f"'{key}' is an address at top level", cure, key=True) for key in misplaced]
+    devices = content.get("devices", {})
+    if not isinstance(devices, dict):
+        moved.append(
+            document.problem(("devices",), f"`devices:` is {_kind(devices)}", "write `NAME: ADDRESS` lines below it")
+        )
+        misplaced.add("devices")
     rest = {key: value for key, value in content.items() if key not in misplaced}
     try:
         model = validated(replace(document, data=rest), _CellModel)
@@ -126,6 +132,12 @@ def _read(document: Document, content: dict[str, Any]) -> _CellModel:
     if moved:
         raise InputError(moved)
     return model
+
+
+def _kind(value: Any) -> str:
+    """What a value of a YAML file is, in words."""
+    words = {list: "a list", str: "text", type(None): "empty"}
+    return words.get(type(value), f"a single value ({value})")
 
 
 def table_correction_deg(document: Document) -> float:

@@ -11,6 +11,7 @@ import yaml
 from yaml.reader import ReaderError
 
 from cellctl.files.problems import InputError, Problem
+from cellctl.files.yaml_words import yaml_words
 
 Path = tuple[str | int, ...]
 """Where a value stands in a document: keys and list indices from the root, `("steps", 3, "speed")`."""
@@ -53,12 +54,14 @@ class Document:
 def load_yaml(path: pathlib.Path) -> Document:
     """Load a YAML file strictly. Raises InputError where it cannot be read, decoded or parsed, with all duplicates."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        data = path.read_bytes()
+        text = data.decode("utf-8-sig")
     except OSError as error:
         raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
     except UnicodeDecodeError as error:
         cure = "save the file as UTF-8"
-        raise InputError(Problem(str(path), 0, 0, f"is not UTF-8 text (byte {error.start})", cure)) from error
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(Problem(str(path), line, 0, f"is not UTF-8 text (byte {error.start})", cure)) from error
     return parse_yaml(text, str(path))
 
 
@@ -68,10 +71,7 @@ def parse_yaml(text: str, file: str) -> Document:
     try:
         data = reader.read(text)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
-        what = f"is not valid YAML: {error.problem or error.context}"
-        raise InputError(Problem(file, line, column, what, "check indentation, colons and quotes here")) from error
+        raise InputError(Problem(file, *yaml_words(error))) from error
     except ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         what = f"a character that text does not hold (U+{error.character:04X})"

@@ -66,8 +66,7 @@ class DataSet:
                 next(reader)
             header, cells, lines, rejected = _read(reader, file)
         except csv.Error as error:
-            what = f"is not CSV here: {error}"
-            raise InputError(Problem(file, reader.line_num, 0, what, "check the quotes")) from error
+            raise InputError(_not_csv(file, text, reader.line_num, error)) from error
         if not cells and not rejected:
             raise _without_rows(file)
         if mark != ",":
@@ -125,6 +124,20 @@ def _plain(value: Any) -> Cell:
 
 def _text(value: Cell) -> str:
     return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _not_csv(file: str, text: str, line: int, error: csv.Error) -> Problem:
+    """The error of the parser, at `line` or where a quote is opened that nothing closes."""
+    match str(error):
+        case "unexpected end of data":
+            odd = [number for number, each in enumerate(text.splitlines(), 1) if each.count('"') % 2]
+            return Problem(file, odd[-1] if odd else line, 0, "a quote is opened and not closed", "close or remove it")
+        case words if "expected after" in words:
+            return Problem(file, line, 0, "text follows a closing quote", "put the whole cell in quotes, or none of it")
+        case words if "field larger" in words:
+            return Problem(file, line, 0, "a cell is longer than any value can be", "check quotes and separators")
+        case _:
+            return Problem(file, line, 0, "this line is not CSV", "save the table again as CSV")
 
 
 def _without_rows(file: str) -> InputError:

@@ -49,11 +49,39 @@ def parse_xml(data: bytes, file: str) -> Element:
     try:
         builder.parser.Parse(data, True)
     except expat.ExpatError as error:
-        what = f"is not XML here: {expat.errors.messages[error.code]}"
-        raise InputError(Problem(file, error.lineno, error.offset + 1, what, "check the tags and quotes")) from error
+        what, cure = _words(error, builder.open_element)
+        raise InputError(Problem(file, error.lineno, error.offset + 1, what, cure)) from error
     except (LookupError, ValueError) as error:  # an encoding that nobody knows
-        raise InputError(Problem(file, 1, 0, f"is not XML: {error}", "save the file as UTF-8")) from error
+        what = "is not XML: its first line names an encoding that is not known"
+        raise InputError(Problem(file, 1, 0, what, "save the file as UTF-8")) from error
     return builder.root.children[0]
+
+
+_WORDS = {
+    expat.errors.XML_ERROR_INVALID_TOKEN: (
+        "a character that cannot stand here",
+        "in text write &amp; for & and &lt; for <",
+    ),
+    expat.errors.XML_ERROR_UNCLOSED_TOKEN: ("a tag is not closed", "end it with >, and close its quotes"),
+    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: ("an attribute stands twice in one tag", "remove one of them"),
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: ("something follows the end of the document", "remove it"),
+    expat.errors.XML_ERROR_UNDEFINED_ENTITY: ("an entity (&…;) that is not defined", "write the character itself"),
+    expat.errors.XML_ERROR_MISPLACED_XML_PI: (
+        "<?xml …?> is not at the beginning of the file",
+        "remove what is before it",
+    ),
+}
+"""By the name of expat's error: what is wrong, and the cure."""
+
+
+def _words(error: expat.ExpatError, unclosed: Element | None) -> tuple[str, str]:
+    """What is wrong, and the cure; `unclosed`: the innermost element that is open where the error is."""
+    kind = expat.errors.messages[error.code]
+    if unclosed and kind in (expat.errors.XML_ERROR_TAG_MISMATCH, expat.errors.XML_ERROR_NO_ELEMENTS):
+        what = f"<{unclosed.tag}> of line {unclosed.line} is not closed before this place"
+        return f"is not XML here: {what}", f"add </{unclosed.tag}>, or mend the closing tag"
+    what, cure = _WORDS.get(kind, ("there is no element that could be read", "check the tags and quotes"))
+    return f"is not XML here: {what}", cure
 
 
 class _Builder:
@@ -65,6 +93,11 @@ class _Builder:
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.StartDoctypeDeclHandler = self._doctype
+
+    @property
+    def open_element(self) -> Element | None:
+        """The innermost element that is not closed yet."""
+        return self._open[-1] if len(self._open) > 1 else None
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, self.parser.CurrentLineNumber)

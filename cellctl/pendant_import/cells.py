@@ -60,11 +60,19 @@ def _rows(lines: list[tuple[int, str]], mark: str) -> list[Row]:
     return [row for row in rows if any(row.cells)]
 
 
+def _split(text: str, mark: str) -> list[str]:
+    if mark == " ":
+        return text.split()
+    try:
+        return next(csv.reader([text], delimiter=mark), [])
+    except csv.Error:  # a cell is longer than CSV allows
+        return text.split(mark)
+
+
 def _row(number: int, line: str, mark: str) -> Row:
     comment = _COMMENT.search(line) if not line.lstrip().startswith("#") else None
     text = line[: comment.start()] if comment else line
-    cells = text.split() if mark == " " else next(csv.reader([text], delimiter=mark), [])
-    cells = [cell.strip() for cell in cells]
+    cells = [cell.strip() for cell in _split(text, mark)]
     while cells and not cells[-1]:
         cells.pop()
     numbers = sum(is_number(cell, spaced=mark not in ", ") for cell in cells)

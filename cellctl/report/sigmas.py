@@ -54,7 +54,7 @@ IDENTIFICATION = (
         "1 σ, all axes together",
     ),
     Sigma(
-        "1 σ of the TCP",
+        "1 σ of the TCP; 1 σ over the joints, in the verdict",
         "the position that the model predicts; without the scatter of a measurement",
         "root of the sum of the three variances of X, Y, Z, from the covariance of the parameters",
         "1 σ, 3-D. Not 95 %: if alike in all directions, 95 % of the errors are within 1.61 times this value",

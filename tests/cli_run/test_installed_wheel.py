@@ -1,27 +1,31 @@
 """An installed wheel works in any folder, by the names of what it ships; folders named as our packages do no harm."""
 
-import os
 import subprocess
 import sys
-import zipfile
+import sysconfig
 from pathlib import Path
 
 import pytest
 from cell_runs import PATIENCE_S, ROOT
 
-CELLCTL = "import cellctl, sys; sys.argv[0] = 'cellctl'; from cellctl.cli.main import main; main()"
-
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel of this tree, unpacked as an installer does."""
+    """A virtual environment with the wheel of this tree, installed by an installer; dependencies are this one's."""
     folder = tmp_path_factory.mktemp("wheel")
-    build = ["uv", "build", "--wheel", "--offline", "--out-dir", str(folder), str(ROOT)]
-    done = subprocess.run(build, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    environment = folder / "venv"
+    uv("build", "--wheel", "--out-dir", folder, ROOT)
+    uv("venv", "--python", sys.executable, environment)
+    uv("pip", "install", "--no-deps", "--python", environment / "bin" / "python", next(folder.glob("*.whl")))
+    site = next(environment.glob("lib/python*/site-packages"))
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")  # behind the wheel's own packages
+    return environment
+
+
+def uv(*words: object) -> None:
+    command = ["uv", *map(str, words), "--offline"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
-    with zipfile.ZipFile(next(folder.glob("*.whl"))) as wheel:
-        wheel.extractall(folder / "site")
-    return folder / "site"
 
 
 @pytest.fixture(params=["empty", "names of ours"])
@@ -33,26 +37,34 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def cellctl(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(installed)}
-    command = [sys.executable, "-P", "-c", CELLCTL, *words]
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
+def ended(folder: Path, *command: object) -> subprocess.CompletedProcess[str]:
+    words = [str(word) for word in command]
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 @pytest.mark.long
-def test_a_shipped_procedure_is_checked_by_its_name(installed: Path, folder: Path) -> None:
-    done = cellctl(installed, folder, "check", "sphere_selfcal", "--cell", "sphere_cell")
+@pytest.mark.parametrize("start", [["bin/cellctl"], ["bin/python", "-m", "cellctl"]], ids=["script", "module"])
+def test_a_shipped_procedure_is_checked_by_its_name(installed: Path, folder: Path, start: list[str]) -> None:
+    done = ended(folder, installed / start[0], *start[1:], "check", "sphere_selfcal", "--cell", "sphere_cell")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"{installed}/procedures/sphere_selfcal.yaml: no errors found")
+    (site,) = installed.glob("lib/python*/site-packages")
+    assert done.stdout.startswith(f"{site}/procedures/sphere_selfcal.yaml: no errors found")
 
 
 @pytest.mark.long
 @pytest.mark.campaign
-def test_a_shipped_procedure_runs_by_its_name(installed: Path, folder: Path) -> None:
+def test_the_shipped_campaign_runs_by_its_name_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
+    done = ended(tmp_path, installed / "bin" / "cellctl", "run", "sphere_selfcal")
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "runs").glob("*/report.html"))
+
+
+@pytest.mark.long
+@pytest.mark.campaign
+@pytest.mark.parametrize("folder", ["names of ours"], indirect=True)
+def test_a_shipped_procedure_runs_beside_folders_named_as_our_packages(installed: Path, folder: Path) -> None:
     few = ["--set", "touches_fit=12", "--set", "touches_test=5"]
-    done = cellctl(installed, folder, "run", "sphere_single", *few)
+    done = ended(folder, installed / "bin" / "python", "-m", "cellctl", "run", "sphere_single", *few)
     assert done.returncode in (0, 1), done.stderr
     assert list((folder / "runs").glob("*/report.html"))
 

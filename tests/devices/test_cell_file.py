@@ -73,3 +73,17 @@ def test_a_device_cannot_have_a_name_that_the_ready_file_or_the_limits_use(load,
     ((line, what, cure),) = refused(load, f"devices: {{{name}: '{PROBE}'}}\n")
     assert (line, what) == (3, f"a device cannot be called '{name}'")
     assert cure.startswith("give it another name: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("devices:\n", "empty"),
+        ("devices: [probe]\n", "a list"),
+        (f"devices: {PROBE}\n", "text"),
+        ("devices: 7\n", "a single value (7)"),
+    ],
+)
+def test_devices_that_are_no_mapping_are_refused_in_our_words(load, text: str, kind: str) -> None:
+    cure = "write `NAME: ADDRESS` lines below it"
+    assert refused(load, text) == [(3, f"`devices:` is {kind}", cure)]

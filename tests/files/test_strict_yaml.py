@@ -145,7 +145,7 @@ def test_tags_aliases_and_duplicates_do_not_hide_one_another():
         ("a:\n\t- b\n", 2),
         ("a: 1\n b: 2\n", 2),
         ("a: [1, 2\nb: 3\n", 2),
-        ("a: 'x\n", 2),
+        ("a: 'x\n", 1),  # where the quote is opened
         ("a: b: c\n", 1),
         ("a: 1\n---\nb: 2\n", 2),
         ("a: 1\nb: \x07\n", 2),
@@ -159,6 +159,31 @@ def test_what_is_not_yaml_or_not_plain_is_refused_with_its_line(text, line):
     problem = refused(text)[0]
     assert (problem.file, problem.line) == ("cell.yaml", line)
     assert "\n" not in problem.what
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("a:\n\t- b\n", "a tab stands where only spaces can"),
+        ("a: 1\n b: 2\n", "a second ': ' in one line, or a line indented too far"),
+        ("a: b: c\n", "a second ': ' in one line, or a line indented too far"),
+        ("a: 'x\n", "a quote is opened and not closed"),
+        ("a: [1, 2\nb: 3\n", "a list in [ ] is not closed, or misses a comma (it begins on line 1)"),
+        ("a: {b: 1\nc: 3\n", "a mapping in { } is not closed, or misses a comma (it begins on line 1)"),
+        ("a: 1\n---\nb: 2\n", "a second document begins here (---)"),
+        ("a: @x\n", "a value cannot begin with '@'"),
+        ('a: "\\k"\n', "a backslash before a letter that has none"),
+        ("a: 1\nb\nc: 2\n", "a key without its colon"),
+        ("a: - b\n", "a list item ('- ') cannot stand here"),
+        ("- a\nb: 1\n", "this line does not belong to the lines before it"),
+        ("a: [,]\n", "a value is missing here"),
+        ("a: &\n", "'*' and '&' have a meaning of their own"),
+    ],
+)
+def test_what_is_not_yaml_is_said_in_our_words_with_a_cure(text, what):
+    (problem,) = refused(text)
+    assert problem.what == what
+    assert problem.cure
 
 
 def test_nesting_without_end_is_an_error_not_a_crash():

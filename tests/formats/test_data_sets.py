@@ -341,3 +341,19 @@ def test_records_come_back_from_their_text_bit_for_bit(values):
 def test_no_text_whatever_ends_in_anything_but_a_data_set_or_a_named_error(text):
     with contextlib.suppress(InputError):
         assert measurements(ROBOT, DataSet.parse(text, "data.csv")).lines
+
+
+@pytest.mark.parametrize(
+    ("row", "line", "what"),
+    [
+        ('"1,2,3,4,5', 3, "a quote is opened and not closed"),
+        ('"1"2,2,3,4,5', 3, "text follows a closing quote"),
+        ("1" * 140_000, 3, "a cell is longer than any value can be"),
+    ],
+)
+def test_what_is_not_csv_is_refused_at_its_line_in_our_words(row, line, what):
+    with pytest.raises(InputError) as caught:
+        DataSet.parse(f"A1,A2,X,Y,Z\n1,2,3,4,5\n{row}\n1,2,3,4,5\n", "data.csv")
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.what) == (line, what)
+    assert problem.cure

@@ -98,10 +98,13 @@ def test_where_links_branch_the_tip_is_asked_for_and_taken(tmp_path):
         ('<axis xyz="0.6 0 0.8"/>', '<mimic joint="turn"/>', 13, "follows"),
         ('<parent link="upper"/>', "", 13, "<parent"),
         ('<child link="pen"/>', '<child link="upper"/>', 21, "hangs on two joints"),
-        ('<robot name="arm">', '<model name="arm">', 0, "is not XML"),
+        ('<robot name="arm">', '<model name="arm">', 0, "<model> of line 2 is not closed before this place"),
+        ('<axis xyz="0.6 0 0.8"/>', '<axis xyz="0.6 0 0.8" xyz="1 0 0"/>', 14, "an attribute stands twice"),
+        ('<axis xyz="0.6 0 0.8"/>', "<axis & />", 14, "a character that cannot stand here"),
+        ('<axis xyz="0.6 0 0.8"/>', "&deg;", 14, "an entity (&…;) that is not defined"),
         ('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://x">', 2, "xacro"),
         ('<?xml version="1.0"?>', '<!DOCTYPE robot [<!ENTITY a "aaaa">]>', 1, "DOCTYPE"),
-        ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="klingon"?>', 1, "is not XML"),
+        ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="klingon"?>', 1, "an encoding that is not known"),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused_where_it_stands(tmp_path, old, new, line, words):

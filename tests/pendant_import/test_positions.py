@@ -163,3 +163,8 @@ def test_orientation_is_taken_only_when_the_user_says_what_it_means():
     turned = read(ORIENTED, unit="mm", orientation="quaternion")
     assert turned.points[0].values["QW"] == 1
     assert "no unit quaternion" in turned.points[1].fault
+
+
+def test_a_cell_that_is_longer_than_csv_allows_is_read_or_refused_and_nothing_else():
+    with pytest.raises(InputError):
+        read("X [mm],Y [mm]\n" + "1" * 140_000 + ",2\n")
