@@ -29,7 +29,7 @@ async def rejoin(robot: SearchingRobot, way: Sequence[JointReadings], speed_perc
     if index is None:
         raise DeviceRefused(
             robot.name,
-            f"is off its planned path, at {', '.join(f'{angle:.1f}' for angle in here)} deg",
+            f"is off its planned way, at {', '.join(f'{angle:.1f}' for angle in here)} deg",
             f"Move it by hand (T1), clear of everything, to {', '.join(f'{angle:.1f}' for angle in way[0])} deg.",
         )
     if index > 0 or dist(here, way[0]) > AT_A_POINT_DEG:

@@ -79,7 +79,7 @@ def test_an_unusable_row_is_named_on_stderr_and_in_the_json(cellctl, files, caps
     assert "line 10: not used: Y 'n/a' is not a number" in capsys.readouterr().err
 
 
-def test_a_wild_row_is_left_out_and_named(cellctl, files):
+def test_an_outlier_is_left_out_and_named(cellctl, files):
     rows = list(csv.reader((files / "positions.csv").open()))
     rows[5][3] = str(float(rows[5][3]) + 4.0)
     (files / "positions.csv").write_text("\n".join(",".join(row) for row in rows))
@@ -196,7 +196,7 @@ def test_a_model_whose_parameters_are_another_robots_is_refused(cellctl, files, 
     assert "parameters" in capsys.readouterr().err
 
 
-def test_a_wild_held_out_row_is_named_and_counted(cellctl, files, capsys):
+def test_a_held_out_outlier_is_named_and_counted(cellctl, files, capsys):
     rows = list(csv.reader((files / "positions.csv").open()))
     rows[50][3] = str(float(rows[50][3]) + 4.0)
     (files / "positions.csv").write_text("\n".join(",".join(row) for row in rows))
@@ -216,7 +216,7 @@ def test_with_nothing_held_out_no_figure_stands_in_its_place(cellctl, files, cap
     assert [line.split()[-3:] for line in said if line.startswith("held out")] == [["–"] * 3] * 2
 
 
-def test_scatter_beyond_what_the_robot_file_says_is_said(cellctl, files):
+def test_scatter_beyond_what_the_robot_file_says_is_reported(cellctl, files):
     boastful = (files / "robot.yaml").read_text().replace("repeatability: 0.03", "repeatability: 0.003")
     (files / "robot.yaml").write_text(boastful)
     assert "times more than the robot file states" in fitted(cellctl, files)["sentence"]

@@ -102,7 +102,7 @@ def test_wrong_calls_end_with_2_and_the_cure_and_write_nothing(cellctl, files, t
     assert {path.name: path.read_bytes() for path in files.iterdir()} == before
 
 
-def test_the_errors_of_both_files_are_told_at_once(cellctl, files, typed, capsys):
+def test_the_errors_of_both_files_are_reported_at_once(cellctl, files, typed, capsys):
     (files / "j.csv").write_text("J1;J2;J3\n0,1;0,2;0,3\n")
     (files / "p.csv").write_text("X;Y;Z\n1,234;2,345;3,456\n")
     assert cellctl("import", "j.csv", "p.csv") == 2

@@ -77,7 +77,7 @@ def test_what_is_read_is_not_written_over(cellctl, folder, capsys, words):
     ],
 )
 @pytest.mark.parametrize("target", ["folder", "missing/file"])
-def test_where_a_result_cannot_go_is_told_before_anything_is_written(cellctl, folder, capsys, words, target):
+def test_where_a_result_cannot_go_is_reported_before_anything_is_written(cellctl, folder, capsys, words, target):
     before = _content(folder)
     assert cellctl(*words, target) == 2
     assert f"{target}: " in capsys.readouterr().err
@@ -111,7 +111,7 @@ def test_a_minus_is_no_file_called_minus(cellctl, folder, capsys):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_and_a_file_that_may_not_be_written_are_told_before_the_work(cellctl, folder, capsys):
+def test_a_folder_and_a_file_that_may_not_be_written_are_reported_before_the_work(cellctl, folder, capsys):
     (folder / "folder").chmod(0o555)
     shutil.copy(folder / "model.json", folder / "kept.json")
     (folder / "kept.json").chmod(0o444)

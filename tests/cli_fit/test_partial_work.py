@@ -62,7 +62,7 @@ def test_lost_mastering_comes_back_as_what_has_to_be_added_to_the_controllers_re
     assert "A2  -1.2" in capsys.readouterr().out
 
 
-def test_with_the_offsets_entered_the_older_model_holds_again(folder):
+def test_with_the_offsets_entered_the_prior_model_holds_again(folder):
     crashed = replace(ARM, lost_deg=(0.4, -1.2, 0.7))
     offsets = [row["offset_deg"] for row in afterwards(folder, crashed, "--free", "zeros")["mastering"]]
     readings = drawn(np.random.default_rng(3), 40)
@@ -85,7 +85,7 @@ def test_a_robot_set_up_anew_in_ten_rows(folder):
     assert errors_of(folder, "new.json", moved, drawn(np.random.default_rng(3), 40)).max() < 0.1
 
 
-def test_an_update_is_surer_than_the_older_model_and_has_seen_what_that_saw(folder):
+def test_an_update_is_surer_than_the_prior_model_and_has_seen_what_that_saw(folder):
     afterwards(folder, ARM, rows=30, code=1)
     older, newer = (json.loads((folder / name).read_text()) for name in ("model.json", "new.json"))
     sigma = [{row["name"]: row["sigma"] for row in model["parameters"]} for model in (older, newer)]

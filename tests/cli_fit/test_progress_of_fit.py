@@ -41,7 +41,7 @@ def test_on_a_terminal_it_is_a_bar_on_stderr(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize(("seconds", "share", "words"), [(1, 0.01, ""), (60.0, 0.5, "1 min 00 s left"), (9.0, 1.0, "")])
-def test_the_time_left_is_told_where_it_can_be(seconds, share, words):
+def test_the_time_left_is_reported_where_it_can_be(seconds, share, words):
     assert time_left(seconds, share) == words
 
 

@@ -40,7 +40,7 @@ def test_a_sound_set_up_is_let_through(files):
     assert problems(files, data="touches.csv", artefact="artefact.yaml") == []
 
 
-def test_a_reversed_joint_is_told_at_its_line_in_the_robot_file(files):
+def test_a_reversed_joint_is_reported_at_its_line_in_the_robot_file(files):
     text = (files / "robot.yaml").read_text()
     joint = "  - {min: -180, max: 180, max_speed: 100}\n"
     turned = text.replace(joint * 3, joint + joint.replace("{min", "{sign: -1, min") + joint)
@@ -74,7 +74,7 @@ def test_rows_in_another_order_than_their_joints_are_refused_in_time(cellctl, fi
     assert not (files / "r.json").exists()
 
 
-def test_a_key_that_is_not_there_yet_is_told_at_its_joint(files):
+def test_a_key_that_is_not_there_yet_is_reported_at_its_joint(files):
     rewritten(files, lambda rows: [row | {"A3": str(-float(row["A3"]))} for row in rows])
     (problem,) = [problem for problem in problems(files) if problem.what.startswith("A3 reversed")]
     lines = (files / "robot.yaml").read_text().splitlines()
@@ -82,7 +82,7 @@ def test_a_key_that_is_not_there_yet_is_told_at_its_joint(files):
     assert "sign: -1 for joint 3" in problem.cure
 
 
-def test_units_are_told_at_the_header_of_the_data_set(files):
+def test_units_are_reported_at_the_header_of_the_data_set(files):
     rewritten(files, lambda rows: [row | {axis: str(float(row[axis]) / 1000) for axis in "XYZ"} for row in rows])
     (problem,) = problems(files)
     assert (problem.file, problem.line) == (str(files / "positions.csv"), 1)
@@ -90,7 +90,7 @@ def test_units_are_told_at_the_header_of_the_data_set(files):
     assert problem.cure == f"write X, Y, Z in mm in {files / 'positions.csv'}"
 
 
-def test_rows_out_of_step_are_told_by_their_line(files):
+def test_rows_out_of_step_are_reported_by_their_line(files):
     def late(rows):
         joints = [{name: row[name] for name in ("A1", "A2", "A3")} for row in rows]
         return rows[:40] + [row | joints[number + 39] for number, row in enumerate(rows[40:])]
@@ -112,7 +112,7 @@ def test_exchanged_rows_are_both_told(files):
     assert "the measurements of line 6 and line 22 are exchanged: RMS " in problem.what
 
 
-def test_what_explains_as_much_is_told_as_the_other_possibility(files):
+def test_what_explains_as_much_is_reported_as_the_other_possibility(files):
     """A mirror turns this flat arm's A1 about: nobody can tell which of the two it was."""
     rewritten(files, lambda rows: [row | {"A1": str(-float(row["A1"]))} for row in rows])
     told = problems(files)
@@ -121,12 +121,12 @@ def test_what_explains_as_much_is_told_as_the_other_possibility(files):
     assert {Path(problem.file).name for problem in told} == {"robot.yaml", "positions.csv"}
 
 
-def test_left_handed_positions_are_told_at_the_data_set(files):
+def test_left_handed_positions_are_reported_at_the_data_set(files):
     rewritten(files, lambda rows: [row | {"Y": str(-float(row["Y"]))} for row in rows])
     assert any(problem.what.startswith("the measuring frame is left-handed: RMS ") for problem in problems(files))
 
 
-def test_rows_in_metres_among_others_are_told_by_their_lines(files):
+def test_rows_in_metres_among_others_are_reported_by_their_lines(files):
     def mixed(rows):
         small = [row | {axis: str(float(row[axis]) / 1000) for axis in "XYZ"} for row in rows[20:40]]
         return [*rows[:20], *small, *rows[40:]]
@@ -138,7 +138,7 @@ def test_rows_in_metres_among_others_are_told_by_their_lines(files):
     assert problem.cure.startswith("write X, Y, Z in one unit: mm")
 
 
-def test_a_wrong_certified_distance_is_told_where_it_stands_with_what_the_rows_say(files):
+def test_a_wrong_certified_distance_is_reported_where_it_stands_with_what_the_rows_say(files):
     text = (files / "artefact.yaml").read_text()
     (files / "artefact.yaml").write_text(text.replace("403.113", "503.113"))
     text = text.replace("centre: [600, 201, 350]", "centre: [600, 301, 350]")  # or the file denies itself

@@ -103,7 +103,7 @@ def ends_in_one_line_with_130(run, while_importing, signal_name):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"cellctl: aborted by the operator\n")
 
 
-def test_ctrl_c_in_a_fit_is_said(cellctl, monkeypatch, capsys):
+def test_ctrl_c_in_a_fit_is_reported(cellctl, monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 

@@ -93,7 +93,7 @@ def test_a_failed_connection_says_that_nothing_was_moved_and_not_that_the_robot_
     assert "held" not in said
 
 
-def test_a_robot_that_confirmed_its_standstill_is_said_to_be_held(
+def test_a_robot_that_confirmed_its_standstill_is_reported_as_held(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run, error = run_with(tmp_path), DeviceLost("probe", "no sign of life")
@@ -127,7 +127,7 @@ def test_the_exit_code_says_who_or_what_ended_the_run(state: State, error: Excep
 
 
 @pytest.mark.parametrize("moves", [True, False])
-def test_nothing_was_moved_is_said_where_something_could_have_been(
+def test_nothing_was_moved_is_reported_where_something_could_have_been(
     moves: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def call() -> None:

@@ -75,7 +75,7 @@ def test_another_tools_table_is_refused(cellctl, controller, table, cell, capsys
     assert "it is for the tool (0, 0, 300) mm" in capsys.readouterr().err
 
 
-def test_every_reason_is_told_at_once(cellctl, controller, table, cell, capsys):
+def test_every_reason_is_reported_at_once(cellctl, controller, table, cell, capsys):
     controller.identity = replace(controller.identity, serial="925185", simulated=False)
     remade(table, payload=9.0)
     assert cellctl("table", "push", table, "--cell", cell) == 2
@@ -90,7 +90,7 @@ def test_every_reason_is_told_at_once(cellctl, controller, table, cell, capsys):
         (DeviceUncertain("robot", "the connection was lost at the activation"), 4),
     ],
 )
-def test_how_a_push_failed_is_told_by_the_exit_code(cellctl, controller, table, cell, capsys, error, code):
+def test_how_a_push_failed_is_reported_by_the_exit_code(cellctl, controller, table, cell, capsys, error, code):
     controller.failing = error
     assert cellctl("table", "push", table, "--cell", cell) == code
     assert error.what in capsys.readouterr().err
@@ -104,7 +104,7 @@ def test_a_controller_that_holds_other_rows_than_were_pushed_is_a_fault(cellctl,
     assert "rollback" in said
 
 
-def test_a_connection_that_ends_after_the_push_is_told_as_such(cellctl, controller, table, cell, capsys):
+def test_a_connection_that_ends_after_the_push_is_reported_as_such(cellctl, controller, table, cell, capsys):
     async def gone():
         raise DeviceLost("robot", "the controller closed the channel")
 

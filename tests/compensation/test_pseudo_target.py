@@ -81,7 +81,7 @@ def test_the_real_robot_is_at_the_target_with_compensated_joints_and_millimetres
         np.testing.assert_allclose(real_tool(after), target, atol=2e-4)
 
 
-def test_the_foretold_distances_are_those_of_the_real_robot(nominal, identified, postures_near_home):
+def test_the_predicted_distances_are_those_of_the_real_robot(nominal, identified, postures_near_home):
     targets = nominal.forward(postures_near_home)
     found = compensate(nominal, identified, targets, postures_near_home)
     before = [np.linalg.norm(real_tool(q)[:3, 3] - t[:3, 3]) for q, t in zip(found.nominal_q, targets, strict=True)]
@@ -109,7 +109,7 @@ def test_a_robot_as_its_table_says_is_not_corrected(nominal, postures_near_home)
     np.testing.assert_array_equal(found.nominal_q, found.compensated_q)
 
 
-def test_a_target_out_of_reach_is_told_and_its_neighbours_are_compensated(nominal, identified, postures_near_home):
+def test_a_target_out_of_reach_is_reported_and_its_neighbours_are_compensated(nominal, identified, postures_near_home):
     targets = nominal.forward(postures_near_home[:3])
     targets[1, :3, 3] = [5000.0, 0.0, 0.0]
     found = compensate(nominal, identified, targets, postures_near_home[:3])

@@ -36,7 +36,7 @@ def test_devices_are_found_by_the_names_in_their_section(load) -> None:
     }
 
 
-def test_an_address_at_top_level_is_told_where_it_belongs(load) -> None:
+def test_an_address_at_top_level_is_reported_where_it_belongs(load) -> None:
     old = refused(load, f"robot: kuka+rsi://0.0.0.0:1\nprobe: {PROBE}\nsimulat: {{seed: 1}}\n")
     assert [(line, what) for line, what, _ in old] == [
         (3, "'robot' is an address at top level"),

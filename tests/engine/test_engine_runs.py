@@ -310,7 +310,7 @@ def test_a_clean_up_step_sees_what_a_failed_attempt_recorded(tmp_path: Path) -> 
     assert CALLS == ["counts 0, recorded 1"]
 
 
-def test_who_aborted_a_run_is_said_at_its_end(tmp_path: Path) -> None:
+def test_who_aborted_a_run_is_reported_at_its_end(tmp_path: Path) -> None:
     engine, mailbox, journal = engine_for(LOOP, tmp_path)
     mailbox.abort("aborted: the shell has ended")
     mailbox.abort()

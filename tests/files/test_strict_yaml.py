@@ -111,7 +111,7 @@ def test_what_is_missing_is_placed_at_its_nearest_parent():
     assert str(document.problem(("limits", "robot"), "is odd", "change it")) == "f:3:10: is odd\n    change it"
 
 
-def test_all_duplicate_keys_are_told_at_once_each_with_the_first_ones_line():
+def test_all_duplicate_keys_are_reported_at_once_each_with_the_first_ones_line():
     problems = refused("a: 1\nb: {c: 1, c: 2}\na: 3\na: 4\n")
     assert [(p.line, p.column) for p in problems] == [(2, 11), (3, 1), (4, 1)]
     assert all("line 1" in p.what for p in problems[1:])

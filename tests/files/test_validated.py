@@ -99,14 +99,14 @@ def test_all_errors_come_at_once_in_the_order_of_the_file():
         ("- 1\n- 2\n", (1, 1), "the file: ", ""),
     ],
 )
-def test_an_error_is_told_in_words_where_it_stands(text, place, what, cure):
+def test_an_error_is_reported_in_words_where_it_stands(text, place, what, cure):
     problem = problems_in(text)[0]
     assert (problem.line, problem.column) == place
     assert what in problem.what
     assert problem.cure == cure
 
 
-def test_an_empty_file_is_said_to_be_empty():
+def test_an_empty_file_is_reported_to_be_empty():
     (problem,) = problems_in("# nothing yet\n")
     assert "empty" in problem.what
 

@@ -139,7 +139,7 @@ def test_a_model_file_knows_which_way_weight_pulled_and_one_that_does_not_say_st
     assert {effect.down for effect in ModelFile.load(tmp_path / "older.json").robot_model().effects} == {DOWN}
 
 
-def test_an_older_model_of_a_robot_that_stood_otherwise_is_refused_and_one_turned_upright_is_not():
+def test_a_prior_model_of_a_robot_that_stood_otherwise_is_refused_and_one_turned_upright_is_not():
     measured, model = fitted(KR5)
     for robot in (mounted("wall"), mounted(abc=[0.0, 3.0, 0.0])):
         with pytest.raises(InputError, match="stood otherwise than"):

@@ -145,7 +145,7 @@ def test_joints_are_written_as_the_controller_takes_them(table):
             assert f"{value:.6f}" != "-0.000000"
 
 
-def test_the_foreseen_distances_are_those_of_the_written_joints(model, table):
+def test_the_predicted_distances_are_those_of_the_written_joints(model, table):
     tip = model.predict(np.array([row.compensated for row in table.rows])).poses[:, :3, 3]
     off = np.linalg.norm(tip - np.array([row.target[:3] for row in table.rows]), axis=1)
     np.testing.assert_allclose([row.predicted_after_mm for row in table.rows], off, atol=1e-8)

@@ -153,6 +153,6 @@ def test_joints_in_a_circle_are_refused(tmp_path):
     assert "circle" in errors(tmp_path, f"<robot>{ring}</robot>", "a")[0][1]
 
 
-def test_a_file_that_is_not_there_is_said_so(tmp_path):
+def test_a_file_that_is_not_there_is_reported(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         load_urdf(tmp_path / "none.urdf")

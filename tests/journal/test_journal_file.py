@@ -109,7 +109,7 @@ def test_a_reader_that_holds_on_does_not_keep_the_writer_from_closing(journal):
     assert events(journal.path) == [Said("one"), Said("two")]
 
 
-def test_a_reopened_journal_goes_on_counting(journal, now_ns):
+def test_a_reopened_journal_continues_counting(journal, now_ns):
     journal.append(Said("one"))
     journal.close()
     with Journal.reopen(journal.path.parent, now_ns) as again:
@@ -117,7 +117,7 @@ def test_a_reopened_journal_goes_on_counting(journal, now_ns):
     assert events(journal.path) == [Said("one"), Said("two")]
 
 
-def test_one_run_has_one_writer_and_the_second_is_told_which_process(journal, now_ns):
+def test_one_run_has_one_writer_and_the_second_gets_the_name_of_the_process(journal, now_ns):
     for open_second in (Journal.reopen, Journal.create):
         with pytest.raises(JournalError, match=f"process {os.getpid()} writes this run"):
             open_second(journal.path.parent, now_ns)
@@ -162,7 +162,7 @@ def test_what_json_cannot_hold_is_refused_by_name_and_nothing_is_written(journal
     assert events(journal.path) == []
 
 
-def test_a_full_disk_is_said_and_what_was_committed_is_kept(journal, now_ns):
+def test_a_full_disk_is_reported_and_what_was_committed_is_kept(journal, now_ns):
     connection = journal._connection  # a full disk as SQLite sees it: no page more than there are
     pages = connection.execute("PRAGMA page_count").fetchone()[0]
     connection.execute(f"PRAGMA max_page_count = {pages + 2}")
@@ -176,7 +176,7 @@ def test_a_full_disk_is_said_and_what_was_committed_is_kept(journal, now_ns):
     assert len(events(journal.path)) == len(written) + 1
 
 
-def test_a_run_folder_that_cannot_be_made_is_said(tmp_path, now_ns):
+def test_a_run_folder_that_cannot_be_made_is_reported(tmp_path, now_ns):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "run"):
         with pytest.raises(JournalError, match=r"cannot be used: .*\n    check the path"):
@@ -204,7 +204,7 @@ def folder():
         Path(made).chmod(0o755)
 
 
-def test_a_read_only_folder_is_said_when_a_run_is_to_begin_there(folder, now_ns):
+def test_a_read_only_folder_is_reported_when_a_run_is_to_begin_there(folder, now_ns):
     folder.chmod(0o555)
     with somebody_without_rights(), pytest.raises(JournalError, match="Permission denied"):
         Journal.create(folder / "run", now_ns)
@@ -234,7 +234,7 @@ def test_a_crashed_run_in_a_read_only_folder_is_never_read_short(folder, journal
     assert events(folder) == [Said("one")]
 
 
-def test_no_journal_is_said(tmp_path, now_ns):
+def test_no_journal_is_reported(tmp_path, now_ns):
     for use in (events, lambda folder: Journal.reopen(folder, now_ns)):
         with pytest.raises(JournalError, match="there is no journal"):
             use(tmp_path)
@@ -252,7 +252,7 @@ def test_a_file_of_something_else_is_no_journal(tmp_path, now_ns):
         events(tmp_path)
 
 
-def test_a_damaged_file_is_said_and_not_a_traceback(journal):
+def test_a_damaged_file_is_reported_and_not_a_traceback(journal):
     for number in range(200):
         journal.append(Said(f"{number} " + "x" * 300))
     journal.close()

@@ -79,7 +79,7 @@ def test_a_user_who_says_decimal_sign_and_unit_is_not_refused(rows, separator, s
 FAR = "1;1000,5;0;0\n2;0;2000,5;0\n3;-1000;1000;300\n4;500;-700;100,5\n5;700;300;900\n6;-900;-300;200\n"
 
 
-def test_a_spread_that_only_mm_can_have_needs_no_unit_and_is_said():
+def test_a_spread_that_only_mm_can_have_needs_no_unit_and_is_reported():
     points = read("Nr;X;Y;Z\n" + FAR)
     assert xyz(points)[0] == [1000.5, 0, 0]
     assert any("mm: no unit is named" in said for said in points.decided)

@@ -193,7 +193,7 @@ def test_a_driver_that_cannot_do_what_the_step_needs_is_named_with_what_it_lacks
     assert errors(good, devices={"robot": SearchingRobot, "probe": ContactProbe}) == []
 
 
-def test_nothing_is_said_of_devices_where_the_cell_is_not_known(errors, good):
+def test_nothing_is_reported_of_devices_where_the_cell_is_not_known(errors, good):
     assert errors(good, devices=None) == []
 
 

@@ -169,7 +169,7 @@ def test_silence_about_a_contact_points_to_the_line_and_a_bounce_to_the_tip() ->
     assert "tip" in str(bounce.value)
 
 
-def test_a_fault_that_the_probe_knows_of_at_the_end_of_the_travel_is_what_is_said() -> None:
+def test_a_fault_that_the_probe_knows_of_at_the_end_of_the_travel_is_what_is_reported() -> None:
     bench = Bench()
     with pytest.raises(DeviceFault, match="WIRE"):
         bench.touch({"stops_at": None}, fault=WIRE)

@@ -42,6 +42,6 @@ def test_a_stand_off_may_come_as_early_as_the_model_foresees_of_the_nominal_robo
     assert stand_off(-5.0).earliest_mm == pytest.approx(1.0)
 
 
-def test_without_any_way_there_is_no_contact_whatever_is_foreseen() -> None:
+def test_without_any_way_there_is_no_contact_whatever_is_predicted() -> None:
     assert stand_off(-9.0).earliest_mm == pytest.approx(0.5)
     assert stand_off(0.0, distance_mm=2.0).earliest_mm == pytest.approx(0.5)

@@ -81,7 +81,7 @@ def test_without_the_spacing_the_robot_does_not_shrink_into_its_sockets(folder):
 
 
 @pytest.mark.long
-def test_a_tool_that_nobody_taught_is_said_to_be_far_from_the_robot_file(folder, capsys):
+def test_a_tool_that_nobody_taught_is_reported_to_be_far_from_the_robot_file(folder, capsys):
     words = ["fit", ROBOT, folder / "iiwa.csv", "--model", "geometry", "--by", "session", "--json", folder / "r.json"]
     assert cellctl(*words) == 0
     wide = json.loads((folder / "r.json").read_text())["wide"]

@@ -62,7 +62,7 @@ def test_auto_is_no_worse_and_says_what_it_kept(folder, result):
     assert [step["model"] for step in auto["ladder"] if step["kept"]][1:3] == ["geometry", "geometry+compliance"]
 
 
-def test_the_foretold_error_is_the_one_found(result):
+def test_the_predicted_error_is_the_one_found(result):
     assert result["predicted_test_rms"] == pytest.approx(result["test"]["rms"], rel=0.05)
     assert 0.90 <= result["coverage_95"] <= 0.98
 

@@ -118,7 +118,7 @@ def test_a_probe_that_never_answers_is_unreachable_after_5_s(bench, beating, wor
     bench.run(script, connected=False)
 
 
-def test_a_wrong_baud_rate_is_told_from_silence(bench):
+def test_a_wrong_baud_rate_is_distinguished_from_silence(bench):
     bench.fake.answering = bench.fake.beating = False
 
     async def script(b):

@@ -30,7 +30,7 @@ def test_a_contact_is_reported_with_its_tick_and_bounces(bench):
     bench.run(script)
 
 
-def test_the_robot_is_told_to_stop_before_the_edge_is_acknowledged(bench):
+def test_the_robot_is_commanded_to_stop_before_the_edge_is_acknowledged(bench):
     bench.stop.linger_s = 0.05
     seen = {}
 
@@ -463,7 +463,7 @@ def test_a_probe_left_tripped_is_disarmed_and_armed_again(bench):
     bench.run(script)
 
 
-def test_a_fault_that_disarming_does_not_clear_is_told(bench):
+def test_a_fault_that_disarming_does_not_clear_is_reported(bench):
     bench.fake.state = "FAULT"
     bench.fake.replies["DISARM"] = ["STATE"]
 
@@ -531,7 +531,7 @@ def test_an_unplugged_cable_while_armed_stops_the_robot_and_is_a_loss_without_a_
     bench.run(script)
 
 
-def test_whether_the_tip_touches_is_told_by_a_heartbeat_begun_after_the_question(bench):
+def test_whether_the_tip_touches_is_reported_by_a_heartbeat_begun_after_the_question(bench):
     async def script(b):
         await b.arm()
         b.fake.after(300, b.fake.touch)

@@ -178,7 +178,7 @@ def test_a_speed_outside_its_range_is_not_sent(controller, connected, run, speed
     assert "PTP" not in controller.commands
 
 
-def test_a_target_outside_an_axis_limit_is_told_and_no_halt_is_needed(controller, connected, run):
+def test_a_target_outside_an_axis_limit_is_reported_and_no_halt_is_needed(controller, connected, run):
     async def move():
         async with connected() as robot:
             with pytest.raises(LimitExceeded, match="axis limit"):

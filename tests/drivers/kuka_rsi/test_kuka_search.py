@@ -465,7 +465,7 @@ def test_stop_ends_a_search_as_a_fault_not_as_contact(controller, connected, run
     assert not controller.in_rsi
 
 
-def test_a_lost_connection_in_a_search_is_told(controller, connected, run):
+def test_a_lost_connection_in_a_search_is_reported(controller, connected, run):
     async def search():
         async with connected() as robot:
             controller.on_cycle = lambda cycle: controller.hang_up() if cycle == 80 else None
@@ -539,7 +539,7 @@ def test_a_count_that_leaps_ends_the_search_with_the_robot_held_and_halted(contr
     assert health.figures["beyond"] > 0
 
 
-def test_a_gap_within_the_tolerance_that_the_address_states_is_gone_on_from(controller, connected, run):
+def test_a_gap_within_the_tolerance_that_the_address_states_is_bridged(controller, connected, run):
     controller.unsent = range(100, 280)
 
     async def search():

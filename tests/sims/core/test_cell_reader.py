@@ -124,6 +124,6 @@ def defaults_of(schema):
     return found
 
 
-def test_an_address_at_top_level_is_told_where_it_belongs(edited):
+def test_an_address_at_top_level_is_reported_where_it_belongs(edited):
     found = problems(edited, lambda cell, _: cell.update(cell.pop("devices")))
     assert found == [f"{name}: is an address at top level; write it under `devices:`" for name in ("probe", "robot")]

@@ -93,7 +93,7 @@ def host(cell):
     host.close()
 
 
-def test_an_attached_host_is_told_the_time_every_twenty_milliseconds(host):
+def test_an_attached_host_gets_the_time_every_twenty_milliseconds(host):
     host.say({"op": "attach", "name": "engine"})
     ticks = []
     for _ in range(5):
@@ -208,7 +208,7 @@ def test_in_real_time_there_is_nothing_to_attach_to():
     cell.end()
 
 
-def test_the_robot_is_told_where_its_telegrams_go(cell, host):
+def test_the_robot_gets_the_address_for_its_telegrams(cell, host):
     assert host.ask(op="rsi_target", device="robot", host="127.0.0.1", port=49152) == {"ok": True}
     assert cell.targets == [("127.0.0.1", 49152)]
 

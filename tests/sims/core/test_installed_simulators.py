@@ -125,7 +125,7 @@ def test_an_event_that_no_device_of_the_cell_has_is_named_with_those_that_there_
     assert "'probe.arm'; there are tracker.measure" in found
 
 
-def test_how_many_of_a_kind_there_can_be_is_said_by_the_description(run):
+def test_how_many_of_a_kind_there_can_be_is_reported_by_the_description(run):
     two = {"laser": "invented://a", "second": "invented://b"}
     assert errors(run, two) == []
     (found,) = errors(run, {**two, "third": "invented://c"})

@@ -38,7 +38,7 @@ def test_a_half_written_file_of_a_process_that_was_killed_is_not_read(tmp_path):
     assert json.loads((tmp_path / "state.json").read_text()) == {"cell": {}}
 
 
-def test_where_it_cannot_be_written_any_more_that_is_said_once_and_nothing_stops(tmp_path, capsys):
+def test_where_it_cannot_be_written_any_more_that_is_reported_once_and_nothing_stops(tmp_path, capsys):
     folder = tmp_path / "run"
     folder.mkdir()
     memory = Memory(folder / "state.json")

@@ -184,5 +184,5 @@ def test_a_file_that_is_no_memory_is_refused(request, tmp_path, content):
     assert "state.json" in refusal(request, str(tmp_path / "state.json"))
 
 
-def test_a_place_that_cannot_be_written_is_told_at_the_start(request, tmp_path):
+def test_a_place_that_cannot_be_written_is_reported_at_the_start(request, tmp_path):
     assert "nowhere" in refusal(request, str(tmp_path / "nowhere" / "state.json"))

@@ -141,7 +141,7 @@ def test_a_damaged_memory_is_refused_not_guessed_at(bench, tmp_path, part):
         bench(memory=Memory(tmp_path / "state.json"))
 
 
-def test_bad_memory_is_told_before_anything_listens(tmp_path):
+def test_bad_memory_is_reported_before_anything_listens(tmp_path):
     (tmp_path / "state.json").write_text('{"cell": {"name": "other"}}')
     with pytest.raises(BadMemory, match="another cell: name other; this one is name mine"):
         Memory(tmp_path / "state.json", {"name": "mine"})

@@ -62,5 +62,5 @@ def test_a_jump_is_bounded_by_the_drives_acceleration_and_still_ends_there():
     assert places[-1][0] == pytest.approx(5.0, abs=1e-3)
 
 
-def test_switched_off_the_axis_is_where_it_is_told_to_be():
+def test_switched_off_the_axis_is_where_it_is_commanded_to_be():
     assert [x for x, _ in run(Servo([154.0], H, 0.0), [1.0, 2.0, 1.5])] == [1.0, 2.0, 1.5]

@@ -106,7 +106,7 @@ def test_numbers_go_on_from_zero_after_65535(bench):
     assert seqs[seqs.index(65535) + 1] == 0
 
 
-def test_an_unacknowledged_line_is_said_again_every_fifty_milliseconds_with_its_number(bench):
+def test_an_unacknowledged_line_is_sent_again_every_fifty_milliseconds_with_its_number(bench):
     bench.wait(160, host=False)
     assert [(at, m.seq) for at, m in bench.said if m.kind == "BOOT"] == [(0, 0), (50, 0), (100, 0), (150, 0)]
     bench.hear("ACK", 0)
@@ -151,7 +151,7 @@ def test_a_new_host_is_not_given_the_answers_of_the_one_before(armed):
     assert armed.ask("ARM", last) == "STATE"
 
 
-def test_the_first_edge_is_told_at_once_with_its_own_tick(armed):
+def test_the_first_edge_is_reported_at_once_with_its_own_tick(armed):
     armed.wait(1.5)
     armed.volts(CLOSED)
     (edge,) = armed.lines("EDGE")
@@ -259,7 +259,7 @@ def test_disarm_leaves_a_fault_only_once_its_cause_is_gone(armed):
     assert armed.firmware.state is State.DISARMED
 
 
-def test_a_loop_broken_from_the_start_is_told():
+def test_a_loop_broken_from_the_start_is_reported():
     assert [m.fields for m in Bench(BROKEN).lines("FAULT")] == [("WIRE",)]
 
 

@@ -198,7 +198,7 @@ def test_a_corrupted_line_fails_its_check_and_does_not_stop_time(running, host):
     assert 3 <= len(host.torn) <= 8
 
 
-def test_a_broken_wire_is_told_at_once(running, host):
+def test_a_broken_wire_is_reported_at_once(running, host):
     armed(host)
     running.fault(fault="probe.wire_break")
     assert host.until("FAULT")[3] == "WIRE"

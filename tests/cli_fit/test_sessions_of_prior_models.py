@@ -1,4 +1,4 @@
-"""An older model of several sessions: partial work goes on from the one that the new rows name."""
+"""A prior model of several sessions: partial work updates the session that the new rows name."""
 
 import json
 import math
@@ -50,7 +50,7 @@ def test_lost_zeros_are_found_where_the_robot_stood_in_the_session_of_that_name(
 
 
 @pytest.mark.parametrize("name", ["", "Friday"])
-def test_rows_of_no_session_that_the_older_model_knows_are_refused_with_the_names(folder, name, capsys):
+def test_rows_of_no_session_that_the_prior_model_knows_are_refused_with_the_names(folder, name, capsys):
     (folder / "few.csv").write_text(measured({name: TUESDAY}, 12, 2))
     assert cellctl("fit", "robot.yaml", "few.csv", "--prior", "model.json", "--free", "zeros") == 2
     assert "Monday, Tuesday" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What goes wrong on a bad day: each a clear end, the robot held, nothing that was recorded lost."""
+"""Faults in a campaign: each has a clear end, the robot is held, no recorded row is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows that say nothing new: copies, repeats, names mistyped, a robot or an instrument that never moved."""
+"""Rows without new information: copies, repeats, mistyped names, a robot or an instrument that never moved."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a bad day's files end in: a refusal, or the bad rows by name; never a figure that looks good."""
+"""Bad input of a fit: it is refused, or the bad rows are named; no figure looks better than it is."""
 
 import csv
 import json
@@ -164,7 +164,7 @@ def test_a_wrong_name_of_a_sphere_in_one_row_costs_that_row_alone(fit, rows):
     assert {row["line"] for row in named} == {9}
 
 
-def test_three_wild_rows_in_forty_are_named_and_no_others(fit, rows):
+def test_three_outliers_in_forty_are_named_and_no_others(fit, rows):
     outlying = [4, 17, 30]
     code, result = fit(pushed(rows(), outlying, np.random.default_rng(1).normal(0, 2.0, (3, 3))))
     assert code == 0
@@ -176,7 +176,7 @@ def test_three_wild_rows_in_forty_are_named_and_no_others(fit, rows):
 @pytest.mark.parametrize(
     ("share", "size_mm"), [(0.25, 0.3), (0.25, 2.0), (0.4, 0.3), (0.4, 1.0), (0.4, 20.0), (0.6, 1.0), (0.6, 20.0)]
 )
-def test_a_data_set_of_many_wild_rows_is_never_called_better(fit, rows, share, size_mm):
+def test_a_data_set_of_many_outliers_is_never_called_better(fit, rows, share, size_mm):
     rng = np.random.default_rng([int(100 * share), int(10 * size_mm)])
     outlying = rng.choice(60, round(share * 60), replace=False)
     code, result = fit(pushed(rows(), outlying, rng.normal(0, size_mm, (len(outlying), 3))))
@@ -206,7 +206,7 @@ def test_rows_in_another_unit_than_the_others_are_never_called_better(fit, rows,
     assert result["verdict"] != "better"
 
 
-def test_degrees_in_columns_of_radians_are_told_as_such(fit, rows, capsys):
+def test_degrees_in_columns_of_radians_are_reported_as_such(fit, rows, capsys):
     table = [{name.replace("A", "q"): text for name, text in row.items()} for row in rows()]
     assert fit(table) == (2, None)
     assert "degrees" in capsys.readouterr().err
@@ -243,7 +243,7 @@ def test_the_error_told_of_a_held_out_row_is_its_held_out_error(fit, rows):
     assert f"error {result['test']['max']:.3f} mm" in of_wild_row[0]
 
 
-def test_what_was_foreseen_of_a_held_out_row_is_of_that_row(fit, rows):
+def test_what_was_predicted_of_a_held_out_row_is_of_that_row(fit, rows):
     """Rows of two instruments, one a hundred times better than the other: each is held to its own σ."""
     table = without_set(rows())
     for number, row in enumerate(table):
@@ -256,7 +256,7 @@ def test_what_was_foreseen_of_a_held_out_row_is_of_that_row(fit, rows):
     assert 0.017 < foreseen[10] < 0.2
 
 
-def test_what_a_model_without_links_cannot_express_is_said_not_to_be_in_its_sigma(fit, rows):
+def test_what_a_model_without_links_cannot_express_is_reported_not_to_be_in_its_sigma(fit, rows):
     said = "count as scatter and are not in this σ"
     _, zeros = fit(rows(), model=("--model", "zeros"))
     assert zeros["predicted_volumetric_rms"] < 0.5 * zeros["test"]["rms"]
@@ -363,7 +363,7 @@ def test_half_a_model_file_is_refused(cellctl, files, identified, capsys):
 
 @pytest.mark.parametrize("target", ["folder", "missing/file"])
 @pytest.mark.parametrize("option", ["--out", "--json", "--report"])
-def test_where_a_result_cannot_go_is_told_by_its_name_and_nothing_else_is_written(
+def test_where_a_result_cannot_go_is_reported_by_its_name_and_nothing_else_is_written(
     cellctl, files, capsys, option, target
 ):
     (files / "folder").mkdir()

@@ -1,4 +1,4 @@
-"""What a fit's rows cannot see is said on the screen with its cause, in a few lines; the JSON has all of it."""
+"""The screen shows unobservable parameters with their reasons, in a few lines; the JSON has all of them."""
 
 import json
 
@@ -60,7 +60,7 @@ def test_however_much_is_not_seen_the_screen_has_six_lines_of_it_at_most(told):
 
 
 @pytest.mark.parametrize("names", [["S1"], ["S1", "S2", "S3"]], ids=["one", "three"])
-def test_touches_all_on_one_sphere_are_told_so(told, names):
+def test_touches_all_on_one_sphere_are_reported(told, names):
     """Three joints that touch one sphere hardly move; a robot of six tells as much from one as from three."""
     rng = np.random.default_rng(3)
     touched = [names[row % len(names)] for row in range(30)]
