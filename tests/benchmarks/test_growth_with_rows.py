@@ -1,4 +1,4 @@
-"""Ten times as many rows cost about ten times as much, wild ones among them or not: nothing grows with their square."""
+"""Ten times as many rows cost about ten times as much, outliers among them or not: nothing grows with their square."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FEW, TIMES = 500, 10
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("wild", [0.0, 0.02])
+@pytest.mark.parametrize("outlying", [0.0, 0.02])
 def test_ten_times_as_many_rows_take_nowhere_near_a_hundred_times_as_long(tell, tmp_path, outlying):
     few = save_rows(tmp_path / "few.npz", FEW, outlying=outlying)
     many = save_rows(tmp_path / "many.npz", TIMES * FEW, outlying=outlying)
@@ -22,7 +22,7 @@ def test_ten_times_as_many_rows_take_nowhere_near_a_hundred_times_as_long(tell, 
         found = race(one, ten, rounds=2)
     short, long = (f"{1e3 * median(answers, 'seconds'):.0f} ms" for answers in (found.ours, found.theirs))
     tell(
-        f"identify from {TIMES * FEW} positions, {outlying:.0%} wild",
+        f"identify from {TIMES * FEW} positions, {outlying:.0%} outliers",
         long,
         f"from {FEW}: {short}",
         f"{found.ratio:.0f} × as long",

@@ -41,7 +41,7 @@ def looks(monkeypatch):
         seen.append(len(kept))
         return leave_one_out_chi2(linear, kept)
 
-    monkeypatch.setattr(Linear, "surprise", counted)
+    monkeypatch.setattr(Linear, "leave_one_out_chi2", counted)
     return seen
 
 

@@ -100,7 +100,7 @@ def test_an_update_of_a_robot_that_lost_its_zeros_finds_them_and_asks_for_the_cr
     result = afterwards(folder, crashed, rows=30)
     assert list(result["loosened"]) == ["zeros"]
     assert max(result["noise_growth"]) == 1.0
-    assert f"zeros × {result['prior_scale']['zeros']:.0f} (if something hit the robot" in result["sentence"]
+    assert f"zeros × {result['loosened']['zeros']:.0f} (if something hit the robot" in result["sentence"]
     assert errors_of(folder, "new.json", crashed, drawn(np.random.default_rng(3), 40)).max() < 0.1
 
 

@@ -178,7 +178,7 @@ class Touched:
             mine = order[self.point[order] == index]
             rank[mine] = np.arange(len(mine))
         some = np.sort(np.argsort(rank, kind="stable")[:count])
-        rows = ("tips", "turn", "point", "reach", "sigma")
+        rows = ("tcps", "turn", "point", "reach", "sigma")
         return replace(self, **{name: getattr(self, name)[some] for name in rows})
 
 
