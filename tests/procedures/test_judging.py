@@ -56,12 +56,13 @@ def test_stand_off_figures_are_of_absolute_errors_and_lead_the_verdict() -> None
     assert found.table == MINE
 
 
-def test_the_sentence_says_stand_off_and_held_out_touches() -> None:
-    sentence = judged([1.0, -1.0, 2.0, -2.0], [0.03, -0.03, 0.01, -0.05]).sentence
-    assert sentence == (
+def test_the_sentence_states_the_stand_off_error_and_the_next_line_the_held_out_touches() -> None:
+    found = judged([1.0, -1.0, 2.0, -2.0], [0.03, -0.03, 0.01, -0.05])
+    assert found.sentence == (
         "Stand-off error at sphere P1 (not used for calibration): 1.500 mm before, 0.030 mm after "
-        f"(mean of 4; max 2.000, 0.050 mm). Better than nominal. {HELD_OUT_SENTENCE}"
+        "(mean of 4; max 2.000, 0.050 mm). Better than nominal."
     )
+    assert found.lines[0] == HELD_OUT_SENTENCE
 
 
 def test_pairs_are_compared_target_by_target() -> None:

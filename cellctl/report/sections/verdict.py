@@ -21,6 +21,7 @@ def build(run: Run) -> Mapping[str, Any]:
         "finished": run.word == "finished",
         "better": verdict is not None and verdict.better,
         "sentence": verdict.sentence if verdict else "",
+        "below": verdict.lines if verdict else (),
         "points": run.state.measurements,
         "conditions": [
             ("date", started.calendar if started else NOT_RECORDED),
@@ -60,6 +61,9 @@ SECTION = ReportSection(
 {% endif %}
 {% if sentence %}
 <p class="sentence">{{ sentence }}</p>
+{% for line in below %}
+<p>{{ line }}</p>
+{% endfor %}
 {% elif finished %}
 <p class="sentence">Finished, without a verdict: this procedure identifies nothing.</p>
 {% endif %}

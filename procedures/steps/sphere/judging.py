@@ -41,7 +41,8 @@ def verdict_of(context: StepContext) -> SphereVerdict:
     return replace(
         held_out,
         verdict=verdict,
-        sentence=_sentences(verdict, standoff, held_out.sentence),
+        sentence=_sentence(verdict, standoff),
+        lines=(held_out.sentence, *held_out.lines),
         before=before,
         after=after,
         held_out=HeldOutFigures(held_out.verdict, held_out.before, held_out.after),
@@ -65,11 +66,11 @@ def _rms(values: Sequence[float]) -> float:
     return float((sum(value * value for value in values) / len(values)) ** 0.5)
 
 
-def _sentences(verdict: str, standoff: StandOffFigures, held_out: str) -> str:
+def _sentence(verdict: str, standoff: StandOffFigures) -> str:
     from cellctl.calibration import ErrorFigures, compared_errors
 
     errors = [ErrorFigures(**asdict(each)) for each in (standoff.before, standoff.after)]
     figures = compared_errors(("before", "after"), errors, standoff.n)
     ends = {"better": "Better than nominal.", "worse": "Worse than nominal: the table was rolled back."}
     end = ends.get(verdict, "No better than nominal: the table was rolled back.")
-    return f"Stand-off error at sphere {standoff.sphere} (not used for calibration): {figures}. {end} {held_out}"
+    return f"Stand-off error at sphere {standoff.sphere} (not used for calibration): {figures}. {end}"
