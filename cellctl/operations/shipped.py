@@ -17,7 +17,8 @@ _FOLDERS: dict[Kind, str] = {"procedure": ".", "cell": "cells", "robot": "robots
 def shipped_file(kind: Kind, given: Path) -> Path:
     """`given` itself where it is a path, else the shipped file of that name.
 
-    A file that is there comes first; what has a folder or a suffix in it is a path. Raises InputError for a name that
+    A file that is there comes first; what has a folder or a suffix in it is a path. The result is relative where the
+    shipped files are below the working folder. Raises InputError for a name that
     is neither a file nor shipped.
     """
     if given.is_file() or given.suffix or len(given.parts) != 1:
@@ -26,7 +27,8 @@ def shipped_file(kind: Kind, given: Path) -> Path:
     if given.name not in names:
         what = f"is no file, and no shipped {kind} has this name"
         raise InputError(Problem(str(given), 0, 0, what, f"give a path, or one of: {', '.join(names)}"))
-    return names[given.name]
+    file, here = names[given.name], Path.cwd()
+    return file.relative_to(here) if file.is_relative_to(here) else file
 
 
 def shipped_names(kind: Kind) -> dict[str, Path]:

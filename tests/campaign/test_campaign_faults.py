@@ -185,7 +185,7 @@ def test_a_robot_stopped_on_the_retreat_leaves_the_contact_in_the_journal_though
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
     assert "EMERGENCY STOP" in str(ended.outcome.error)
     assert len(ended.truth) == 3
-    assert len([row for row in ended.journal.rows if row.kind == "touch"]) == 3
+    assert len([row for row in ended.journal.rows if row.event.row_kind == "touch"]) == 3
     assert len(ended.touches) == 2, "a resumed run does the third one again, and counts it once"
 
 

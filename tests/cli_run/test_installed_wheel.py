@@ -74,7 +74,7 @@ def test_shipped_names_are_those_of_the_files(tmp_path: Path, monkeypatch: pytes
     from cellctl.operations.shipped import shipped_file
 
     monkeypatch.chdir(tmp_path)
-    assert shipped_file("robot", Path("ur10")) == ROOT / "procedures" / "robots" / "ur10.yaml"
+    assert shipped_file("robot", Path("ur10")).resolve() == ROOT / "procedures" / "robots" / "ur10.yaml"
     assert shipped_file("cell", Path("sphere_cell.yaml")) == Path("sphere_cell.yaml")
     Path("ur10").write_text("my own")
     assert shipped_file("robot", Path("ur10")) == Path("ur10")
