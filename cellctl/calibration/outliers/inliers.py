@@ -82,7 +82,6 @@ def _as_scattered(linear: Linear, found: Belonging, *, thorough: bool) -> Belong
     """`found`, or the explanation by the scatter of every strained kind, where that is more probable: with many
     kinds, to get there step by step and kind by kind takes hundreds of evaluations of all rows.
 
-
     The factor of a kind is lowered, one step or to 1, where that makes the rows even more probable.
     """
     best = max(found, Belonging.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
