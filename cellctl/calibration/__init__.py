@@ -1,4 +1,4 @@
-"""Identification: models, measurements, priors, the estimator, what it cannot see, and the verdict. Pure: arrays only.
+"""Identification: models, measurements, priors, the estimator, unobservable parameters, the verdict. Pure: arrays only.
 
 `identify(task, rows)` fits; `fit(task, split)` fits and proves it on held-out rows.
 """

@@ -1,7 +1,7 @@
-"""Compensation: what to command so that the real robot goes where the nominal one was meant to. Arrays in, arrays out.
+"""Compensation: joint commands that take the real robot to the targets of the nominal one. Arrays in, arrays out.
 
-`compensate(nominal, identified, targets, start)` finds the joints; `gauge_fixed` is what of a model's covariance counts
-for targets that are given where touched spheres are.
+`compensate(nominal, identified, targets, start)` finds the joints; `gauge_fixed` gives the part of a model's covariance
+that matters for targets relative to touched spheres.
 """
 
 from cellctl.compensation.postures import postures

@@ -1,4 +1,4 @@
-"""A posture to start from, where nobody gave one: of those that reach the target, the one nearest to known ground."""
+"""A start posture where none is given: of those that reach the target, the one nearest to the middle of a box."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TURN = 2.0 * np.pi
 
 
 def postures(chain: SerialChain, targets: ArrayLike, low: ArrayLike, high: ArrayLike) -> Floats:
-    """Model angles (N, n), rad, that put the tool at `targets` (N, 4, 4); NaN rows where no posture was found.
+    """Model angles (N, n), rad, that put the TCP at `targets` (N, 4, 4); NaN rows where no posture was found.
 
     Searched from starts spread over the box `low`…`high` (n,), rad, the same each time; of those found within the box
     the one nearest to its middle, in shares of its width.

@@ -6,7 +6,7 @@ target T_d, chosen so that f*(f⁻¹(T_s)) = T_d, by repeating
     T_s ← T_s + (T_d − f*(f⁻¹(T_s)))
 
 with the difference of two poses as a shift and a small rotation vector, both along the measuring frame's axes. f and f*
-differ by millimetres over metres, so each pass shrinks what is left by that ratio: two or three do.
+differ by millimetres over metres, and each pass shrinks the error by that ratio: two or three suffice.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cellctl.calibration import RobotModel
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse, rotation_vector
 
 METHODS = ("pseudo-target",)
-"""Methods that `compensate` knows."""
+"""Methods of `compensate`."""
 
 _TOLERANCE_RAD = 1e-7
 """Orientation left at the end: 0.1 µm on a tool of a metre."""
@@ -31,11 +31,11 @@ _TOLERANCE_RAD = 1e-7
 @final
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Joints for N targets, as a nominal controller has them and as the identified robot needs them.
+    """Joints for N targets: those of a nominal controller, and those that the identified robot needs.
 
     nominal_q, compensated_q (N, n): model angles, rad. predicted_before_mm, predicted_after_mm (N,): distance of the
-    identified robot's tool centre point from the target at these, mm. passes: how many were made. converged (N,): the
-    target is reached within tolerance; where it is not, the other arrays hold the nearest that was found.
+    identified robot's TCP from the target at these, mm. passes: their count. converged (N,): the target is reached
+    within tolerance; otherwise the other arrays hold the nearest result.
     """
 
     nominal_q: Floats
@@ -58,11 +58,11 @@ def compensate(
 ) -> Compensated:
     """Joints that take the identified robot to `targets` (N, 4, 4), mm, found from postures near `start` (N, n), rad.
 
-    nominal: the controller's chain, its deviations not looked at. identified: the robot, tool deflection included, its
-    base and tool counted from the same poses as the nominal's. Targets lie in the frame that the model was identified
-    in. For a model from touches that is the frame of its sphere centres: the base's heading and height (θ1, d1) trade
-    against the centres, so model and centres belong together, and targets near a sphere have to be built on the centre
-    that came with the model.
+    nominal: the controller's chain; its deviations are ignored. identified: the robot, tool deflection included, its
+    base and tool counted from the same poses as the nominal's. Targets are in the frame in which the model was
+    identified. For a model from touches that is the frame of its sphere centres: the base's heading and height (θ1, d1)
+    are correlated with the centres, so model and centres belong together, and targets near a sphere must be built on
+    the centre that came with the model.
 
     Joint limits are the caller's, as in `inverse`. Raises ValueError for an unknown method or shapes that do not fit.
     """
@@ -113,7 +113,7 @@ def _difference(goal: Floats, actual: Floats) -> Floats:
 
 
 def _moved(poses: Floats, by: Floats) -> Floats:
-    """`poses` (N, 4, 4) shifted and turned by (N, 6): the place shifts, the turn is about the place."""
+    """`poses` (N, 4, 4) shifted and turned by (N, 6): the position shifts, the turn is about the position."""
     result = poses.copy()
     result[:, :3, 3] += by[:, :3]
     result[:, :3, :3] = np.matmul(Rotation.from_rotvec(by[:, 3:]).as_matrix(), poses[:, :3, :3])

@@ -1,4 +1,4 @@
-"""The array types of the pure rooms."""
+"""The array types of the pure packages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
-"""Array of float64; shapes are said in docstrings, batches as leading axes `(..., 4, 4)`."""
+"""Array of float64; shapes are stated in docstrings, batches as leading axes `(..., 4, 4)`."""
 
 Bools: TypeAlias = NDArray[np.bool_]
 """Array of truth values."""

@@ -1,6 +1,6 @@
-"""Serial chains of revolute joints: where the tool is, and how that changes with joints and parameters.
+"""Serial chains of revolute joints: the TCP's pose, and its derivatives by joints and parameters.
 
-Every chain is brought to the form C0 Rz(q1) C1 Rz(q2) … Rz(qn) Cn with constant C, whatever table it came from. A
+Every chain is brought to the form C0 Rz(q1) C1 Rz(q2) … Rz(qn) Cn with constant C, from any table. A
 parameter is a unit screw at a fixed place in the frame behind the joint before it, so that all columns of a Jacobian
 are constants carried by the same n frames. Inside, the batch is the last axis: each number is then one long vector.
 """
@@ -21,12 +21,12 @@ from cellctl.kinematics.joint_axes import AxisTable, JointAxis
 from cellctl.kinematics.link_table import TABLE_CONVENTIONS, Link, LinkTable, TableConvention
 
 Convention: TypeAlias = TableConvention | Literal["poe"]
-"""How a robot is written down: one of the link tables, or the joints' axes with the flange's home pose."""
+"""How a robot is described: by one of the link tables, or by the joints' axes with the flange's home pose."""
 
 CONVENTIONS: tuple[str, ...] = (*TABLE_CONVENTIONS, "poe")
 
 BLOCK = 1024
-"""Poses worked on at a time: the frames of this many fit a second-level cache (n = 6: 0.7 MB)."""
+"""Poses per computation: the frames of this many fit a second-level cache (n = 6: 0.7 MB)."""
 
 
 @final
@@ -47,9 +47,8 @@ class Screws:
 class SerialChain:
     """A robot with n revolute joints, its base in the measuring frame and its tool; immutable.
 
-    table: the robot by its links, or by its joints' axes. base, tool (4, 4): base in the measuring frame, tool centre
-    point in the flange frame, mm. deviations (P,): by how much each of `parameters` differs from table, base and tool,
-    mm or rad.
+    table: the robot by its links, or by its joints' axes. base, tool (4, 4): base in the measuring frame, TCP in the
+    flange frame, mm. deviations (P,): difference of each of `parameters` from table, base and tool, mm or rad.
     """
 
     table: LinkTable | AxisTable
@@ -67,7 +66,7 @@ class SerialChain:
     ) -> Self:
         """A chain from its link table; base and tool (4, 4) default to none.
 
-        Raises ValueError for an unknown convention, no link, or a base or tool that is no pose.
+        Raises ValueError for an unknown convention, no link, or a base or tool that is not a pose.
         """
         if convention not in TABLE_CONVENTIONS:
             raise ValueError(f"a link table's convention is one of {', '.join(TABLE_CONVENTIONS)}, not '{convention}'")
@@ -86,7 +85,7 @@ class SerialChain:
     ) -> Self:
         """A chain (`poe`) from its joints' axes and the flange's pose `home` (4, 4), mm, all at model zero in the base.
 
-        base and tool (4, 4) default to none. Raises ValueError for no axis, or a home, base or tool that is no pose.
+        base and tool (4, 4) default to none. Raises ValueError for no axis, or a home, base or tool that is not a pose.
         """
         table = AxisTable.of(axes, _checked_pose("home", home))
         return cls(table, _checked_pose("base", base), _checked_pose("tool", tool))
@@ -103,12 +102,12 @@ class SerialChain:
 
     @property
     def reach_mm(self) -> float:
-        """Upper bound of the distance from joint 1's frame to the tool centre point, mm: the links stretched out."""
+        """Upper bound of the distance from joint 1's frame to the TCP, mm: all links in line."""
         return float(sum(np.linalg.norm(step[:3, 3]) for step in self._constants[1:]))
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names in the field's terms: base_x…z, base_a…c, those of the table by joint, tool_x…z, tool_a…c.
+        """Names in common terms: base_x…z, base_a…c, those of the table by joint, tool_x…z, tool_a…c.
 
         A link table has theta1, d1, a1, alpha1, beta1, …; `poe` turn_x1, turn_y1, slide_x1, slide_y1, theta1, ….
         """
@@ -136,7 +135,7 @@ class SerialChain:
         return replace(self, deviations=values)
 
     def with_base(self, base: ArrayLike) -> Self:
-        """This chain standing at `base` (4, 4) of the measuring frame; the base's deviations are set to zero."""
+        """This chain with its base at `base` (4, 4) in the measuring frame; the base's deviations are set to zero."""
         return replace(self, base=_checked_pose("base", base), deviations=self._without("base_"))
 
     def with_tool(self, tool: ArrayLike) -> Self:
@@ -150,11 +149,11 @@ class SerialChain:
 
     @cached_property
     def tool_now(self) -> Floats:
-        """Tool centre point in the flange frame (4, 4) with its deviations."""
+        """TCP in the flange frame (4, 4) with its deviations."""
         return segment_matrix(self._motions[-1])
 
     def forward(self, q: ArrayLike) -> Floats:
-        """Pose of the tool centre point (..., 4, 4), mm, in the measuring frame, at model angles q (..., n), rad."""
+        """Pose of the TCP (..., 4, 4), mm, in the measuring frame, at model angles q (..., n), rad."""
         return self._batched(q, lambda angles: self._end(angles, self._constants[-1]), (4, 4))
 
     def forward_flange(self, q: ArrayLike) -> Floats:
@@ -176,14 +175,14 @@ class SerialChain:
         return np.moveaxis(result, -1, 0).reshape(*batch, self.n + 1, 4, 4)
 
     def tool_jacobian(self, q: ArrayLike) -> Floats:
-        """How the tool moves with the joints: (..., 6, n) at q (..., n).
+        """Jacobian of the TCP by the joints: (..., 6, n) at q (..., n), rad.
 
-        Rows: velocity of the tool centre point (mm/rad), angular velocity (rad/rad), along the measuring frame's axes.
+        Rows: velocity of the TCP (mm/rad), angular velocity (rad/rad), along the measuring frame's axes.
         """
         return self._batched(q, lambda angles: self._joint_columns(*self._frames(angles)), (6, self.n))
 
     def forward_and_jacobian(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """`forward` and `tool_jacobian` in one go: (..., 4, 4) and (..., 6, n)."""
+        """`forward` and `tool_jacobian` together: (..., 4, 4) and (..., 6, n)."""
         batch, angles = self._angles(q)
         pose, columns = np.empty((4, 4, angles.shape[1])), np.empty((6, self.n, angles.shape[1]))
         for start in range(0, angles.shape[1], BLOCK):
@@ -194,9 +193,9 @@ class SerialChain:
         return _outside(pose, batch), _outside(columns, batch)
 
     def parameter_jacobian(self, q: ArrayLike) -> Floats:
-        """How the tool moves with the parameters: (..., 6, P) at q (..., n), rows as in `tool_jacobian`.
+        """Jacobian of the TCP by the parameters: (..., 6, P) at q (..., n), rows as in `tool_jacobian`.
 
-        Each column is the parameter's unit screw carried to the tool centre point: (u × (p − r), u) for a turn about
+        Each column is the parameter's unit screw at the TCP: (u × (p − r), u) for a turn about
         the axis u through r, (u, 0) for a slide along u. Per mm or per rad.
         """
         return self._batched(

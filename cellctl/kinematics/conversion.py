@@ -1,8 +1,8 @@
-"""The same robot written down another way. Every chain of revolute joints has all three forms.
+"""Conversion of a robot between the three forms, which every chain of revolute joints has.
 
-Lines are what the forms agree on: the joints' axes at model zero. What a table cannot hold (where its first frame
-stands, and what is left between its last frame and the tool) goes to base and tool. Deviations become part of the
-new table, so that an identified robot converts as a nominal one does; what was known of them (σ) does not convert.
+The joints' axes at model zero are the same in all forms. What a table cannot hold (the pose of its first frame, and the
+rest between its last frame and the tool) goes to base and tool. Deviations become part of the new table, so that an
+identified robot converts as a nominal one does; their covariance does not convert.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from cellctl.kinematics.joint_axes import JointAxis
 from cellctl.kinematics.link_table import Link, LinkTable, TableConvention
 
 PARALLEL = float(np.sin(np.radians(1.0)))
-"""Axes that lean less than this towards each other take Hayati's β in place of d."""
+"""Axes with a sine of their angle below this take Hayati's β in place of d."""
 
 _NOWHERE = 1e-10
-"""A distance, mm, below which a direction from one point to another says nothing."""
+"""A distance, mm, below which a direction from one point to another is undefined."""
 
 
 def settled(chain: SerialChain) -> SerialChain:
@@ -31,9 +31,9 @@ def settled(chain: SerialChain) -> SerialChain:
 
 
 def to_poe(chain: SerialChain) -> SerialChain:
-    """The chain by its joints' axes; base, flange and tool are where they were.
+    """The chain by its joints' axes; base, flange and tool do not move.
 
-    The point on each axis is where the chain had its joint frame.
+    The point on each axis is the origin of the chain's joint frame.
     """
     frames, home = _at_zero(chain)
     axes = [JointAxis.through(frame[:3, 3], frame[:3, 2]) for frame in frames]
@@ -43,7 +43,7 @@ def to_poe(chain: SerialChain) -> SerialChain:
 def to_mdh(chain: SerialChain) -> SerialChain:
     """The chain as a table T = Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β); β in place of d where axes lie within 1° of parallel.
 
-    Base and tool stay as they are where base z is joint 1's axis and the flange's x crosses joint n's axis squarely.
+    Base and tool do not change where base z is joint 1's axis and the flange's x crosses joint n's axis squarely.
     """
     return _as_table(chain, "mdh-hayati")
 
@@ -51,7 +51,7 @@ def to_mdh(chain: SerialChain) -> SerialChain:
 def to_craig(chain: SerialChain) -> SerialChain:
     """The chain as a table T = Rx(α) Tx(a) Ry(β) Rz(θ) Tz(d); β where axes lie within 1° of parallel.
 
-    Its flange is a frame on joint n's axis, so that the tool takes what the robot's flange has beside it.
+    Its flange is a frame on joint n's axis, so that the tool holds the robot's flange relative to it.
     """
     return _as_table(chain, "dh-craig")
 
@@ -91,7 +91,7 @@ def _at_zero(chain: SerialChain) -> tuple[Floats, Floats]:
 
 
 def _rows(frames: Floats, home: Floats, *, keep_heights: bool) -> tuple[list[Link], Floats]:
-    """Rows of an mdh-hayati table for axes along z of `frames`, and where its first frame stands (4, 4)."""
+    """Rows of an mdh-hayati table for axes along z of `frames`, and the pose of its first frame (4, 4)."""
     first = here = _first_frame(frames[0])
     rows = []
     for behind in frames[1:]:
@@ -143,7 +143,7 @@ def _last_row(flange: Floats) -> Link:
 
 
 def _shifted(rows: list[Link]) -> list[Link]:
-    """Rows of an mdh-hayati table as dh-craig's: a, α and β come before the next joint, the last row's not at all."""
+    """Rows of an mdh-hayati table as dh-craig's: a, α and β come before the next joint; the last row's are dropped."""
     before = [Link(), *rows]
     return [
         replace(row, a=front.a, alpha=front.alpha, beta=front.beta) for front, row in zip(before, rows, strict=False)
@@ -167,6 +167,6 @@ def _level(x: Floats) -> Floats:
 
 
 def _sense(likeness: float, length: float) -> float:
-    """1 or −1: keeps to the x that the chain had; where that is square to this one, a is not negative."""
+    """1 or −1: the sense of the chain's own x; where that is perpendicular, the sense with a ≥ 0."""
     side = likeness if abs(likeness) > 1e-6 else length
     return -1.0 if side < 0.0 else 1.0

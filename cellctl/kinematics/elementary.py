@@ -24,7 +24,7 @@ class Motion(NamedTuple):
 
 
 Segment: TypeAlias = tuple[Floats, list[Motion]]
-"""What lies between two joints: a fixed pose (4, 4), then motions."""
+"""The part between two joints: a fixed pose (4, 4), then motions."""
 
 
 _IDENTITY = np.eye(4)
@@ -53,7 +53,7 @@ def segment_matrix(segment: Segment) -> Floats:
 
 
 def frame_motions(frame: str) -> Iterator[Motion]:
-    """The six small motions, all zero, by which frame `base` or `tool` may differ from where it was said to be."""
+    """The six small motions, all zero, by which frame `base` or `tool` may differ from its stated pose."""
     for axis, letter in enumerate("xyz"):
         yield Motion(f"{frame}_{letter}", False, axis, 0.0)
     for axis, letter in ((2, "a"), (1, "b"), (0, "c")):

@@ -1,4 +1,4 @@
-"""Frames as 4×4 matrices (mm), and KUKA's way to write them: X, Y, Z and A, B, C with R = Rz(A) Ry(B) Rx(C), degrees.
+"""Frames as 4×4 matrices (mm), and KUKA's notation: X, Y, Z and A, B, C with R = Rz(A) Ry(B) Rx(C), degrees.
 
 A pose "of the tool in the base" takes points given in the tool's frame to the base's.
 """
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cellctl.kinematics.arrays import Floats
 
 _HALF_TURN = 1e-6
-"""The sine of a turn below which its skew part says its axis worse than the symmetric one does."""
+"""The sine of a turn below which its symmetric part gives its axis better than the skew part."""
 
 
 def pose_from_xyz_abc(xyz: ArrayLike, abc: ArrayLike) -> Floats:
@@ -41,14 +41,14 @@ def rotation_from_abc(abc: ArrayLike) -> Floats:
 def abc_from_rotation(rotation: ArrayLike) -> Floats:
     """KUKA angles A, B, C (..., 3), degrees, of rotation matrices (..., 3, 3); B in −90…90, at ±90 C is 0.
 
-    They give the matrix again to 1e-14, near ±90° too.
+    They reproduce the matrix to 1e-14, also near ±90°.
     """
     turn = np.asarray(rotation, float)
     flat = np.hypot(turn[..., 0, 0], turn[..., 1, 0])
     b = np.arctan2(-turn[..., 2, 0], flat)
     level = flat > 1e-14
     a = np.where(level, np.arctan2(turn[..., 1, 0], turn[..., 0, 0]), np.arctan2(-turn[..., 0, 1], turn[..., 1, 1]))
-    # near B = ±90° A is poorly known, but A and C together are not: C from what A leaves
+    # near B = ±90° A is poorly determined, but A and C together are not: C from the rest after A
     sine, cosine = np.sin(a), np.cos(a)
     c = np.arctan2(sine * turn[..., 0, 2] - cosine * turn[..., 1, 2], cosine * turn[..., 1, 1] - sine * turn[..., 0, 1])
     return np.asarray(np.rad2deg(np.stack([a, b, c], axis=-1)))
@@ -71,8 +71,8 @@ def inverse_pose(matrix: ArrayLike) -> Floats:
 def rotation_vector(rotation: ArrayLike) -> Floats:
     """Axis times angle (..., 3), rad, of rotation matrices (..., 3, 3); the angle in 0…π.
 
-    Through the skew part, which is quick in batches; next to π, where that vanishes, through the symmetric one. At π
-    itself either sense of the axis is as good.
+    Through the skew part, which is fast in batches; near π, where that vanishes, through the symmetric one. At π itself
+    both senses of the axis are valid.
     """
     turn = np.asarray(rotation, float)
     skew = 0.5 * np.stack(

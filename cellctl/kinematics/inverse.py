@@ -34,11 +34,11 @@ def inverse(
     iterations: int = 50,
     step_rad: float = 0.5,
 ) -> InverseResult:
-    """Joint angles that put the tool at `poses` (..., 4, 4), mm, near `start` (..., n), rad.
+    """Joint angles that put the TCP at `poses` (..., 4, 4), mm, near `start` (..., n), rad.
 
     Levenberg–Marquardt on the pose error, lengths in units of the arm's reach: a singular or unreachable pose ends near
-    its nearest point with `converged` false, not in an error. No joint moves more than `step_rad` in a step. Joint
-    limits are the caller's: an answer may lie outside, on the branch that Newton keeps from the start.
+    its nearest point with `converged` false, without an error. No joint moves more than `step_rad` in a step. Joint
+    limits are the caller's: a result may lie outside, on the branch that Newton keeps from the start.
     """
     targets, begin = np.asarray(poses, float), np.asarray(start, float)
     batch = np.broadcast_shapes(targets.shape[:-2], begin.shape[:-1])

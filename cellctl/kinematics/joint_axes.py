@@ -1,8 +1,8 @@
 """Robots given by their joints' axes: the product of exponentials, e^[ξ1]q1 … e^[ξn]qn M.
 
 After Okamura and Park, Robotica 14 (1996) 415. Here with the least number of parameters: a joint has four small
-motions, those of a line, in a frame of its own. Parallel axes are no special case. With base and tool, 4n + 6
-combinations of the parameters can be seen at all.
+motions, those of a line, in its own frame. Parallel axes are no special case. With base and tool, 4n + 6 combinations
+of the parameters are observable.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class JointAxis:
     def frame(self) -> Floats:
         """The joint's own frame (4, 4): origin at the point, z along the axis.
 
-        x is the base frame's X made square to z, or its Y (or Z) where X lies within 49° of the axis.
+        x is the base frame's X made perpendicular to z, or its Y (or Z) where X lies within 49° of the axis.
         """
         across = np.eye(3)[np.flatnonzero(np.abs(self.direction) < ACROSS)[0]]
         x = across - (across @ self.direction) * self.direction
@@ -59,9 +59,9 @@ class JointAxis:
 class AxisTable:
     """The joints' axes and the flange's pose (4, 4), mm, all at model zero in the robot's base frame.
 
-    Parameters of joint i move its axis, and with it all that is behind: turn_xi, turn_yi about, slide_xi, slide_yi
-    along the axes x and y of the joint's own frame; thetai, a turn about the joint itself. What theta does, the axes
-    behind it and the tool can do as well: it is there to find joint zeros where the axes are held.
+    Parameters of joint i move its axis, and everything behind it: turn_xi, turn_yi about, slide_xi, slide_yi along the
+    axes x and y of the joint's own frame; thetai, a turn about the joint itself. Theta is redundant with the axes
+    behind it and the tool: it serves to find joint zeros where the axes are held.
     """
 
     axes: tuple[JointAxis, ...]
@@ -81,7 +81,7 @@ class AxisTable:
         return len(self.axes)
 
     def segments(self) -> list[Segment]:
-        """What lies between the joints: n + 1 segments, the first before joint 1, the last up to the flange."""
+        """The parts between the joints: n + 1 segments, the first before joint 1, the last up to the flange."""
         frames = [np.eye(4), *(axis.frame() for axis in self.axes), self.home]
         steps = [inverse_pose(before) @ behind for before, behind in itertools.pairwise(frames)]
         return [*((step, _motions(number)) for number, step in enumerate(steps[:-1], 1)), (steps[-1], [])]

@@ -1,4 +1,4 @@
-"""A controller's joint readings are not the model's angles: a sign and an offset for each joint."""
+"""Conversion between a controller's joint readings and the model's angles: a sign and an offset for each joint."""
 
 from __future__ import annotations
 

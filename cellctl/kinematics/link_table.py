@@ -22,7 +22,7 @@ class Link:
 
     mdh-hayati: T = Rz(joint + theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), the joint first.
     dh-craig: T = Rx(alpha) Tx(a) Ry(beta) Rz(joint + theta) Tz(d), the joint last.
-    Where `beta` is given (axes near parallel), `d` is a constant and not a parameter: the two cannot be told apart.
+    Where `beta` is given (axes near parallel), `d` is a constant and not a parameter: the two are not separable.
     """
 
     theta: float = 0.0
@@ -46,7 +46,7 @@ class LinkTable:
         return len(self.links)
 
     def segments(self) -> list[Segment]:
-        """What lies between the joints: n + 1 segments, the first before joint 1, the last from joint n to the flange.
+        """The parts between the joints: n + 1 segments, the first before joint 1, the last from joint n to the flange.
 
         From the second on, a segment begins in the frame behind its joint.
         """

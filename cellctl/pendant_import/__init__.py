@@ -1,4 +1,4 @@
-"""A pendant's joint list and a table of positions typed by hand → a data set. What is not certain is refused."""
+"""A pendant's joint list and a table of positions typed by hand → a data set. Uncertain input is refused."""
 
 from cellctl.pendant_import.choices import Choices, choices
 from cellctl.pendant_import.importing import Imported, imported

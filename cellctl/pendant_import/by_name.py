@@ -1,4 +1,4 @@
-"""Postures and positions that bear the same name: the intersection of both lists, the rest named."""
+"""Postures and positions of the same name: the intersection of both lists; the others are reported."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ def _numbered(points: PointList) -> PointList:
 
 
 def _grouped(points: PointList, key: Key, *, repeats: bool) -> tuple[dict[str, list[Point]], list[LeftOut]]:
-    """The usable points by name, and what is not one of them. Without `repeats` each name has one point.
+    """The usable points by name, and the rows left out. Without `repeats` each name has one point.
 
-    The same numbers a second time are left out; other numbers leave both out, since nobody knows which are right.
+    The same numbers a second time are left out; with other numbers both are left out, as it is unknown which are right.
     """
     groups: dict[str, list[Point]] = {}
     left = [left_out(points, point, point.fault or "has no name") for point in points.points if not point.name]
@@ -98,6 +98,6 @@ def _once(points: PointList, group: Sequence[Point]) -> tuple[list[Point], list[
 
 
 def _twice(other: Point) -> str:
-    """Why neither of two rows of one name is used; measured twice on purpose is what --repeats says."""
+    """Why neither of two rows of one name is used; --repeats states that repeats are intended."""
     cure = "delete the wrong one, or say --repeats" if "X" in other.values else "delete the wrong one"
     return f"on line {other.line} too, with other numbers: {cure}"

@@ -1,4 +1,4 @@
-"""Postures and positions row by row, where nothing shows that the rows may be out of step."""
+"""Postures and positions paired row by row, where nothing shows that the rows may be shifted."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cellctl.pendant_import.points import Point, PointList
 
 
 def paired_by_order(joints: PointList, positions: PointList, *, asked: bool) -> Pairing:
-    """Row by row. A row that cannot be used keeps its place, so that those after it stay in step.
+    """Row by row. A row that cannot be used keeps its place, so that the pairs after it do not shift.
 
-    asked: the user insists, and reasons against it are only reported. Otherwise they raise InputError, as different
+    asked: the user asks for it, and reasons against it are only reported. Otherwise they raise InputError, as different
     counts always do.
     """
     reasons = _out_of_step(joints, positions)
@@ -53,7 +53,7 @@ def _count(points: PointList, what: str) -> str:
 
 
 def _out_of_step(joints: PointList, positions: PointList) -> list[Problem]:
-    """Signs that rows may be out of step: numbers with gaps, a row that looks typed twice, names that differ."""
+    """Signs that rows may be shifted: numbers with gaps, a row that may be typed twice, names that differ."""
     if joints.named and positions.named:
         reasons = _misnamed(joints, positions)
     elif joints.named or positions.named:
@@ -64,7 +64,7 @@ def _out_of_step(joints: PointList, positions: PointList) -> list[Problem]:
 
 
 def _copies(joints: PointList, positions: PointList) -> list[Problem]:
-    """Positions like the one before them, though the joints are not."""
+    """Positions equal to the one before, with different joints."""
     reasons = []
     for place, (one, other) in enumerate(zip(positions.points, positions.points[1:], strict=False)):
         still = joints.points[place : place + 2]
@@ -90,7 +90,7 @@ def _misnamed(joints: PointList, positions: PointList) -> list[Problem]:
 
 
 def _gaps(points: PointList) -> list[Problem]:
-    """Where numbers do not go on as the rows do, from 1 (or 0)."""
+    """Gaps in the numbers, which count the rows from 1 (or 0)."""
     if not are_numbers(points):
         return []
     expected = 0 if plain_name(points.points[0].name, krl=False) == "0" else 1

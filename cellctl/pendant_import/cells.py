@@ -1,4 +1,4 @@
-"""A typed table as rows of cells: which sign separates the columns, and where the rows with numbers are."""
+"""A typed table as rows of cells: the separator of the columns, and the rows with numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ENOUGH = 500
 @final
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row: where it stands, its cells (empty ones at the end are left out), and how many of them are numbers."""
+    """One row: its line, its cells (empty ones at the end are left out), and how many of them are numbers."""
 
     line: int
     cells: tuple[str, ...]
@@ -33,7 +33,7 @@ class Row:
 @final
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """A table as cells. separated: by what, in words."""
+    """A table as cells. separated: the separator, in words."""
 
     file: str
     rows: tuple[Row, ...]
@@ -41,7 +41,7 @@ class Cells:
 
 
 def cells_of(text: str, file: str) -> Cells:
-    """The rows that hold anything. Raises InputError where no separator gives rows with three numbers."""
+    """The rows that are not empty. Raises InputError where no separator gives rows with three numbers."""
     lines = [(number, line) for number, line in enumerate(lines_of(text), 1) if line.strip()]
     stated = _SEP_LINE.fullmatch(lines[0][1]) if lines else None
     tried = [stated[1]] if stated else list(_SEPARATORS)

@@ -20,9 +20,9 @@ _ALLOWED = {"decimal": DecimalSign, "unit": Length, "angles": AngleUnit, "pair":
 @final
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """The user's answers; None (or empty) leaves it to the files, which are refused where they do not say.
+    """The user's answers; None (or empty) leaves it to the files, which are refused where they are ambiguous.
 
-    decimal: sign in tables. unit: of X, Y, Z. angles: of the joint readings. pair: how the two lists belong together.
+    decimal: sign in tables. unit: of X, Y, Z. angles: of the joint readings. pair: how the two lists are paired.
     orientation: take A, B, C (KUKA: Rz Ry Rx, deg) or QW…QZ as well. columns: column of the data set → column of the
     file. repeats: several measurements of one point are several rows.
     """
@@ -37,7 +37,7 @@ class Choices:
 
 
 def choices(texts: Mapping[str, str | None], columns: Iterable[str] = (), *, repeats: bool = False) -> Choices:
-    """The user's words, checked. Raises InputError with every one that is not known."""
+    """The user's choices, checked. Raises InputError with every unknown one."""
     problems, given = [], {}
     for option, text in texts.items():
         allowed = get_args(_ALLOWED[option])

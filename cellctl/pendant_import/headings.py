@@ -61,18 +61,18 @@ def heading(text: str) -> Heading:
 
 
 def is_units_row(cells: Sequence[str]) -> bool:
-    """Whether a row under the headings says units: `;mm;mm;mm`, `[mm]`."""
+    """Whether a row under the headings states units: `;mm;mm;mm`, `[mm]`."""
     filled = [cell for cell in cells if cell]
     return bool(filled) and all(cell.strip("[]() ").casefold() in _UNITS for cell in filled)
 
 
 def unit_of(cell: str) -> str:
-    """The unit that a cell of a units row says."""
+    """The unit stated by a cell of a units row."""
     return _UNITS.get(cell.strip("[]() ").casefold(), "")
 
 
 def places(cells: Sequence[str], columns: Mapping[str, str]) -> dict[str, list[tuple[int, str]]]:
-    """Columns of the data set → where they stand in a row of headings, with the unit. columns: what the user named."""
+    """Columns of the data set → their places in a row of headings, with the unit. columns: what the user named."""
     named = {source.casefold(): target for target, source in columns.items()}
     found: dict[str, list[tuple[int, str]]] = {}
     for place, cell in enumerate(cells):
@@ -88,7 +88,7 @@ def _is_a(words: str) -> bool:
 
 
 def _split(text: str) -> tuple[str, str]:
-    """A heading's words, and its unit where it says a known one."""
+    """A heading's words, and its unit where it states a known one."""
     for pattern in (_BRACKETED, _TRAILING):
         found = pattern.fullmatch(text.strip())
         if found:

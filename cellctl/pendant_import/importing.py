@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Rows of a data set (`name`, joints, X, Y, Z, …), what of both files is in none, and what was decided."""
+    """Rows of a data set (`name`, joints, X, Y, Z, …), the rows of both files that were left out, and the decisions
+    made."""
 
     records: tuple[Mapping[str, Any], ...]
     left_out: tuple[LeftOut, ...]
@@ -33,7 +34,7 @@ class Imported:
 def imported(joints: Path, positions: Path | None, choices: Choices, robot: RobotFile | None = None) -> Imported:
     """The rows that a joint list and a table of positions make; without `positions` the joint table holds X, Y, Z too.
 
-    Raises InputError with every error of both files where something is not certain, or no row is left.
+    Raises InputError with every error of both files where the input is ambiguous, or no row is left.
     """
     if positions is None:
         result = _of_one(joints, choices, robot)

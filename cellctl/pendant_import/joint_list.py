@@ -1,4 +1,4 @@
-"""Joint lists of any kind as postures: which kind it is, how many joints, degrees or radians, within limits."""
+"""Joint lists of any kind as postures: their kind, number of joints, degrees or radians, limits."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 _JOINT = re.compile(r"[AJq]([1-9]\d?)")
 _EXTERNAL = re.compile(r"E\d")
 _NO_RADIANS = 4.0 * math.pi
-"""Two turns either way: no robot's reading in radians is beyond, and hardly a posture in degrees is all within."""
+"""Two turns either way: readings in radians are within it, and hardly any posture in degrees is completely."""
 _CURE_ANGLES = "--angles deg or --angles rad"
 _NO_ROBOT = (6, 7)
 _MOST_JOINTS = 20
 
 
 def joint_texts(text: str, file: str, choices: Choices, robot: RobotFile | None, measured: Sequence[str]) -> RawList:
-    """The postures of a joint list, as text. measured: columns that the same table has to hold too, none for two files.
+    """The postures of a joint list, as text. measured: columns that the same table must also hold, none for two files.
 
     Raises InputError where the file as a whole cannot be read.
     """
@@ -70,7 +70,8 @@ def _from_table(table: Cells, choices: Choices, robot: RobotFile | None, measure
 
 
 def joint_points(raw: RawList, choices: Choices, robot: RobotFile | None, measured: Sequence[str] = ()) -> PointList:
-    """Postures with `A1…An` in degrees or `q1…qn` in radians, as the file has them. What is no posture has a fault.
+    """Postures with `A1…An` in degrees or `q1…qn` in radians, as in the file. A point that is not a posture has a
+    fault.
 
     Raises InputError where the number of joints, the decimal sign or the unit of the angles is not certain.
     """
@@ -102,7 +103,7 @@ def _joints(raw: RawList, robot: RobotFile | None) -> list[str]:
 
 
 def _unit(raw: RawList, read: PointList, names: Sequence[str], choices: Choices) -> tuple[AngleUnit, str]:
-    """Degrees or radians, and how that is known."""
+    """Degrees or radians, and the reason."""
     stated: set[AngleUnit] = {"rad" if raw.units[name] == "rad" else "deg" for name in names if raw.units.get(name)}
     usable = [point for point in read.points if not point.fault]
     beyond = [point for point in usable if _reach(point, names) > _NO_RADIANS]
@@ -134,7 +135,7 @@ def _word(unit: AngleUnit) -> str:
 
 
 def _external_axes(read: PointList) -> tuple[set[str], str]:
-    """External axes that stand still, which say nothing, and words about those that do not."""
+    """External axes that do not move, which are ignored, and a message about those that do."""
     found: dict[str, set[Value]] = {}
     for point in read.points:
         for name in point.values.keys() if not point.fault else ():

@@ -43,7 +43,8 @@ def is_axis_listing(text: str) -> bool:
 def krl_points(text: str, file: str) -> RawList:
     """The points of a KRL file, in its order. Cartesian ones and those that cannot be read carry the reason.
 
-    Comments and what is not a point (FDAT, PDAT, LDAT, …) are passed over. `$AXIS_ACT={…}` is a point without a name.
+    Comments and declarations other than points (FDAT, PDAT, LDAT, …) are skipped. `$AXIS_ACT={…}` is a point without a
+    name.
     """
     points = []
     for line, written in enumerate(lines_of(text), 1):
@@ -67,7 +68,7 @@ def _points_of(code: str, line: int) -> Iterator[Raw]:
 
 
 def _point(line: int, name: str, kind: str, body: str) -> Raw | None:
-    """The point that an aggregate is, None where it is something else."""
+    """The point of an aggregate; None where it is not a point."""
     typed = re.match(r"\s*(\w+)\s*:", body)
     fields, faults = _fields(body[typed.end() :] if typed else body)
     kind = typed[1].upper() if typed else kind
@@ -80,7 +81,7 @@ def _point(line: int, name: str, kind: str, body: str) -> Raw | None:
 
 
 def _actual(point: Raw) -> Raw:
-    """A system variable is a point, without a name, only if it says where the axes are."""
+    """A system variable is a point, without a name, only if it holds axis angles."""
     if not point.name.startswith("$"):
         return point
     if point.fault or point.name.upper().startswith("$AXIS_ACT"):
@@ -102,9 +103,9 @@ def _fields(body: str) -> tuple[dict[str, str], str]:
 
 
 def axis_listing(text: str, file: str) -> RawList:
-    """Postures of a listing: several axes on a line are one posture, single ones are gathered until one comes again.
+    """Postures of a listing: several axes on a line are one posture, single ones are collected until one repeats.
 
-    What stands before the first axis, or alone on the line above, is the posture's name; `$AXIS_ACT` is none.
+    Text before the first axis, or alone on the line above, is the posture's name, except `$AXIS_ACT`.
     """
     points: list[Raw] = []
     gathered: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""When two names mean the same point: as people type what a pendant shows."""
+"""Rules for names of the same point, as typed by people from a pendant."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PREFIXED = re.compile(r"(?P<prefix>\D*)(?P<number>\d+)")
 
 
 def common_key(joints: PointList, positions: PointList) -> tuple[Key, str]:
-    """How names are compared: as written, but for case, spaces, leading zeros and KRL's X; or by their numbers alone.
+    """How names are compared: as written, ignoring case, spaces, leading zeros and KRL's X; or by their numbers alone.
 
     Raises InputError where no name of one list is in the other.
     """
@@ -41,7 +41,7 @@ def common_key(joints: PointList, positions: PointList) -> tuple[Key, str]:
 
 
 def plain_name(name: str, *, krl: bool) -> str:
-    """A name without case, spaces, leading zeros and brackets; krl: without the X that a KRC puts before."""
+    """A name without case, spaces, leading zeros and brackets; krl: without the X that a KRC adds in front."""
     text = re.sub(r"\s+", " ", unicodedata.normalize("NFKC", name).casefold().strip())
     text = re.sub(r"(?<=[^\W\d])[\s_.\-\[]+(?=\d)", "", text).rstrip("]")
     text = re.sub(r"(?<!\d)(?<!\d[.,])0+(?=\d)", "", text)
@@ -49,5 +49,5 @@ def plain_name(name: str, *, krl: bool) -> str:
 
 
 def are_numbers(points: PointList) -> bool:
-    """Whether the names that there are are numbers only."""
+    """Whether all given names are numbers."""
     return all(not point.name or plain_name(point.name, krl=False).isdecimal() for point in points.points)

@@ -1,4 +1,4 @@
-"""Which posture belongs to which position: by name, or by order where nothing can be out of step."""
+"""Pairing of postures and positions: by name, or by order where no rows can be shifted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cellctl.pendant_import.points import PointList
 
 
 def paired(joints: PointList, positions: PointList, choices: Choices) -> Pairing:
-    """Postures with their positions: as the user says, else by name where both have names, else by order.
+    """Postures with their positions: as the user chose, else by name where both have names, else by order.
 
     Raises InputError where it is not certain which belong together.
     """

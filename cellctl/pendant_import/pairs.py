@@ -1,4 +1,4 @@
-"""What pairing comes to: pairs of posture and position, and the rows of both files that are in none."""
+"""The result of pairing: pairs of posture and position, and the rows of both files that are in no pair."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class LeftOut:
 @final
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Pairs of posture and position in the order of the positions, what is in none, and how they were paired."""
+    """Pairs of posture and position in the order of the positions, rows left out, and how they were paired."""
 
     pairs: tuple[Pair, ...]
     left_out: tuple[LeftOut, ...]
@@ -37,7 +37,7 @@ class Pairing:
 
     @classmethod
     def of(cls, pairs: Iterable[Pair], left: Iterable[LeftOut], decided: Iterable[str]) -> Self:
-        """A pairing with what is left out by file and line."""
+        """A pairing with the rows left out sorted by file and line."""
         return cls(tuple(pairs), tuple(sorted(left, key=lambda row: (row.file, row.line))), tuple(decided))
 
 

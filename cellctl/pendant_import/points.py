@@ -1,4 +1,4 @@
-"""What both lists come to: points in the order of the file, each usable or with the reason why not."""
+"""Points of a list in the order of the file, each usable or with the reason why not."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, final
 
 Source: TypeAlias = Literal["krl", "listing", "lists", "table"]
-"""What kind of text a list came in. KRL and lists of numbers have decimal points and a unit by definition."""
+"""The kind of text of a list. KRL and lists of numbers have decimal points and a unit by definition."""
 
 Value: TypeAlias = float | str
-"""A cell: a number, or text in a column that needs none."""
+"""A cell: a number, or text in a column that is not numeric."""
 
 
 @final
@@ -31,7 +31,7 @@ class Point:
 @final
 @dataclass(frozen=True, slots=True)
 class PointList:
-    """A file's points, and what was decided in reading it, in words for the user."""
+    """A file's points, and the decisions made in reading it, in words for the user."""
 
     file: str
     source: Source
@@ -40,7 +40,7 @@ class PointList:
 
     @property
     def named(self) -> bool:
-        """Whether points have names; a person may have forgotten some."""
+        """Whether points have names; some may be missing."""
         return any(point.name for point in self.points)
 
 
@@ -59,7 +59,7 @@ class Raw:
 @final
 @dataclass(frozen=True, slots=True)
 class RawList:
-    """Points as text. units: the unit that the file itself says for a column (`mm`, `deg`, …), where it does."""
+    """Points as text. units: the unit that the file states for a column (`mm`, `deg`, …), where it does."""
 
     file: str
     source: Source

@@ -1,4 +1,4 @@
-"""A table of positions as a person typed it: X, Y, Z in mm, orientation only where it is certain what it means."""
+"""A table of positions as a person typed it: X, Y, Z in mm, orientation only where its convention is certain."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cellctl.pendant_import.values import in_mm, read_values
 XYZ = ("X", "Y", "Z")
 _ORIENTATIONS = {"abc": ("A", "B", "C"), "quaternion": ("QW", "QX", "QY", "QZ")}
 _SURELY_MM = 500.0
-"""A spread beyond it is millimetres: in centimetres it would be 5 m, in inches 12.7 m."""
+"""A larger spread is in millimetres: in centimetres it would be 5 m, in inches 12.7 m."""
 _UNIT_CURE = "--unit mm, m, cm, um or inch"
 _FEWEST_FOR_SPREAD = 4
 
@@ -84,7 +84,7 @@ def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str
 def _spread(points: Sequence[Point]) -> float | None:
     """The largest extent along an axis, a tenth of the points (at least one) left out at each end (slips).
 
-    None where there are too few of them.
+    None where there are too few points.
     """
     if len(points) < _FEWEST_FOR_SPREAD:
         return None

@@ -1,4 +1,4 @@
-"""A file of a pendant or a spreadsheet as text, in whatever it was saved."""
+"""A file of a pendant or a spreadsheet as text, from any of its encodings."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ def read_text(path: Path) -> str:
 
 
 def lines_of(text: str) -> list[str]:
-    """The lines, whatever ends them; unlike `str.splitlines`, nothing but CR and LF does."""
+    """The lines, with any line ends; unlike in `str.splitlines`, only CR and LF end a line."""
     return re.split(r"\r\n|\n|\r", text)

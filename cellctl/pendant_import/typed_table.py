@@ -1,4 +1,4 @@
-"""A typed table as points: the columns that are wanted, found by their headings or, without any, by their number."""
+"""A typed table as points: the required columns, found by their headings or, without any, by their number."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cellctl.pendant_import.points import Raw, RawList
 @final
 @dataclass(frozen=True, slots=True)
 class Headed:
-    """A table's columns: place and unit of each, where the headings stood (0: none), and the rows below."""
+    """A table's columns: place and unit of each, the headings' line (0: none), and the rows below."""
 
     places: Mapping[str, int]
     units: Mapping[str, str]
@@ -31,7 +31,7 @@ class Headed:
 def headed(table: Cells, columns: Mapping[str, str], wanted: Sequence[str]) -> Headed | None:
     """The columns by headings; None where no row holds headings of any column in `wanted`.
 
-    Raises InputError where a column is there more than once.
+    Raises InputError where a column occurs more than once.
     """
     for index, row in enumerate(table.rows):
         found = places(row.cells, columns)
@@ -67,16 +67,16 @@ def _below(table: Cells, index: int, found: dict[str, tuple[int, str]]) -> Heade
 
 
 def lacking(file: str, head: Headed, names: Sequence[str], columns: Mapping[str, str]) -> Problem:
-    """The columns `names` are not there: what the user called them, and what there is."""
+    """The columns `names` are missing: the user's names for them, and the existing columns."""
     called = ", ".join(f"{name} ('{columns[name]}')" if name in columns else name for name in names)
     here = f"columns here: {', '.join(head.headings)}; " if head.headings else ""
     return Problem(file, head.line, 0, f"has no column {called}", f"{here}--columns {names[0]}=HEADING names one")
 
 
 def unheaded(table: Cells, layouts: Sequence[Sequence[str]], cure: str) -> Headed:
-    """The columns of a table without headings, from the one of `layouts` that fits, a name before it or not.
+    """The columns of a table without headings, from the one of `layouts` that fits, with or without a name before it.
 
-    Raises InputError where none fits, or more than one, or where there are headings that say nothing.
+    Raises InputError where none fits, or more than one, or where the headings are all unknown.
     """
     first = table.rows[0]
     if not first.numbers:
@@ -104,7 +104,7 @@ def _mostly_text(rows: Sequence[Row]) -> bool:
 
 
 def _counts(rows: Sequence[Row]) -> bool:
-    """Whether the first column can be a number of the point: whole numbers, hardly any of them twice."""
+    """Whether the first column can be a number of the point: whole numbers, almost all different."""
     first = [row.cells[0] for row in rows]
     return all(cell.isdecimal() for cell in first) and len(set(first)) * 2 > len(first) and len(first) > 1
 

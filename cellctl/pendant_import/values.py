@@ -1,4 +1,4 @@
-"""Texts of a list as numbers: row by row usable, or with the reason why not."""
+"""Texts of a list as numbers: each row usable, or with the reason why not."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FACTORS = {
 def read_values(raw: RawList, numeric: Sequence[str], given: DecimalSign | None) -> PointList:
     """The list with its texts as numbers, in the units of the file. numeric: the columns that have to be numbers.
 
-    Raises InputError where the decimal sign is open.
+    Raises InputError where the decimal sign is ambiguous.
     """
     sign, how = _sign(raw, numeric, given)
     points = tuple(_point(point, numeric, sign) for point in raw.points)
@@ -28,7 +28,7 @@ def read_values(raw: RawList, numeric: Sequence[str], given: DecimalSign | None)
 
 
 def in_mm(value: Value, unit: str) -> Value:
-    """A length in mm, exactly what its decimal digits say."""
+    """A length in mm, exactly as in its decimal digits."""
     return value if isinstance(value, str) else float(Decimal(repr(value)) * _FACTORS[unit])
 
 

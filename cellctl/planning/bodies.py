@@ -1,4 +1,4 @@
-"""The part of the robot that comes near to what it touches: forearm, wrist, and the tool with its wire."""
+"""The part of the robot that comes near to touched objects: forearm, wrist, and the tool with its wire."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 @final
 @dataclass(frozen=True, slots=True)
 class Thickness:
-    """How thick the robot is, mm: radius of forearm and wrist, of the tool's shaft, and how far the thin wire, which
-    alone touches, stands out of the shaft.
+    """Thickness of the robot, mm: radius of forearm and wrist, of the tool's shaft, and the length of the thin wire
+    outside the shaft; only the wire touches.
     """
 
     wrist: float = 60.0
@@ -28,7 +28,8 @@ class Thickness:
 @final
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: where the wire leaves the shaft."""
+    """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: the end of the shaft, where the wire
+    begins."""
 
     elbow: Array
     wrist: Array
@@ -48,7 +49,7 @@ class Body:
         self._elbow, self._wrist = (max(1, chain.n - left) for left in (3, 2))
 
     def at(self, readings: Array) -> Posture:
-        """Where it is at `readings` (k, n), deg, by the nominal model."""
+        """Its posture at `readings` (k, n), deg, by the nominal model."""
         q = self._joints.model(readings)
         places, tip = self._chain.frames(q)[..., :3, 3], self._chain.forward(q)[:, :3, 3]
         elbow, wrist, flange = (places[:, index] for index in (self._elbow, self._wrist, -1))

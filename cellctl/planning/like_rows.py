@@ -1,4 +1,4 @@
-"""Rows that could be measured besides those that were: the same kind, set-up and volume, at other postures."""
+"""Candidates for further rows: the same kind, set-up and volume, at other postures."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from cellctl.calibration import (
 from cellctl.kinematics import Bools, Floats
 
 WIDER_RAD, WIDER_SHARE = np.deg2rad(30.0), 0.25
-"""Joints may go this much beyond where the rows have been, or this share of their way there, whichever is more."""
+"""Joints may exceed the range of the rows by this much, or by this share of the range, whichever is more."""
 
 ROOM_SHARE = 0.1
-"""Tool centre points may lie this share of the measured volume's diagonal outside it."""
+"""TCPs may lie outside the measured volume by this share of its diagonal."""
 
 _TRIED = 16
 """Postures tried for each one wanted."""
@@ -36,7 +36,7 @@ _STEPS, _CLOSE_MM = 20, 1e-3
 @final
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Where postures may be: model angles lower … upper (n,), rad; tool centre points in a box low … high (3,), mm."""
+    """Limits of postures: model angles lower … upper (n,), rad; TCPs in a box low … high (3,), mm."""
 
     lower: Floats
     upper: Floats
@@ -45,7 +45,7 @@ class Room:
 
     @classmethod
     def about(cls, q: Floats, tips: Floats, limits: Floats) -> Self:
-        """About rows at model angles q (N, n), rad, with tools at `tips` (N, 3), mm; limits (n, 2): of the joints."""
+        """About rows at model angles q (N, n), rad, with TCPs at `tips` (N, 3), mm; limits (n, 2): of the joints."""
         first, last = q.min(axis=0), q.max(axis=0)
         wider = np.maximum(WIDER_RAD, WIDER_SHARE * (last - first))
         low, high = tips.min(axis=0), tips.max(axis=0)
@@ -58,7 +58,7 @@ class Room:
         )
 
     def holds(self, q: Floats) -> Bools:
-        """Which postures (N, n) are within the joints' room."""
+        """Which postures (N, n) are within the joint limits of the room."""
         return np.asarray(((q >= self.lower) & (q <= self.upper)).all(axis=1))
 
     def contains(self, tips: Floats) -> Bools:
@@ -75,8 +75,8 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
     """Up to `count` rows that could be measured like those of `block`, in its session, none of them measured yet.
 
     state: robot and points as identified. limits (n, 2): model angles that the joints can reach, rad. Positions and
-    poses: anywhere in and about the volume measured. Touches and sockets: at the same points, from the sides from which
-    and with the tool leaning as far as it was done before. Collisions are not looked for. Perhaps none can be reached.
+    poses: anywhere in and near the measured volume. Touches and sockets: at the same points, within the directions of
+    approach and the tilts of the tool used before. Collisions are not checked. The result may be empty.
     """
     model, postures = state.models[block.session], block.postures
     tips = model.tcp(postures)
@@ -88,11 +88,11 @@ def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -
         return _on_planes(block, state, room, q[: 4 * count], count)
     if isinstance(block, TouchRows | SocketRows):
         return _visiting(block, state, room, q[: 4 * count], count)
-    return block.pick(np.zeros(0, int))  # of another kind nobody knows here what else it could measure
+    return block.pick(np.zeros(0, int))  # for other kinds no candidates are defined
 
 
 def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
-    """Up to `count` postures with the tool in the room: of q (M, n), and where hardly any is, led there."""
+    """Up to `count` postures with the TCP in the room: of q (M, n), and where hardly any is inside, moved there."""
     found = q[room.contains(model.tcp(q))][:count]
     if len(found) >= count // 4:
         return found
@@ -108,7 +108,7 @@ def _measuring(block: PositionRows | PoseRows, model: RobotModel, at: Postures) 
 
 
 def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats, count: int) -> Measured:
-    """Rows at the block's points, reached from postures q (M, n) by the shortest way of the joints."""
+    """Rows at the block's points, reached from postures q (M, n) by the shortest joint motion."""
     model, touched = state.models[block.session], isinstance(block, TouchRows)
     names, turn = np.unique(block.point), np.arange(len(q))
     point = names[turn % len(names)]
@@ -128,7 +128,7 @@ def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats
 
 
 def _on_planes(block: PlaneRows, state: State, room: Room, q: Floats, count: int) -> Measured:
-    """Rows on the block's planes between touches that there were, reached from postures q (M, n)."""
+    """Rows on the block's planes between existing touches, reached from postures q (M, n)."""
     model, normals = state.models[block.session], block.normals(state)
     tips = model.tcp(block.postures) - block.residual(state) * normals
     names, share = np.unique(block.point), _evenly(3, len(q))
@@ -148,21 +148,21 @@ def _on_planes(block: PlaneRows, state: State, room: Room, q: Floats, count: int
 
 
 def _away(block: TouchRows, state: State, point: Floats) -> Floats:
-    """From the centre of each of `point` (M,) to where it could be touched (M, 3), mm."""
+    """Vectors (M, 3), mm, from the centre of each of `point` (M,) to a possible touch."""
     lengths = block.lengths(state)
     reach = {name: float(np.median(lengths[block.point == name])) for name in np.unique(block.point)}
     return np.array([reach[name] for name in point])[:, None] * _normals(block, state, point)
 
 
 def _datums(block: TouchRows) -> Any:
-    """For each point, up to the last that the block has, with which datum it was last measured to."""
+    """The datum of the last measurement to each point, up to the last point of the block."""
     result = np.full(int(block.point.max()) + 1, -1)
     result[block.point] = block.datum
     return result
 
 
 def led_to(model: RobotModel, q: Floats, targets: Floats) -> tuple[Floats, Bools]:
-    """Model angles (M, n) near q (M, n) with the tool centre point at `targets` (M, 3), mm; and which got there."""
+    """Model angles (M, n) near q (M, n) with the TCP at `targets` (M, 3), mm; and which reached it."""
     chain = model.chain
     for _ in range(_STEPS):
         columns = chain.tool_jacobian(q)[:, :3]
@@ -197,7 +197,7 @@ def _about(middle: Floats, cosine: Floats, turn: Floats) -> Floats:
 
 
 def _leaning(model: RobotModel, q: Floats, away: Floats) -> Floats:
-    """Cosine (M,) between the tool, from its tip to the flange, and the direction `away` (M, 3) from the surface."""
+    """Cosine (M,) between the tool, from TCP to flange, and the direction `away` (M, 3) from the surface."""
     shaft = model.chain.forward_flange(q)[:, :3, 3] - model.chain.forward(q)[:, :3, 3]
     return np.asarray(np.sum(_unit(shaft) * _unit(away), axis=1))
 
@@ -208,7 +208,7 @@ def _least_leaning(block: TouchRows | SocketRows, state: State) -> float:
 
 
 def _as_before(before: Postures, q: Floats) -> Postures:
-    """Postures at q (M, n) under conditions such as there were: a joint comes from either side if ever it did."""
+    """Postures at q (M, n) under conditions like those before: joints are approached from both sides if any row was."""
     some, rng = np.arange(len(q)) % len(before), np.random.default_rng(3)
     approach = None if before.approach is None else rng.choice([-1.0, 1.0], q.shape)
     delta_t = None if before.delta_t is None else np.full(len(q), np.median(before.delta_t))
@@ -216,7 +216,7 @@ def _as_before(before: Postures, q: Floats) -> Postures:
 
 
 def _evenly(dimensions: int, count: int) -> Floats:
-    """Points (count, dimensions) of the unit cube, quasi-random (Sobol; drawn as it wants, in powers of two)."""
+    """Points (count, dimensions) of the unit cube, quasi-random (Sobol; drawn in powers of two)."""
     drawn = qmc.Sobol(dimensions, rng=np.random.default_rng(1)).random(1 << max(count - 1, 0).bit_length())
     return np.asarray(drawn[:count])
 

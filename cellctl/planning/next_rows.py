@@ -1,9 +1,9 @@
-"""Which rows to measure next: those after which the robot is known best, by what is known of it now.
+"""Which rows to measure next: those that reduce the uncertainty of the robot most, by its present covariance.
 
-What a row will read is not needed to say what it will teach: with Jacobian a, in its standard deviations, the posterior
-covariance C becomes C − Caᵀ(1 + aCaᵀ)⁻¹aC. The worth of a row is how much that lowers the mean variance of the tool
-centre points asked for (A-optimal, not D-optimal: what nobody asks for is worth nothing). Rows are chosen one by one,
-each with those before it taken as measured.
+The gain of a row does not depend on its reading: with Jacobian a, in its standard deviations, the posterior covariance
+C becomes C − Caᵀ(1 + aCaᵀ)⁻¹aC. The value of a row is the reduction of the mean variance of the requested TCPs
+(A-optimal, not D-optimal: parameters without effect on them have no value). Rows are chosen one by one, each with those
+before it taken as measured.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from cellctl.kinematics import Floats
 @final
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """The rows worth most, best first.
+    """The most valuable rows, best first.
 
-    chosen (K,): indices of candidates. sigma_mm (K + 1,): 1 σ, 3-D, RMS over the points asked for, now and after each.
-    narrowed (K, P): each parameter's σ after the row as a share of that before it, 1 where the row says nothing of it.
-    at_random_mm: 1 σ after as many candidates taken without choosing.
+    chosen (K,): indices of candidates. sigma_mm (K + 1,): 1 σ, 3-D, RMS over the requested points, now and after each
+    row. narrowed (K, P): each parameter's σ after the row as a share of that before, 1 where the row does not affect
+    it. at_random_mm: 1 σ after as many random candidates.
     """
 
     chosen: tuple[int, ...]
@@ -34,9 +34,9 @@ class Advice:
 
 
 def next_rows(covariance: Floats, asked: Floats, candidates: Floats, count: int) -> Advice:
-    """The `count` of `candidates` that lower the mean variance of the points asked for the most.
+    """The `count` of `candidates` that reduce the mean variance of the requested points most.
 
-    covariance (P, P): posterior, in the parameters' units. asked (3 N, P): how the points asked for move with the
+    covariance (P, P): posterior, in the parameters' units. asked (3 N, P): derivative of the requested points by the
     parameters, mm (`shape_columns`). candidates (M, k, P): Jacobians of rows in their standard deviations, filled up
     with zeros where a row has fewer than k numbers.
     """
@@ -63,7 +63,7 @@ def next_rows(covariance: Floats, asked: Floats, candidates: Floats, count: int)
 
 
 def gains(covariance: Floats, weight: Floats, candidates: Floats) -> Floats:
-    """By how much each of `candidates` (M, k, P) alone lowers trace(weight · covariance); weight (P, P)."""
+    """Reduction of trace(weight · covariance) by each of `candidates` (M, k, P) alone; weight (P, P)."""
     carried = candidates @ covariance
     spread = np.eye(candidates.shape[1]) + carried @ np.swapaxes(candidates, 1, 2)
     felt = (carried @ weight) @ np.swapaxes(carried, 1, 2)

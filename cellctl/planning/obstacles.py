@@ -1,4 +1,4 @@
-"""What the robot may run into: spheres, the stems that they stand on, the plate below; and how far it is."""
+"""Obstacles of the robot: spheres, their stems, the plate below; and the distances from them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _BELOW_MM = 100.0
-"""Where no plate is known: so far below the lowest sphere's centre nothing is to be."""
+"""Height of the assumed plate below the lowest sphere's centre, where no plate is known."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A horizontal plate at height `z` of the base frame, on which every sphere stands by a stem straight down; mm."""
+    """A horizontal plate at height `z` of the base frame, that carries every sphere on a vertical stem; mm."""
 
     z: float
     stem_radius: float = 8.0
 
     @classmethod
     def assumed(cls, spheres: Array) -> Plate:
-        """The one to keep clear of where none is known, for `spheres` (m, 4)."""
+        """The plate to keep clear of where none is known, for `spheres` (m, 4)."""
         return cls(float(spheres[:, 2].min()) - _BELOW_MM)
 
 
@@ -74,6 +74,6 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _ratio(a: Array, b: Array) -> Array:
-    """a / b, and 0 where b vanishes: a line without length, or two that are parallel."""
+    """a / b, and 0 where b is 0: a line without length, or parallel lines."""
     a, b = np.broadcast_arrays(a, b)
     return np.divide(a, b, out=np.zeros(a.shape), where=b > 1e-9)

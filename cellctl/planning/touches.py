@@ -1,4 +1,4 @@
-"""Touches on spheres: from where, with which wrist, and by which way, so that nothing but the tip meets anything.
+"""Touches on spheres: their directions, wrist orientations and paths, so that only the tip touches anything.
 
 Contact normals lie quasi-randomly (Sobol) on the reachable cap of each sphere, wrist orientations in a cone about them,
 spun about the tool's own axis; a touch is kept only where its whole way is within joint limits and clear of spheres,
@@ -23,7 +23,7 @@ from cellctl.planning.ways import Reach, Ways
 Array = NDArray[np.float64]
 
 _BATCH, _BATCHES = 512, 16
-"""Quasi-random wishes solved at a time, and how often before a sphere counts as out of reach."""
+"""Quasi-random samples per batch, and batches before a sphere counts as out of reach."""
 
 
 @final
@@ -34,7 +34,7 @@ class OutOfReach(Exception):
 @final
 @dataclass(frozen=True, slots=True)
 class SphereTarget:
-    """A sphere to touch: where it stands by and large (base frame, mm) and its diameter with the tip's on it."""
+    """A sphere to touch: its rough place (base frame, mm), and its diameter plus the tip's."""
 
     name: str
     centre: tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""In which order touches are made, and the ways between them."""
+"""The order of touches, and the paths between them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cellctl.planning.ways import Ways
 Array = NDArray[np.float64]
 
 _NEAREST = 8
-"""Among how many of the nearest touches the next one is looked for, before the way leads home."""
+"""How many of the nearest touches are tried as the next one, before a return home."""
 
 
 @final
@@ -57,7 +57,7 @@ class Candidate:
 
 
 def ordered(candidates: Sequence[Candidate], ways: Ways, home: Array) -> list[Candidate]:
-    """From home always on to the nearest that can be reached directly, the nearest of all where none can."""
+    """From home, always next the nearest that can be reached directly; the nearest of all where none can."""
     tour: list[Candidate] = []
     left, here = list(candidates), home
     while left:

@@ -1,4 +1,4 @@
-"""Ways in joint space: within the limits, and the robot clear of all around it but the tip, by the nominal model."""
+"""Paths in joint space: within the limits, and with only the tip near an obstacle, by the nominal model."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cellctl.planning.obstacles import Obstacles, between_lines
 Array = NDArray[np.float64]
 
 _STEP_DEG = 1.0
-"""How finely a way is looked at: joint degrees of the axis that moves most."""
+"""Step in which a path is checked: joint degrees of the axis that moves most."""
 
 _WIRE_MM = 5.0
 """The least distance of the bare wire from the stem of the sphere that it touches."""
 
 _MOUTH_MM = 4.0
-"""The least distance of the tool's shaft from the sphere that its wire touches, even were the search to miss it."""
+"""The least distance of the tool's shaft from the sphere that its wire touches, even if the search misses it."""
 
 
 @final
@@ -35,7 +35,7 @@ class Reach:
 
 @final
 class Ways:
-    """Point-to-point ways of one robot among obstacles, `clearance` (mm) to be kept between their surfaces and its own.
+    """Point-to-point paths of one robot among obstacles, with at least `clearance` (mm) between the surfaces.
 
     The clearance has to cover the error of the nominal model and of the spheres' places.
     """
@@ -48,7 +48,7 @@ class Ways:
         self._clearance = clearance
 
     def wrapped(self, readings: Array) -> Array:
-        """`readings` (…, k, n) with whole turns taken off: the first of k nearest to zero, the others nearest to it."""
+        """`readings` (…, k, n) without whole turns: the first of k nearest to zero, the others nearest to the first."""
         first = (readings[..., :1, :] + 180.0) % 360.0 - 180.0
         wrapped: Array = first + (readings - first + 180.0) % 360.0 - 180.0
         return wrapped

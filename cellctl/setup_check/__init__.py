@@ -1,4 +1,4 @@
-"""Set-up errors: found, named with evidence and cure, never repaired."""
+"""Set-up errors: found, reported with evidence and cure, never repaired."""
 
 from cellctl.setup_check.check import SetupCheck, SetupError, check_setup
 from cellctl.setup_check.hypothesis import Change, Source

@@ -1,9 +1,9 @@
-"""The set-up check: is nominal too far from the rows for any robot, and which hypothesis explains it?
+"""The set-up check: whether nominal is too far from the rows for any robot, and which hypothesis explains that.
 
-Nothing is repaired. A healthy set costs one registration. Hypotheses are tried only where nominal, registered, is
-further from the nearest 60 % of its rows than three times what tolerances predict; those with an angle to fit only from
-six times on. A hypothesis counts if it leaves at most three times what is predicted, and at most a quarter of what
-there was.
+Nothing is repaired. A correct set-up costs one registration. Hypotheses are tried only if nominal, registered, is
+further from the nearest 60 % of its rows than three times the prediction of the tolerances; those with an angle to fit
+only from six times on. A hypothesis is accepted if it leaves at most three times the prediction, and at most a quarter
+of the error before.
 """
 
 from __future__ import annotations
@@ -54,13 +54,14 @@ ROWS_AT_LEAST = 8
 OUTLIERS_AT_LEAST = 2
 
 MISPLACED_MM = 100.0
-"""If spheres are found further than this from their rough places, the unit of the readings is checked."""
+"""If spheres are further than this from their rough places, the unit of the readings is checked."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class SetupError:
-    """Changes that, made together, bring nominal to the rows; RMS over the nearest rows before and after.
+    """Changes that together bring nominal to the rows; RMS over the nearest rows before and after. unit: `mm`, or `°`
+    where the orientations were wrong.
 
     unit: `mm`, or `°` where orientations are what was wrong.
     """
@@ -83,10 +84,10 @@ class SetupError:
 @final
 @dataclass(frozen=True, slots=True)
 class SetupCheck:
-    """What was found. errors: explanations, the best first; each of them alone explains everything.
+    """What was found. errors: alternative explanations, the best first; each alone is sufficient.
 
-    implausible: whether nominal is too far from the rows for any robot of its kind. wide_fit: where no set-up error
-    explains that, what a fit within wide tolerances leaves.
+    implausible: whether nominal is too far from the rows for any robot of its kind. wide_fit: if no set-up error
+    explains that, the result of a fit within wide tolerances.
     """
 
     implausible: bool = False
@@ -97,7 +98,7 @@ class SetupCheck:
 def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetupCheck:
     """Set-up errors in `task`, whose rows were read at controller readings (M, n), deg, through `joints`.
 
-    Where several explanations leave as little, all are named: the rows do not show which it is. Nothing is found where
+    Equally good explanations are all reported: the rows do not show which is right. Nothing is found where
     there are too few rows, or where nominal cannot be registered numerically.
     """
     if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:
@@ -128,14 +129,14 @@ def _checked(setup: Setup, progress: Progress) -> SetupCheck:
 
 
 def _stages(setup: Setup, nominal: Misfit) -> tuple[Stage, ...]:
-    """The hypotheses worth trying, simple ones first; none for a healthy set."""
+    """The hypotheses worth trying, simple ones first; none for a correct set-up."""
     if nominal.implausible and nominal.far_mm(SUSPICIOUS):
         return _simple, out_of_step, offset_joint, _two_kinds, two_joints, three_joints
     if nominal.far_mm(SUSPICIOUS):
         return _simple, out_of_step
     if nominal.suspicious:
         return (_of_orientations,)
-    # touched from one side, a sphere of another size is much the same as a sphere at another place
+    # touched from one side, another sphere size has nearly the same effect as another place
     return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in setup.task.rows.kinds else ()
 
 
@@ -166,8 +167,8 @@ def _two_kinds(sample: Setup) -> Iterator[Hypothesis]:
 
 
 def _of_all_rows(setup: Setup, nominal: Misfit, stages: tuple[Stage, ...], progress: Progress) -> list[SetupError]:
-    """What explains all rows at once; two or three joints only where nothing simpler does. Nothing where small offsets
-    of joint zeros explain it as well: the identification finds them.
+    """Explanations of all rows at once; two or three joints only where no simpler one is found. None where small
+    offsets of joint zeros explain the rows as well: the identification finds them.
     """
     sample = setup.thinned(SAMPLE)
     for number, stage in enumerate(stages):
@@ -198,8 +199,8 @@ def _of_some_rows(setup: Setup, proposed: Iterable[Hypothesis]) -> list[SetupErr
 
 
 def _misplaced(sample: Setup, nominal: Misfit) -> Iterator[SetupError]:
-    """Readings in another unit where only points are measured: a TCP that hardly moves lies on a sphere of any size,
-    but not where the sphere roughly is. RMS of how far the points are from there.
+    """Readings in another unit where only points are measured: a TCP that hardly moves fits a sphere of any size, but
+    not the sphere's rough place. RMS of the distances from the rough places.
     """
     rough = sample.task.rough
     if rough is None or not np.all(np.isfinite(rough)) or sample.task.rows.kinds & {PositionRows, PoseRows}:

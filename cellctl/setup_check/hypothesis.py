@@ -1,4 +1,4 @@
-"""A set-up, what may be wrong with it, and the set-up as it is after the correction."""
+"""A set-up, hypotheses about its errors, and the corrected set-up."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Source: TypeAlias = Literal["robot", "data", "artefact"]
 @final
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What was measured, and how it is read.
+    """Measurements with their interpretation.
 
     task: model and rows. joints: signs and offsets of the robot file. readings (M, n): the controller's, deg, in the
     order of the task's rows, whose angles are those of `joints`.
@@ -73,7 +73,7 @@ class Setup:
         return self._with_blocks(moved, positions)
 
     def with_blocks(self, change: Callable[[Measured], Measured]) -> Self:
-        """Each block of rows as `change` makes it; the angles stay."""
+        """Each block of rows changed by `change`; the angles stay."""
         return replace(self, task=replace(self.task, rows=RowBlocks(tuple(map(change, self.task.rows.blocks)))))
 
     def pick(self, which: Any) -> Self:
@@ -81,7 +81,7 @@ class Setup:
         return replace(self, task=replace(self.task, rows=self.task.rows.pick(which)), readings=self.readings[which])
 
     def session(self, number: int) -> tuple[Any, Self]:
-        """The rows of one session, as indices (N,) of all, and these alone, as the only session that there is."""
+        """The rows of one session, as indices (N,) of all, and as a set-up with only this session."""
         blocks = [block for block in self.task.rows.blocks if block.session == number]
         rows = np.flatnonzero([block.session == number for block in self.task.rows.blocks for _ in range(len(block))])
         mixture = RowBlocks(tuple(block.changed(session=0) for block in blocks))
@@ -99,7 +99,7 @@ class Setup:
         return self._with_blocks(lambda block, q: block.changed(at=replace(Postures.of(block.at), q=q)), angles)
 
     def _with_blocks(self, change: Callable[[Measured, Floats], Measured], values: Floats) -> Self:
-        """Each block as `change` makes it with its rows of `values` (M, …)."""
+        """Each block changed by `change` with its rows of `values` (M, …)."""
         parts = iter(np.split(values, np.cumsum([len(block) for block in self.task.rows.blocks])))
         return self.with_blocks(lambda block: change(block, next(parts)))
 
@@ -109,9 +109,9 @@ class Setup:
 class Change:
     """One set-up error and its cure.
 
-    what: `A3 reversed`; `{0}`, `{1}` in it stand for `rows`, indices of the task's rows, where not all are concerned.
-    source, key: the file, and where in it: a path of keys (`("joints", 2, "sign")`), or columns of a data set. cure:
-    what to do there.
+    what: `A3 reversed`; `{0}`, `{1}` in it are replaced by `rows`, indices of the task's rows, if not all are affected.
+    source, key: the file, and the place in it: a path of keys (`("joints", 2, "sign")`), or columns of a data set.
+    cure: what to do there.
     """
 
     what: str
@@ -130,8 +130,8 @@ class Change:
 class Hypothesis:
     """Changes that are made together, and the set-up with them.
 
-    complexity: between hypotheses that explain as much, the one with the smaller number comes first. mastering: the
-    changes are small offsets of joint zeros only. The identification finds those; they are no set-up error.
+    complexity: of equally good hypotheses, the one with the smaller number comes first. mastering: the changes are only
+    small offsets of joint zeros. The identification finds those; they are not set-up errors.
     """
 
     changes: tuple[Change, ...]

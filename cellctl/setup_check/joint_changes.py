@@ -1,4 +1,4 @@
-"""Changes of the joints' signs and offsets, and how they are named."""
+"""Changes of the joints' signs and offsets, and their wording."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
 
 LEAST_OFFSET_DEG = 2.0
-"""A zero that is off by less is a mastering error: for the identification, not for the robot file."""
+"""A smaller error of a zero is a mastering error: for the identification, not for the robot file."""
 
 RIGHT_ANGLE_DEG = 1.0
-"""An offset that is this near to a multiple of 90° is taken for that."""
+"""An offset this near to a multiple of 90° is rounded to it."""
 
 
 @final
@@ -28,7 +28,7 @@ class JointChanges:
 
     @classmethod
     def of(cls, n: int, joints: Sequence[int], ways: Sequence[tuple[float, float]]) -> Self:
-        """`joints` with a sign and an offset each, the others as they are."""
+        """`joints` with a sign and an offset each, the others unchanged."""
         sign, offset = np.ones(n), np.zeros(n)
         for joint, (way, angle) in zip(joints, ways, strict=True):
             sign[joint], offset[joint] = way, angle

@@ -1,8 +1,8 @@
-"""Thousands of hypotheses about joints at once, roughly: how far each leaves nominal from a few rows.
+"""A rough screening of thousands of hypotheses about joints at once, by nominal's distances from a few rows.
 
 For an instrument's rows base and tool are found by a linear problem in which the base may be any affine map (see
-`registration`); points are found by linear problems anyway. Each is solved for all hypotheses in one batch, and a
-second time on the rows that fitted best.
+`registration`); points always have linear problems. Each is solved for all hypotheses in one batch, and a
+second time on the rows that fit best.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from cellctl.setup_check.misfit import CORE
 ROWS = 40
 CHUNK = 256
 RIDGE = 1e-10
-"""Of the largest diagonal element: enough to solve where base and tool cannot be separated."""
+"""Share of the largest diagonal element: enough to solve where base and tool cannot be separated."""
 
 
 def rough_sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
-    """RMS over the nearest rows (C,), mm, were joints reversed as `sign` (C, n), ±1, and off by `offset` (C, n), deg.
+    """RMS over the nearest rows (C,), mm, with joints reversed by `sign` (C, n), ±1, and changed by `offset` (C, n),
+    deg.
 
-    At the rows of the case, all of them: thin it before.
+    Uses all rows of the set-up: thin it before.
     """
     parts = [np.s_[start : start + CHUNK] for start in range(0, len(sign), CHUNK)]
     return np.concatenate([np.zeros(0), *(_sizes(setup, sign[part], offset[part]) for part in parts)])
@@ -63,19 +64,19 @@ def _squares(setup: Setup, block: Measured, q: Floats) -> Floats:
 
 
 def _of_socket(tcps: Floats) -> Floats:
-    """Squared distances (C, N) from a socket, where `tcps` (C, N, 3) want it."""
+    """Squared distances (C, N) from the socket that fits `tcps` (C, N, 3) best."""
     return np.asarray(np.sum((tcps - tcps.mean(axis=1, keepdims=True)) ** 2, axis=-1))
 
 
 def _of_plane(tcps: Floats) -> Floats:
-    """Squared distances (C, N) from a plane, where `tcps` (C, N, 3), of balls of one size, want it."""
+    """Squared distances (C, N) from the plane that fits `tcps` (C, N, 3), of balls of one size, best."""
     away = tcps - tcps.mean(axis=1, keepdims=True)
     normal = np.linalg.eigh(np.matmul(away.swapaxes(1, 2), away))[1][..., :1]
     return np.asarray(np.matmul(away, normal)[..., 0] ** 2)
 
 
 def _of_point(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
-    """Squared distances (C, N) from a sphere's surface, where `tcps` (C, N, 3) want it.
+    """Squared distances (C, N) from the surface of the sphere that fits `tcps` (C, N, 3) best.
 
     shifted: its radius and `reach` (N,) differ by an unknown amount.
     """
@@ -107,7 +108,7 @@ def _of_instrument(flange: Floats, xyz: Floats) -> Floats:
 
 
 def _left(lines: Floats, right: Floats, all_lines: Floats, all_right: Floats) -> Floats:
-    """Squared distances (C, N) that a solution from `lines` leaves of all."""
+    """Squared residuals (C, N) of all lines for the solution from `lines`."""
     count = len(lines)
     found = _solved(lines.reshape(count, -1, 15), right.reshape(count, -1))
     left = np.matmul(all_lines, found[:, None, :, None])[..., 0] - all_right
@@ -115,7 +116,7 @@ def _left(lines: Floats, right: Floats, all_lines: Floats, all_right: Floats) ->
 
 
 def _solved(lines: Floats, right: Floats) -> Floats:
-    """Least squares (C, k) of batches (C, M, k) and (C, M), by normal equations, slightly held."""
+    """Least squares (C, k) of batches (C, M, k) and (C, M), by normal equations, slightly regularised."""
     turned = lines.swapaxes(-1, -2)
     normal = np.matmul(turned, lines)
     largest = np.diagonal(normal, axis1=-2, axis2=-1).max(axis=-1)

@@ -1,4 +1,4 @@
-"""How far nominal, registered, is from the rows, and what tolerances predict for a robot of its kind."""
+"""Distance of nominal, registered, from the rows, and the prediction of tolerances for a robot of its kind."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ SAMPLE = 150
 """Rows that judge a hypothesis."""
 
 SCREEN = 60
-"""Rows that say which hypotheses are worth judging."""
+"""Rows that select the hypotheses to judge."""
 
 ROUNDS = 4
 
 SUSPICIOUS = 3.0
-"""Times the predicted RMS: a robot three times as bad as its tolerances, or an error that these rows hardly show. Only
-errors without an angle to fit (signs, units, columns, order) are then looked for."""
+"""Times the predicted RMS: a robot three times worse than its tolerances, or an error that these rows hardly show.
+Only errors without an angle to fit (signs, units, columns, order) are then searched."""
 
 IMPLAUSIBLE = 6.0
-"""Times the predicted RMS: no robot of its kind. Robots drawn from the tolerances reach 1.5."""
+"""Times the predicted RMS: implausible for a robot of its kind. Robots drawn from the tolerances reach 1.5."""
 
 EXPLAINED = 3.0
 """Times the predicted RMS up to which a hypothesis explains the rows."""
 
 FAR = 8.0
-"""Times the predicted distance from which on a row is an outlier."""
+"""A row beyond this multiple of the predicted distance is an outlier."""
 
 LEAST_MM = 2.0
 LEAST_DEG = 0.5
-"""Nothing smaller is a set-up error, however tight the tolerances are."""
+"""Smaller errors are not set-up errors, even with tight tolerances."""
 
 FLOOR_MM = 0.3
 FLOOR_DEG = 0.03
-"""Predictions are never smaller: a prior model may be more certain than a set-up is."""
+"""Lower bound of predictions: a prior model may be more precise than a set-up."""
 
 
 @final
@@ -65,12 +65,12 @@ class Misfit:
 
     @property
     def ratio(self) -> float:
-        """How many times the prediction."""
+        """Misfit as a multiple of the prediction."""
         return max(self.mm / self.predicted_mm, self.deg / self.predicted_deg)
 
     @property
     def suspicious(self) -> bool:
-        """Whether a set-up error is worth looking for."""
+        """Whether to search for a set-up error."""
         return self.far_mm(SUSPICIOUS) or self.deg > max(SUSPICIOUS * self.predicted_deg, LEAST_DEG)
 
     @property
@@ -93,7 +93,7 @@ class Misfit:
         return FAR * max(self.predicted_mm, self.mm)
 
     def with_prediction(self, setup: Setup) -> Self:
-        """With what the tolerances predict for the rows of `setup`."""
+        """With the prediction of the tolerances for the rows of `setup`."""
         mm, deg = _predicted(setup.task, self.state, self.kept)
         return replace(self, predicted_mm=mm, predicted_deg=deg)
 
@@ -132,13 +132,13 @@ def distances(setup: Setup, state: State) -> Floats:
 
 
 def rms(values: Any) -> float:
-    """Root mean square; 0 of nothing."""
+    """Root mean square; 0 for no values."""
     array = np.asarray(values, float)
     return float(np.sqrt(np.mean(array**2))) if array.size else 0.0
 
 
 def steps_of(sizes: Floats) -> Floats:
-    """Sizes in steps of half as much again, from the least: those within a step are equals."""
+    """Sizes in steps of factor 1.5, from the least: those within a step are equal."""
     least = max(float(np.min(sizes, initial=np.inf)), 1e-9)
     return np.asarray(np.floor(np.log(np.maximum(sizes, least) / least) / np.log(1.5)))
 
@@ -167,7 +167,7 @@ def _predicted(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, 
     tied = u[:, s > 1e-10 * s.max(initial=0.0)]
     root[free] = 0.0
     if unknowns.prior is None:
-        root[unknowns.among(frozenset({"base"}))] = 0.0  # where nothing ties it to an instrument it moves all alike
+        root[unknowns.among(frozenset({"base"}))] = 0.0  # without an instrument's rows it moves everything equally
     spread = jacobian @ root
     left = (spread - tied @ (tied.T @ spread)) * sigma[:, None]
     squares = np.sum(left**2, axis=1) + sigma**2

@@ -20,26 +20,26 @@ from cellctl.setup_check.misfit import EXPLAINED, SAMPLE, SCREEN, Misfit, distan
 from cellctl.setup_check.units_and_conventions import RADIANS_UP_TO, UNITS
 
 NEARER = 4.0
-"""The other unit has to bring a row this many times nearer."""
+"""The other unit has to bring a row nearer by this factor."""
 
 AT_LEAST = 2
 """Rows of each unit."""
 
 GAPS = 6
-"""Places where rows may part into small numbers and large ones: the widest gaps between sizes, as ratios."""
+"""Places where rows may divide into small numbers and large ones: the widest gaps between sizes, as ratios."""
 
 CAPPED_MM = 50.0
 PROMISING = 3
 ROUNDS = 4
 NAMED = 3
-"""Rows, or stretches of rows, that are named; the others are counted."""
+"""Rows, or runs of rows, that are named; the others are counted."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Unit:
     """A unit that some rows may be in. what: `X, Y, Z look like metres (× 1000)`. sizes: how large each row's numbers
-    are (M,); changed: the case with the rows at a mask (M,) taken so. whole: whether all rows may be meant.
+    are (M,); changed: the set-up with the rows at a mask (M,) in that unit. whole: whether all rows may be.
     """
 
     what: str
@@ -61,7 +61,7 @@ class _Unit:
 
 
 def mixed_units(setup: Setup) -> Iterator[Hypothesis]:
-    """Rows in another unit than the rest, at most one hypothesis; rows of both units have to be certain."""
+    """Rows in another unit than the rest, at most one hypothesis; rows of both units must be certain."""
     sample = setup.thinned(SAMPLE)
     guessed: list[tuple[float, int, _Unit, Bools]] = []
     for unit in _units(sample):
@@ -76,7 +76,7 @@ def mixed_units(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def _rough(setup: Setup) -> float:
-    """How far all rows are from nominal on average, mm, none of them counted for more than `CAPPED_MM`."""
+    """Mean distance of all rows from nominal, mm, each capped at `CAPPED_MM`."""
     return float(np.mean(np.minimum(distances(setup, misfit(setup, rounds=2).state), CAPPED_MM)))
 
 
@@ -91,7 +91,7 @@ def _settled(sample: Setup, unit: _Unit, guess: Bools) -> Misfit:
 
 
 def _rows_of(setup: Setup, unit: _Unit, about: Misfit) -> Bools:
-    """Which of all rows (M,) are wrong as they are, and right in the unit; all, where none contradicts that."""
+    """Which of all rows (M,) are wrong as given, and right in the unit; all, where no row contradicts that."""
     limit = about.limit_mm
     plain = distances(setup, about.state)
     other = distances(unit.changed(setup, np.ones(len(plain), bool)), about.state)
@@ -130,7 +130,7 @@ def _in_radians(setup: Setup, which: Bools) -> Setup:
 
 
 def _sizes(axes: list[int], setup: Setup) -> Floats:
-    """How large the coordinates at `axes` are (M,), mm; NaN for rows without any."""
+    """Size of the coordinates at `axes` (M,), mm; NaN for rows without any."""
     return np.asarray(np.linalg.norm(setup.positions[:, axes], axis=1))
 
 
@@ -157,6 +157,6 @@ def _change(unit: _Unit, found: Bools) -> Change:
 
 
 def _stretches(rows: Any) -> list[tuple[int, int]]:
-    """First and last of rows that follow each other."""
+    """First and last of each run of consecutive rows."""
     parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     return [(int(part[0]), int(part[-1])) for part in parts if len(part)]

@@ -1,4 +1,4 @@
-"""Certified distances as the rows predict them, and which of them contradict the rows or each other."""
+"""Certified distances, their prediction from the rows, and contradictions between them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cellctl.calibration.rows import SpacingRows
 from cellctl.kinematics import Bools, Floats
 
 FAR = 6.0
-"""Standard deviations, of certificate and prediction together, from which on a distance is contradicted."""
+"""A distance contradicts the rows from this many standard deviations (certificate and prediction together)."""
 
 LEAST_MM = 0.3
-"""A smaller difference is no contradiction: the robot may bend as much, and the model is geometry alone."""
+"""A smaller difference is no contradiction: the robot may bend that much, and the model is geometry alone."""
 
 
 @final
@@ -40,7 +40,7 @@ class PredictedSpacings:
 
     @property
     def away(self) -> Floats:
-        """By how much each given distance is larger than its estimate (K,), mm."""
+        """Each given distance minus its estimate (K,), mm."""
         return self.given - self.estimate
 
     @property
@@ -49,15 +49,15 @@ class PredictedSpacings:
         return np.asarray(self.covariance + np.diag(self.sigma**2))
 
     def scaled(self, factor: float) -> Self:
-        """The same, all that is given times `factor`."""
+        """The same with the given distances times `factor`."""
         return replace(self, given=self.given * factor, sigma=self.sigma * factor)
 
     def contradicted(self) -> Bools:
-        """Which distances (K,) the rows alone contradict."""
+        """Which distances (K,) contradict the rows alone."""
         return np.asarray(_ratio(self.away, np.sqrt(np.diag(self.spread))) > 1.0)
 
     def given_others(self, kept: Bools, one: int) -> tuple[float, float]:
-        """How far distance `one` is off, mm, given rows and the other `kept` ones (K,), and the 1 σ of that."""
+        """Error of distance `one`, mm, given rows and the other `kept` ones (K,), and its 1 σ."""
         chosen = np.append(np.flatnonzero(kept & (np.arange(len(kept)) != one)), one)
         off, sigma = _off(np.linalg.inv(self.spread[np.ix_(chosen, chosen)]), self.away[chosen])
         return float(off[-1]), float(sigma[-1])
@@ -66,7 +66,7 @@ class PredictedSpacings:
 def wrong(predicted: PredictedSpacings) -> tuple[Bools, Bools]:
     """Which distances (K,) are wrong, and for which (K,) of these that is certain.
 
-    Distances that are wrong by one factor agree with each other, so the rows alone decide first.
+    Distances that are wrong by one factor agree with each other, so they are first compared with the rows alone.
     """
     contradicted = predicted.contradicted()
     certain = contradicted.copy()
@@ -78,7 +78,7 @@ def wrong(predicted: PredictedSpacings) -> tuple[Bools, Bools]:
 
 
 def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
-    """Which distances (K,) the others and the rows contradict, and whether it is certain that it is these."""
+    """Which distances (K,) contradict the others and the rows, and whether it is certain that these are wrong."""
     weight: Floats = np.asarray(np.linalg.inv(spread), float)
     kept = np.ones(len(away), bool)
     if not (_ratio(*_off(weight, away)) > 1.0).any():
@@ -93,12 +93,13 @@ def _contradicting(away: Floats, spread: Floats) -> tuple[Bools, bool]:
 
 
 def _ratio(off: Floats, sigma: Floats) -> Floats:
-    """By how many times what is let pass each is off."""
+    """Each error as a multiple of the accepted limit."""
     return np.asarray(np.abs(off) / np.maximum(FAR * sigma, LEAST_MM))
 
 
 def _off(weight: Floats, away: Floats) -> tuple[Floats, Floats]:
-    """How far each (K,) is off, given all others, and the 1 σ of that; `weight` (K, K): inverse covariance of `away`.
+    """Error of each (K,), given all others, and its 1 σ; `weight` (K, K): inverse covariance of `away`. For a distance
+    that was taken out: 0 ± ∞.
 
     Of one that was taken out: 0 ± ∞.
     """
@@ -109,7 +110,7 @@ def _off(weight: Floats, away: Floats) -> tuple[Floats, Floats]:
 
 
 def _without(weight: Floats, one: int) -> Floats:
-    """The inverse covariance without distance `one`, whose row and column are 0 from then on."""
+    """The inverse covariance without distance `one`, whose row and column are then 0."""
     result = weight - np.outer(weight[one], weight[one]) / weight[one, one]
     result[one], result[:, one] = 0.0, 0.0
     return np.asarray(result)

@@ -1,4 +1,4 @@
-"""Which hypotheses bring nominal to the rows, and which of these are as good as the best."""
+"""Ranking: which hypotheses bring nominal to the rows, and which of these are as good as the best."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cellctl.setup_check.hypothesis import Hypothesis
 from cellctl.setup_check.misfit import EXPLAINED, SAMPLE, SCREEN, Misfit, misfit, steps_of
 
 BETTER = 4.0
-"""A hypothesis has to bring nominal this many times nearer to its rows."""
+"""A hypothesis has to bring nominal nearer to its rows by this factor."""
 
 EQUAL = 1.5
-"""Hypotheses that leave up to this many times what the best one leaves are as good: nothing in these rows decides."""
+"""Hypotheses with up to this multiple of the best one's residual are equally good: these rows do not decide."""
 
 FLAT = 0.05
 """Touches on planes whose least extent is smaller than this share of their greatest lie in one plane."""
@@ -24,15 +24,15 @@ SAME_DEG = 2.0
 """Offsets nearer than this to each other are one."""
 
 PROMISING = 8
-"""Hypotheses that are judged, the best by a few rows."""
+"""Most hypotheses that are judged, selected by a few rows."""
 
 NAMED = 4
-"""Explanations that are named at most."""
+"""Most explanations that are reported."""
 
 
 def explanations(proposed: Iterable[Hypothesis], nominal: Misfit) -> list[tuple[Hypothesis, Misfit]]:
-    """The hypotheses that explain how far `nominal` is from the rows, with what is left then. The best and its equals,
-    the simplest first.
+    """The hypotheses that explain the distance of `nominal` from the rows, with the misfit that each leaves. The best
+    and its equals, the simplest first.
     """
     explaining = []
     for hypothesis in _screened(proposed, nominal):
@@ -44,7 +44,7 @@ def explanations(proposed: Iterable[Hypothesis], nominal: Misfit) -> list[tuple[
 
 
 def _screened(proposed: Iterable[Hypothesis], nominal: Misfit) -> list[Hypothesis]:
-    """Those that leave least at a few rows, of all that leave clearly less than there was."""
+    """Those with the least residual at a few rows, of all that clearly reduce it."""
     sized = []
     for hypothesis in proposed:
         size = misfit(hypothesis.setup.thinned(SCREEN), rounds=2).size
@@ -56,8 +56,8 @@ def _screened(proposed: Iterable[Hypothesis], nominal: Misfit) -> list[Hypothesi
 
 
 def _flat(hypothesis: Hypothesis) -> bool:
-    """Whether nothing but planes was touched, and all touches lie in one: a robot that only moves in a plane touches
-    any planes, and would explain everything.
+    """Whether only planes were touched, and all touches lie in one plane: a robot that only moves in a plane fits any
+    planes, and would explain all rows.
     """
     task = hypothesis.setup.task
     if task.rows.kinds != {PlaneRows}:
@@ -68,7 +68,7 @@ def _flat(hypothesis: Hypothesis) -> bool:
 
 
 def _equally_good(explaining: list[tuple[Hypothesis, Misfit]]) -> list[tuple[Hypothesis, Misfit]]:
-    """The best and those as good, the simplest first; of one file, none with more changes than another."""
+    """The best and its equals, the simplest first; for each file only those with the fewest changes."""
     best = min((after.size for _, after in explaining), default=0.0)
     equal = [(hypothesis, after) for hypothesis, after in explaining if after.size <= EQUAL * best]
     kept: list[tuple[Hypothesis, Misfit]] = []
@@ -87,7 +87,7 @@ def _simpler(other: Hypothesis, hypothesis: Hypothesis) -> bool:
 
 
 def _same(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses say the same, but for the exact value of an angle."""
+    """Whether two hypotheses are the same, except for the exact value of an angle."""
     if _keys(one) != _keys(other):
         return False
     apart = np.abs((one.setup.joints.offset - other.setup.joints.offset + 180.0) % 360.0 - 180.0)

@@ -1,4 +1,4 @@
-"""Which measurements belong to which rows' joints: rows shifted alike, and pairs of exchanged rows."""
+"""Which measurements belong to which rows' joints: runs of shifted rows, and pairs of exchanged rows."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from cellctl.calibration.rows import Measured
 from cellctl.setup_check.misfit import Misfit
 
 FURTHEST = 5
-"""Rows by which measurements and joints may be out of step."""
+"""Largest shift between measurements and joints, in rows."""
 
 SHIFTS = sorted((by for by in range(-FURTHEST, FURTHEST + 1) if by), key=abs)
-"""All shifts by which rows may be out of step, the smallest first."""
+"""All tested shifts of rows, the smallest first."""
 
 RUN = 4
-"""Rows that follow each other and have to be out of step alike: fewer may be so by chance."""
+"""Least count of consecutive rows with one shift: fewer may be a coincidence."""
 
 MOST = 20_000
-"""The first rows, which alone are looked at; beyond them a shift is the same."""
+"""Only the first rows are used; beyond them a shift is the same."""
 
 EXCHANGED_AT_MOST = 100
-"""Outliers among which pairs are looked for."""
+"""Most outliers among which pairs are searched."""
 
 
 @final
@@ -48,7 +48,7 @@ class RowMatches:
         self.near = self._near(np.arange(self.size), np.arange(self.size))
 
     def stretches(self) -> list[Stretch]:
-        """Runs of outliers that all belong to joints equally far before or behind."""
+        """Runs of outliers that all belong to joints with the same shift."""
         if np.count_nonzero(~self.near) < RUN:
             return []
         rows = np.arange(self.size)
@@ -61,7 +61,7 @@ class RowMatches:
         return list(self._runs(best))
 
     def exchanged(self, stretches: list[Stretch]) -> list[tuple[int, int]]:
-        """Pairs of outliers that are each right at the other's joints."""
+        """Pairs of outliers that each fit the other's joints."""
         taken = {row for stretch in stretches for row in range(stretch.first, stretch.last + 1)}
         outliers = [int(row) for row in np.flatnonzero(~self.near) if row not in taken]
         if not 2 <= len(outliers) <= EXCHANGED_AT_MOST:
@@ -75,7 +75,7 @@ class RowMatches:
         return result
 
     def _runs(self, fits: dict[int, Any]) -> Iterator[Stretch]:
-        """From the first row on, the shift that explains most of what follows; single rows may be outliers anyway."""
+        """From the first row on, the shift that explains most of the next rows; single rows may still be outliers."""
         row = 0
         while row < self.size:
             if self.near[row]:
@@ -88,7 +88,7 @@ class RowMatches:
             row += max(reach[by], 1)
 
     def _length(self, row: int, fits: Any) -> int:
-        """How many rows from `row` on a shift explains, better than no shift does; two misses in a row end it."""
+        """Count of rows from `row` on that a shift explains better than no shift; two consecutive misses end it."""
         misses, end = 0, row
         for place in range(row, self.size):
             if fits[place] and not (self.near[place] and self._back(place)):
@@ -100,7 +100,7 @@ class RowMatches:
         return end - row if np.mean(fits[row:end] if end > row else [False]) > 0.7 else 0
 
     def _back(self, place: int) -> bool:
-        """Whether the rows are in step again from `place` on: three in a row are."""
+        """Whether the rows match again from `place` on: three consecutive ones do."""
         ahead = self.near[place : place + 3]
         return bool(len(ahead) == 3 and np.all(ahead))
 

@@ -1,6 +1,6 @@
-"""Rows out of step: measurements that belong to the joints of a row before or after; two exchanged rows.
+"""Shifted rows: measurements that belong to the joints of a row before or after; two exchanged rows.
 
-A robot that is registered on rows that are in step shows to which joints the measurement of every other row belongs.
+A robot registered on matching rows shows to which joints the measurement of every other row belongs.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from cellctl.setup_check.row_matches import MOST, RUN, SHIFTS, RowMatches, Stret
 
 
 def out_of_step(setup: Setup) -> Iterator[Hypothesis]:
-    """Rows put back in step, with nominal registered on a part of them that is in step with itself; of several sessions
-    each by itself, then all of them as one hypothesis.
+    """Shifted rows corrected, with nominal registered on a part of them that is consistent; several sessions first one
+    by one, then all of them as one hypothesis.
     """
     sessions = sorted({block.session for block in setup.task.rows.blocks if len(block)})
     if len(sessions) == 1:
@@ -38,7 +38,7 @@ def out_of_step(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def _in_session(change: Change, rows: Any, name: str) -> Change:
-    """A change to the rows of a session, as one to the rows of all; `rows` (N,): where those of the session are."""
+    """A change to the rows of a session, as one to all rows; `rows` (N,): indices of the session's rows."""
     what = change.what.replace("in all rows", f"in all rows of session {name}")
     return replace(change, what=what, rows=tuple(int(rows[row]) for row in change.rows))
 
@@ -51,12 +51,12 @@ def _in_one_session(setup: Setup) -> Iterator[Hypothesis]:
             if len(trial.readings) < 2 * RUN:
                 continue
             found = misfit(trial).with_prediction(trial)
-            if found.ratio < 1.5:  # a part in step with itself
+            if found.ratio < 1.5:  # a consistent part
                 yield from put_in_step(setup, found, only=block)
 
 
 def put_in_step(setup: Setup, nominal: Misfit, only: int | None = None) -> Iterator[Hypothesis]:
-    """Rows that are out of step or exchanged if `nominal`, registered on rows that are in step, is right."""
+    """Rows that are shifted or exchanged if `nominal`, registered on matching rows, is right."""
     changes: list[Change] = []
     order, start = np.arange(len(setup.readings)), 0
     blocks = setup.task.rows.blocks
@@ -88,7 +88,7 @@ def _windows(setup: Setup) -> Iterator[tuple[int, Any]]:
 
 
 def _shifted_whole(setup: Setup, by: int) -> Setup:
-    """All measurements at the joints of `by` rows before; rows without such are left out."""
+    """All measurements at the joints of `by` rows before; rows without these are left out."""
     rows = np.arange(len(setup.readings))
     inside = (rows - by >= 0) & (rows - by < len(rows))
     return setup.pick(inside).with_readings(setup.readings[rows[inside] - by])

@@ -1,4 +1,4 @@
-"""Spheres whose touches fit a second centre: its mirror image in the plane that the touches are nearest to.
+"""Spheres whose touches fit a second centre: the mirror image in the plane nearest to the touches.
 
 A fit ends in one of the two, and its σ does not include the other. So each is tried, with the whole robot fitted to it.
 """
@@ -14,13 +14,13 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 AS_GOOD = 36.0
-"""A second centre whose χ² is greater by no more than this, six σ, may be the right one."""
+"""A second centre whose χ² is greater by at most this, six σ, may be the right one."""
 
 APART_MM = 0.3
 """Centres nearer to each other than this are one."""
 
 STEPS = 20
-"""Steps down to a second centre, the robot as it is, before the robot is fitted too."""
+"""Steps towards a second centre, with the robot fixed, before the robot is fitted too."""
 
 
 def with_best_centres(found: Estimate, rows: RowBlocks) -> tuple[Estimate, Bools]:
@@ -42,7 +42,7 @@ def with_best_centres(found: Estimate, rows: RowBlocks) -> tuple[Estimate, Bools
 
 
 def _mirrored(state: State, rows: RowBlocks, point: int) -> Floats | None:
-    """Where a point (3,) may be on the other side of its touches; None where it has none, or they lead back."""
+    """Place (3,) of a point on the other side of its touches; None without touches, or if the fit returns."""
     tcps, lengths = _touched(state, rows, point)
     if not len(tcps):
         return None

@@ -1,4 +1,4 @@
-"""Joints that turn the other way, or count from another zero; hypotheses about one, two and three of them."""
+"""Hypotheses about reversed joints and joints with another zero: one, two and three of them."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from cellctl.setup_check.joint_screening import ROWS, rough_sizes
 from cellctl.setup_check.misfit import misfit, steps_of
 
 GRID_DEG = 30.0
-"""Between offsets that are tried: tool positions are linear in its cosine and sine, so that a local optimum is wide."""
+"""Step between tested offsets: TCP positions are linear in its cosine and sine, so that a local optimum is wide."""
 
 AT_ONCE = 3
-"""Joints that are looked for at once."""
+"""Joints that are searched at once."""
 
 BREADTH = 10
-"""Pairs that the search for a third joint goes on from."""
+"""Pairs from which the search for a third joint starts."""
 
 REFINED = 6
 """Hypotheses on the grid whose angles are fitted."""
 
 SMALL_DEG = 10.0
-"""An offset near none is looked for from here."""
+"""Start value of the search for a small offset."""
 
 SEARCHED = 60
-"""Rows that the angles are fitted to."""
+"""Rows to which the angles are fitted."""
 
 REVERSED = (-1.0, 0.0)
 """A joint with the other sign and no offset."""
@@ -59,17 +59,17 @@ def reversed_joint(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def offset_joint(setup: Setup) -> Iterator[Hypothesis]:
-    """One joint off by any angle, reversed besides or not."""
+    """One joint with any offset, also reversed or not."""
     yield from _fitted(setup, _best(setup, _combined(setup, 1, _ways()))[:REFINED])
 
 
 def two_joints(setup: Setup) -> Iterator[Hypothesis]:
-    """Two joints off by any angle, reversed besides or not."""
+    """Two joints with any offsets, also reversed or not."""
     yield from _fitted(setup, _by_joints(setup, _combined(setup, 2, _ways()))[: 2 * REFINED])
 
 
 def three_joints(setup: Setup) -> Iterator[Hypothesis]:
-    """A third joint besides the best pairs."""
+    """A third joint added to the best pairs."""
     pairs = _by_joints(setup, _combined(setup, 2, _ways()))[:BREADTH]
     threes = [
         pair.and_with(joint, *way)
@@ -81,7 +81,7 @@ def three_joints(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def _ways() -> list[tuple[float, float]]:
-    """What one joint may be besides right: a sign and an offset."""
+    """Possible errors of one joint: a sign and an offset."""
     angles = np.arange(-180.0, 180.0, GRID_DEG).tolist()
     turned = [angle for angle in angles if angle] + [SMALL_DEG, -SMALL_DEG]
     return [*((1.0, angle) for angle in turned), *((-1.0, angle) for angle in angles)]
@@ -97,8 +97,8 @@ def _combined(setup: Setup, count: int, ways: list[tuple[float, float]]) -> list
 
 
 def _observable(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Those of `ways` that these rows can show. Another zero of the first joint is the same as another heading of base
-    or points; one of the last joint, as another rotation of a tool that is registered. Neither does harm.
+    """Those of `ways` that these rows can show. Another zero of the first joint is equivalent to another heading of
+    base or points; one of the last joint, to another rotation of a registered tool. Neither does harm.
     """
     instrument = setup.task.rows.kinds & {PositionRows, PoseRows}
     of_base = joint == 0 and (not instrument or "base" in setup.task.registered)
@@ -108,14 +108,14 @@ def _observable(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> li
 
 
 def _best(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
-    """By how near they bring nominal to a few rows, roughly; the simplest of equals first."""
+    """Sorted by nominal's rough distance from a few rows; the simplest of equals first."""
     sizes = _sizes(setup, many)
     complexity = np.array([joints.complexity for joints in many])
     return [many[place] for place in np.lexsort((sizes, complexity, steps_of(sizes)))]
 
 
 def _by_joints(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
-    """For each set of joints and signs the nearest, the nearest of these first: the grid is too coarse for more."""
+    """The nearest for each set of joints and signs, sorted by distance: the grid is too coarse for more."""
     best: dict[tuple[int, ...], JointChanges] = {}
     for place in np.argsort(_sizes(setup, many), kind="stable"):
         joints = many[place]

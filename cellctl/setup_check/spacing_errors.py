@@ -1,9 +1,9 @@
 """Certified distances that contradict the rows, or each other.
 
-A certificate is a measurement too, and may be an outlier: a wrong pair of spheres, a typing error, inches. So the robot
-is identified from rows alone, without any certificate. Distances that the rows contradict are wrong, or all of them by
-one factor. Then each distance is predicted from the rows and the remaining distances. Where leaving out any one of
-several makes the rest agree, all of these are named. If one robot fits rows and certificate, nothing is named.
+A certificate is also a measurement, and may be an outlier: a wrong pair of spheres, a typing error, inches. So the
+robot is identified from rows alone, without any certificate. Distances that contradict the rows are wrong, singly or
+all by one factor. Then each distance is predicted from the rows and the remaining distances. If leaving out any one of
+several makes the rest agree, all of these are reported. If one robot fits rows and certificate, none is reported.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ SAMPLE = 300
 """Rows of instruments that predict the distances, and as many touches and visits, evenly from all points."""
 
 SAMPLE_OF_EACH = 20
-"""So many of each instrument's rows, and of each point's, are always among them."""
+"""The sample always has so many of each instrument's rows, and of each point's."""
 
 TOUCHES_AT_LEAST = 5
-"""Of fewer touches on a sphere two centres, or a ring of them, may be as good: its distances are not judged."""
+"""With fewer touches on a sphere, several centres may fit equally: its distances are not judged."""
 
 FITTING = 3.0
 """Standard deviations of χ² within which a certificate agrees with a robot that also fits the rows."""
 
 FEW = 3
-"""Fewer different distances than this have no factor in common: each is named."""
+"""With fewer different distances than this no common factor is estimated: each is reported."""
 
 BETTER = 4.0
-"""A common factor has to bring the distances this many times nearer to their estimates."""
+"""A common factor has to bring the distances nearer to their estimates by this ratio."""
 
 
 @final
@@ -48,7 +48,7 @@ BETTER = 4.0
 class SpacingError:
     """A certified distance, mm, that contradicts the estimate from the rows and the other distances, mm ± 1 σ.
 
-    certain: whether it is this one that is wrong; else it is one of those that are named.
+    certain: whether this one is wrong; else one of those reported is.
     """
 
     between: tuple[str, str]
@@ -125,12 +125,12 @@ def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
 
 
 def _suspected(spacings: SpacingRows, found: Estimate) -> bool:
-    """Whether any is contradicted."""
+    """Whether any contradicts the estimate."""
     return len(spacings) > 0 and bool(wrong(PredictedSpacings.of(spacings, found))[0].any())
 
 
 def _errors_of(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[SpacingError | ScaleError, ...]:
-    """The factor that all are wrong by, or each that is contradicted."""
+    """The common factor of all, or each contradicting distance."""
     predicted = PredictedSpacings.of(spacings, found)
     names = [(task.points[first], task.points[second]) for first, second in spacings.pairs]
     scale = _scale(predicted, names[0])
@@ -138,7 +138,7 @@ def _errors_of(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[Spac
 
 
 def _sample(rows: RowBlocks) -> Any:
-    """Which rows (N,) predict the distances: of instruments, which may hold thousands, and of points as many."""
+    """Which rows (N,) predict the distances: a sample from instruments, and as many from points."""
     owner = np.concatenate(
         [
             block.point if isinstance(block, TouchRows | SocketRows | PlaneRows) else np.full(len(block), -1 - number)
@@ -154,7 +154,7 @@ def _sample(rows: RowBlocks) -> Any:
 
 
 def _known(rows: RowBlocks, points: int) -> Bools:
-    """Which points (S,) have rows enough for one place alone."""
+    """Which points (S,) have enough rows for a unique place."""
     counted = np.zeros(points, int)
     for block in rows.blocks:
         if isinstance(block, TouchRows | SocketRows):
@@ -172,7 +172,8 @@ def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
 
 
 def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError | None:
-    """The one factor that brings all distances to their estimates, where any is contradicted and there is one."""
+    """The one factor that brings all distances to their estimates, if any distance contradicts and there is such a
+    factor."""
     if np.unique(predicted.given).size < FEW or not predicted.contradicted().any():
         return None
     about = predicted.scaled(float(np.median(predicted.estimate / predicted.given)))
@@ -187,8 +188,8 @@ def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError |
 
 
 def _named(predicted: PredictedSpacings, names: Sequence[tuple[str, str]]) -> tuple[SpacingError, ...]:
-    """Each that is wrong, with its estimate from: the rows alone, if they contradict it; the rows and the distances
-    that are right, if these contradict it; the rows and all other distances, where it is not certain which is wrong.
+    """Each wrong distance, with its estimate from: the rows alone, if they contradict it; the rows and the right
+    distances, if these contradict it; the rows and all other distances, if it is not certain which is wrong.
     """
     result, by_rows, (contradicted, certain) = [], predicted.contradicted(), wrong(predicted)
     for one in np.flatnonzero(contradicted).tolist():

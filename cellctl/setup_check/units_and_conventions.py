@@ -1,4 +1,4 @@
-"""Numbers of robot file, data set or artefact in another unit, order or convention than they are read in."""
+"""Hypotheses that robot file, data set or artefact use another unit, order or convention than assumed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RADIANS_UP_TO = 2.1 * np.pi
 """If no angle is larger, they may be radians."""
 
 DEGREES_FROM = 720.0
-"""Readings beyond this are no joint's degrees, but may be degrees that were read as radians."""
+"""Readings beyond this cannot be a joint's degrees, but may be degrees that were read as radians."""
 
 CONVENTIONS: dict[TableConvention, str] = {"mdh-hayati": "standard DH", "dh-craig": "Craig's modified DH"}
 
@@ -70,7 +70,7 @@ def other_convention(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def metres(setup: Setup) -> Iterator[Hypothesis]:
-    """The link lengths are metres; the tool is registered or known anyway."""
+    """The link lengths are metres; the tool is registered or known."""
     table = setup.task.model.chain.table
     if isinstance(table, LinkTable) and sum(abs(link.d) + abs(link.a) for link in table.links) < SMALL_MM:
         change = Change("link lengths are metres", "robot", "write d and a in mm", ("links",))
@@ -107,7 +107,7 @@ def other_spheres(setup: Setup) -> Iterator[Hypothesis]:
 
 
 def other_hand(setup: Setup) -> Iterator[Hypothesis]:
-    """The measuring frame is left-handed. Orientations tell which axis; positions fit any mirror, by the base."""
+    """The measuring frame is left-handed. Orientations show which axis; positions fit any mirror, by the base."""
     left_handed = "the measuring frame is left-handed"
     if PoseRows in setup.task.rows.kinds:
         for axis, name in enumerate(XYZ):

@@ -1,11 +1,11 @@
-"""Whether rows and robot file fit together at all, asked where no set-up error explains why they do not fit.
+"""Whether rows and robot file belong to one robot, if no set-up error explains the misfit.
 
-Everything is fitted within very wide tolerances. A robot that lost its mastering, has an untaught tool, or was measured
-with a tape comes near to its rows in this way. If what is left is still far beyond the robot class, there are two ways
-to tell that robot file and rows do not fit together, and that the rows are not just noisy:
+All parameters are fitted within very wide tolerances. A robot that lost its mastering, has an untaught tool, or was
+measured with a tape comes near to its rows in this way. If the residual is still far beyond the robot class, there are
+two ways to show that robot file and rows do not belong together, and that the rows are not just noisy:
 
 - they are hardly nearer than rows whose measurements were shuffled against the joints (shifted or mixed rows);
-- what is left is a function of the joints, which noise is not (another robot's file).
+- the residual is a function of the joints, which noise is not (another robot's file).
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ ROUNDS = 3
 SHUFFLES = 3
 
 NEARER = 20.0
-"""Rows that are nearer than shuffled ones by less than this factor are hardly nearer. A real robot's rows are nearer by
+"""Rows nearer than shuffled ones by less than this factor are hardly nearer. A real robot's rows are nearer by
 hundreds."""
 
 SYSTEMATIC = 0.5
 SYSTEMATIC_MM = 5.0
-"""A robot file is another robot's if what is left is larger than this, and the joints predict this share of it."""
+"""A robot file is another robot's if the residual is larger than this, and the joints predict this share of it."""
 
 WEIGHTS = ((3.0, 0.3), (1.0, 1.0), (1.0, 0.3), (1.0, 0.1))
 RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0, 10.0)
@@ -45,9 +45,9 @@ RIDGES = (1e-6, 1e-4, 1e-2, 1e-1, 1.0, 10.0)
 @final
 @dataclass(frozen=True, slots=True)
 class WideFit:
-    """What is left, mm, RMS over the nearest rows, after a fit within wide tolerances; what tolerances predict before
-    any fit; and, where that is implausible, what is left of shuffled rows, and the share of the variance that is left
-    which the joints predict.
+    """The residual, mm, RMS over the nearest rows, after a fit within wide tolerances; the prediction of tolerances
+    before any fit; and, if that is implausible, the residual of shuffled rows, and the share of the residual variance
+    that the joints predict.
     """
 
     left_mm: float
@@ -57,7 +57,7 @@ class WideFit:
 
     @classmethod
     def of(cls, setup: Setup) -> Self:
-        """The fit of the rows of `case`, and of shuffled ones; 150 rows are enough."""
+        """The fit of the rows of `setup`, and of shuffled ones; 150 rows are enough."""
         nominal = misfit(setup).with_prediction(setup)
         state, kept = _fitted(setup, nominal)
         found = cls(_left(setup, state, kept), nominal.predicted_mm)
@@ -70,7 +70,7 @@ class WideFit:
 
     @property
     def implausible(self) -> bool:
-        """Whether what is left is beyond any robot of the class."""
+        """Whether the residual is beyond any robot of the class."""
         return self.left_mm > max(IMPLAUSIBLE * self.predicted_mm, LEAST_MM)
 
     @property
@@ -106,7 +106,8 @@ def _left(setup: Setup, state: State, kept: list[Any]) -> float:
 
 
 def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:
-    """Measurements at other rows' joints; touches are alike, so there each joint is shuffled by itself."""
+    """Measurements at other rows' joints; touches have similar values, so for them each joint is shuffled
+    separately."""
     readings, start = setup.readings.copy(), 0
     for block in setup.task.rows.blocks:
         mine = slice(start, start + len(block))
@@ -118,8 +119,8 @@ def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:
 
 
 def _predicted_by_joints(setup: Setup, state: State) -> float:
-    """The share of the variance of what is left of all rows that rows at similar joints predict: leave-one-out, kernel
-    ridge regression; the best of `WEIGHTS` and `RIDGES`.
+    """The share of the residual variance of all rows that rows at similar joints predict: leave-one-out, kernel ridge
+    regression; the best of `WEIGHTS` and `RIDGES`.
     """
     total, missed = 0.0, np.zeros((len(WEIGHTS), len(RIDGES)))
     for block in setup.task.rows.blocks:
@@ -134,8 +135,8 @@ def _predicted_by_joints(setup: Setup, state: State) -> float:
 
 
 def _kernel(q: Floats, arm: float, wrist: float) -> Floats:
-    """How alike postures q (N, n), rad, are (N, N). A product over the joints, as the tool's place is a sum of products
-    of their sines and cosines; the first half of the joints, which carries the tool furthest, has a weight of its own.
+    """Similarity (N, N) of postures q (N, n), rad. A product over the joints, as the TCP is a sum of products of their
+    sines and cosines; the first half of the joints, with the longest lever, has its own weight.
     """
     weights = np.where(np.arange(q.shape[1]) < q.shape[1] / 2, arm, wrist)
     apart = q[:, None] - q[None]
@@ -143,6 +144,6 @@ def _kernel(q: Floats, arm: float, wrist: float) -> Floats:
 
 
 def _missed(kernel: Floats, ridge: float, left: Floats) -> float:
-    """Sum of squares of what all other rows predict wrongly of each row's `left` (N, k)."""
+    """Sum of squared errors of the prediction of each row's `left` (N, k) from all other rows."""
     hat = kernel @ np.linalg.inv(kernel + ridge * np.eye(len(kernel)))
     return float(np.sum(((left - hat @ left) / (1.0 - np.diag(hat))[:, None]) ** 2))

@@ -30,7 +30,7 @@ def kinds() -> dict[Group, type[Effect]]:
 
 
 def functions() -> frozenset[Group]:
-    """Groups whose amounts are no parameters of their own, but the coefficients of a random function."""
+    """Groups whose amounts are the coefficients of a random function, not parameters on their own."""
     return frozenset(group for group, kind in kinds().items() if issubclass(kind, ResidualModel))
 
 

@@ -1,4 +1,4 @@
-"""Play in the gears: where a joint comes to rest depends on where it came from."""
+"""Play in the gears: the position at which a joint stops depends on its direction of approach."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _PHRASE = Phrase.of("backlash", "joint")
 class Backlash(Effect):
     """Half the play of each joint, along the way it last moved.
 
-    joints: how many. `backlash{j}`, rad: by how much the joint stands further along its last move than it reads.
-    Negative where it lags behind (a gear's play, with the encoder on the motor); the play is twice the size.
-    needs: rows whose approach is known, from both sides; where it is not known (None, or 0), the joint stands midway.
+    joints: how many. `backlash{j}`, rad: how far the joint is ahead of its reading, along its last move.
+    Negative: the joint lags behind (a gear's play, with the encoder on the motor); the play is twice the size.
+    needs: rows with known approach, from both sides; where it is unknown (None, or 0), the joint is taken midway.
     """
 
     joints: int
@@ -39,7 +39,7 @@ class Backlash(Effect):
 
     @classmethod
     def of_inputs(cls, setup: EffectInputs) -> Self | None:
-        """Where any joint came from both sides."""
+        """The effect, if any joint was approached from both sides; else None."""
         sides = setup.at.approach
         both = sides is not None and ((sides > 0).any(axis=0) & (sides < 0).any(axis=0)).any()
         return cls(setup.chain.n) if both else None

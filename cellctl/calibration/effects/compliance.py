@@ -2,10 +2,10 @@
 
 The weight behind joint j pulls at it by the moment ẑ_j · Σ_{k≥j} (p_k − o_j) × m_k g ĝ. Each lever p_k − o_j is a sum
 of vectors fixed in the frames behind joints j … k, so the moment is ẑ_j · Σ_{k≥j} (R_k s_k) × ĝ with constants s_k:
-masses times lengths, which nobody needs to know. The part of s_k along z belongs to the frame before, as joint k's axis
-does not turn with joint k; along joint j's own axis, in the end, nothing has a moment about it. That leaves two amounts
-for each k ≥ j, and these are independent: the pair of k goes once round with joint k, which no pair before it knows.
-A joint whose axis is vertical at every posture feels no weight and has no amounts: joint 1 of a robot on the floor or
+masses times lengths, never needed singly. The part of s_k along z belongs to the frame before, as joint k's axis
+does not turn with joint k; a part along joint j's own axis has no moment about it. That leaves two amounts
+for each k ≥ j, and these are independent: only the pair of k, not a pair before it, rotates with joint k.
+A joint whose axis is vertical at every posture carries no moment and has no amounts: joint 1 of a robot on the floor or
 under a ceiling, none on a wall.
 """
 
@@ -31,13 +31,13 @@ A UR10's shoulder carries 90 N m (the maker's masses) on a gear of some 2e5 N m/
 """
 
 SHRINKS = 0.5
-"""How much of it each link further out is expected to do: 90, 34, 4, 1 N m in that UR10, and its tool besides."""
+"""Expected ratio of this from one link to the next further out: 90, 34, 4, 1 N m in that UR10, and its tool besides."""
 
 SAG_PER_NM = 3e-5
 """1 σ of 1/stiffness, rad/(N m): robot gears have 1e4 (wrist) … 1e6 N m/rad; an estimate as well."""
 
 UPRIGHT_RAD = 1e-4
-"""An axis that leans less than this is vertical, in a table with rounded angles: its weight turns it by nothing."""
+"""An axis that leans less than this is vertical, in a table with rounded angles: weight does not turn it."""
 
 PER_NM = Unit("rad/(N m)", "µrad/(N·m)", 1e6)
 _PHRASE = Phrase.of("compliance", "joint")
@@ -49,7 +49,7 @@ _UNDER_LOAD = Phrase.of("compliance under load", "joint", 1)
 class JointCompliance(Effect):
     """Joints as torsion springs under gravity: what each turns by the weight of the links, and by a known payload.
 
-    joints: how many. load_known: whether the rows say their payload. upright: joints (from 1) whose axis is vertical
+    joints: how many. load_known: whether the rows state their payload. upright: joints (from 1) whose axis is vertical
     at every posture, which have no amounts; `of` finds them. down: ĝ in the robot's base frame.
     `compliance{j}_{k}x`, `…y`: rad by which joint j turns under the weight moment that is fixed along x, y of the
     frame behind joint k, where that lies level and across joint j's axis. `compliance_load{j}`: rad/(N m) of joint j
@@ -78,7 +78,7 @@ class JointCompliance(Effect):
 
     @classmethod
     def of_inputs(cls, setup: EffectInputs) -> Self | None:
-        """Where any joint carries weight; with the payload's amounts where that changes."""
+        """The effect, if any joint carries weight; with the payload's amounts where the payload changes."""
         effect = cls.of(setup.chain, varies(setup.at.payload), setup.down)
         return effect if effect.parameters else None
 
@@ -97,7 +97,7 @@ class JointCompliance(Effect):
         return Parameter(f"compliance_load{joint}", PER_NM, self.group, label, _UNDER_LOAD, str(joint), joint)
 
     def lacks(self, at: Postures) -> list[str]:
-        """Nothing, where no payload was known."""
+        """The payload, where it was not recorded."""
         return super().lacks(at) if self.load_known else []
 
     @property

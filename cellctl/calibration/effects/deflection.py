@@ -29,7 +29,7 @@ class ToolDeflection(Effect):
     length_m: from the flange to the tool centre point, along z (of the taught tool: an error in it is taken up by c_t).
     load_n: weight at the end, N. expected: prior 1 σ of c_t = 1/(E·I) about 0, 1/(N m^2); 0.002 is what Wang et al.
     simulate (0.00036 is what they identify). down: ĝ in the robot's base frame.
-    Tip shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at
+    TCP shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at
     the end is part of that shift already, and is not added to it again as their eq. 21 would. No orientation changes:
     the tilt (arc minutes) is left out. needs: the tool's mass.
     """
@@ -48,7 +48,7 @@ class ToolDeflection(Effect):
 
     @classmethod
     def of_inputs(cls, setup: EffectInputs) -> Self | None:
-        """Where the tool has a mass, and stands out along z."""
+        """The effect, if the tool has a mass and a length along z."""
         length_m, load_n = float(setup.chain.tool[2, 3]) / 1000.0, setup.tool_mass_kg * STANDARD_GRAVITY
         return cls(length_m, load_n, down=setup.down) if length_m > 0.0 < load_n else None
 
@@ -59,17 +59,17 @@ class ToolDeflection(Effect):
 
     @property
     def sigma(self) -> Floats:
-        """What is expected of c_t (1,)."""
+        """Prior 1 σ of c_t (1,)."""
         return np.array([self.expected])
 
     @property
     def least(self) -> Floats:
-        """0: nothing bends upwards under its weight."""
+        """0: no tool bends upwards under its weight."""
         return np.zeros(1)
 
     @property
     def mm_per_unit(self) -> float:
-        """Shift of a horizontal tool's tip for c_t = 1, mm."""
+        """Shift of a horizontal tool's TCP for c_t = 1, mm."""
         return 1000.0 * self.length_m**3 / 3.0 * self.load_n
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats:

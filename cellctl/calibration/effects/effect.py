@@ -1,4 +1,4 @@
-"""What every effect that is no geometry has in common: it is linear in its amounts, at joints that are nominal.
+"""The interface of every non-geometric effect: it is linear in its amounts, at nominal joints.
 
 An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
 model file has them; other packages use nothing but the attributes below.
@@ -21,15 +21,15 @@ from cellctl.kinematics import Floats, SerialChain
 @final
 @dataclass(frozen=True, eq=False)
 class OwnTurns:
-    """Turns of which each amount has one joint to itself: joints (K,), from 0; values (N, K), rad per unit. Hundreds of
-    amounts are six times smaller so than as Φ (N, n, K).
+    """Turns where each amount acts on one joint: joints (K,), from 0; values (N, K), rad per unit. For hundreds of
+    amounts this takes a sixth of the memory of Φ (N, n, K).
     """
 
     joints: Any
     values: Floats
 
     def total(self, amounts: Floats, joints: int) -> Floats:
-        """What all amounts (K,) together turn each joint by (N, n), rad."""
+        """Turn of each joint (N, n), rad, by all amounts (K,) together."""
         result = np.zeros((len(self.values), joints))
         for joint in range(joints):
             mine = self.joints == joint
@@ -45,7 +45,7 @@ STORED = "stored"
 """Key of a field's metadata: the name of a setting in model files, where that is not the field's."""
 
 PRIOR_SCALES = (0.03, 3.3)
-"""Least and greatest prior scale of an effect: three times what its maker or others' measurements say, and no more. The
+"""Least and greatest prior scale of an effect: at most three times what makers or published measurements state. The
 expected sizes with their sources: docs/reference/effects.md.
 """
 
@@ -53,7 +53,7 @@ expected sizes with their sources: docs/reference/effects.md.
 @final
 @dataclass(frozen=True, eq=False)
 class EffectInputs:
-    """What is known of a robot and its rows before a fit: all that an effect may be made from.
+    """What is known of a robot and its rows before a fit: the inputs of `Effect.of_inputs`.
 
     chain: nominal, with its taught tool. at: postures and conditions of the rows. tool_mass_kg: 0 where it is not
     known. down: which way weight pulls, in the robot's base frame.
@@ -66,7 +66,7 @@ class EffectInputs:
 
 
 class Effect(ABC):
-    """A cause of error with K amounts κ. It turns the joints by Φκ, and shifts the tool by Ψκ.
+    """A cause of error with K amounts κ. It turns the joints by Φκ and shifts the TCP by Ψκ.
 
     Both are worked out on the *nominal* chain in its own base frame (`with_base(identity)`, no deviations): an error of
     a thousandth in where a load pulls is a thousandth of a thousandth at the tool, and so every derivative stays exact
@@ -93,12 +93,12 @@ class Effect(ABC):
     @classmethod
     @abstractmethod
     def of_inputs(cls, setup: EffectInputs) -> Self | None:
-        """The effect of a robot, as its rows can show it; None where they cannot."""
+        """The effect for a robot, as far as its rows support it; None where they do not."""
 
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """Its amounts (K,), their names unlike any other of a model."""
+        """Its amounts (K,); their names are unique in a model."""
 
     @property
     @abstractmethod
@@ -107,11 +107,11 @@ class Effect(ABC):
 
     @property
     def least(self) -> Floats:
-        """What no amount (K,) is below, in its unit: 0 where a negative one has no meaning, otherwise −inf."""
+        """Lower bound of each amount (K,), in its unit: 0 where a negative one has no meaning, else −inf."""
         return np.full(len(self.parameters), -np.inf)
 
     def lacks(self, at: Postures) -> list[str]:
-        """What is predicted at postures `at` without the conditions that nobody noted, in words."""
+        """In words: what is predicted at postures `at` without the conditions that were not recorded."""
         return [words for condition, words in self.missing if getattr(at, condition) is None]
 
     def suits(self, joints: int) -> bool:

@@ -11,4 +11,4 @@ Direction: TypeAlias = tuple[float, float, float]
 """A unit vector."""
 
 DOWN: Direction = (0.0, 0.0, -1.0)
-"""ĝ in the base frame of a robot that stands upright; of one on a wall, a ceiling or a slope it is another."""
+"""ĝ in the base frame of a robot on the floor; it differs on a wall, a ceiling or a slope."""

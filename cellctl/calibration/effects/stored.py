@@ -1,4 +1,4 @@
-"""Effects as plain settings, and back: the fields of an effect's class are what a model file holds of it."""
+"""Effects as plain settings, and back: a model file holds the fields of an effect's class."""
 
 from __future__ import annotations
 

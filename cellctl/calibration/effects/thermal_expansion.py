@@ -1,4 +1,4 @@
-"""Links grow with temperature."""
+"""Thermal expansion of the links."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _PHRASE = Phrase.of("growth", "link")
 @final
 @dataclass(frozen=True)
 class ThermalExpansion(Effect):
-    """Each link's linear growth with temperature.
+    """Each link's linear thermal expansion.
 
     joints: how many. points: links (from 1) of no length, as in a spherical wrist, which have no amount; `of` finds
     them. `growth{i}`, 1/K: of link i, from the origin of the frame behind joint i to that behind joint
     i + 1 (the last: to the flange; the first: from the base's origin, as the pedestal grows with it). All alike, they
     scale the robot about its base's origin. The tool is not counted: it has a temperature of its own.
-    needs: rows whose temperature is known, and differs; where `delta_t` is None nothing grows.
+    needs: rows with known, different temperatures; where `delta_t` is None no link expands.
     """
 
     joints: int
@@ -38,7 +38,7 @@ class ThermalExpansion(Effect):
 
     @classmethod
     def of(cls, nominal: SerialChain) -> Self:
-        """The growth of a robot, without the links that are points; wherever `nominal` has its base."""
+        """The expansion of a robot, without the links that are points; the base of `nominal` does not matter."""
         standing = nominal.with_base(np.eye(4))
         lengths = np.linalg.norm(_link_vectors(standing, np.zeros((1, nominal.n)))[0], axis=-1)
         return cls(nominal.n, frozenset((np.flatnonzero(lengths < 1e-6) + 1).tolist()))
@@ -50,7 +50,7 @@ class ThermalExpansion(Effect):
 
     @classmethod
     def of_inputs(cls, setup: EffectInputs) -> Self | None:
-        """Where the temperature changes."""
+        """The effect, if the temperature changes; else None."""
         return cls.of(setup.chain) if varies(setup.at.delta_t) else None
 
     @cached_property

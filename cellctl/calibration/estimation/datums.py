@@ -1,6 +1,6 @@
-"""Instruments that measure lengths from a zero that nobody knows: where to start with it, and with what it measured to.
+"""Instruments that measure lengths from an unknown zero: start values of that zero and of the points measured to.
 
-A draw-wire counts from wherever it was switched on, a ball-bar without its calibration piece tells changes of length:
+A draw-wire counts from where it was switched on; a ball-bar without its calibration piece measures changes of length:
 each shows ℓ = |p − a| + z. Squared, |p − a|² = (ℓ − z)² is linear in the point a, the zero z and, once for each point,
 |a|² − z².
 """
@@ -18,12 +18,12 @@ from cellctl.calibration.rows import Measured, TouchRows
 from cellctl.kinematics import Floats
 
 EVEN = 1000.0
-"""Of mm and mm², so that the columns of both are of one size."""
+"""Scale between mm and mm², so that the columns of both have similar size."""
 
 
 def with_datums(state: State, blocks: Sequence[Measured]) -> State:
-    """`state` with its datums, and the points that only instruments without a zero measured to, near where `blocks`
-    want them: a start for the estimator. All other points are taken to be where `state` has them.
+    """`state` with start values from `blocks`: its datums, and the points that only instruments without a zero
+    measured to. All other points stay as in `state`.
     """
     points, datums = state.points.copy(), state.datums.copy()
     known = np.array([any(block.telling(point).any() for block in blocks) for point in range(len(points))])
@@ -63,22 +63,22 @@ class _Lengths:
         return cls(np.concatenate(tcps), np.concatenate(shown), np.concatenate(point))
 
     def beyond(self, points: Floats) -> Floats:
-        """By how much more (N,), mm, it showed than the distance from `points` (S, 3)."""
+        """Its readings minus the distances from `points` (S, 3): (N,), mm."""
         return np.asarray(self.shown - np.linalg.norm(self.tcps - points[self.point], axis=-1))
 
     def datum(self, points: Floats) -> float:
-        """What it shows at no length, its points anywhere; where the rows do not tell, near `points` (S, 3) and 0."""
+        """Its reading at length 0, with free points; where the rows leave it open, near `points` (S, 3) and 0."""
         lines, right = self._linear(points)
         return float(min(_solved(np.column_stack([lines, -2.0 * self.shown]), right)[-1], self.shown.min()))
 
     def place(self, point: int, near: Floats, datum: float) -> Floats:
-        """The place (3,) of `point`, as its rows want it with the `datum` known; where they do not tell, `near`."""
+        """Place (3,) that fits the rows of `point` best with `datum` known; where they leave it open, `near`."""
         mine = self.point == point
         alone = _Lengths(self.tcps[mine], self.shown[mine] - datum, np.zeros(np.count_nonzero(mine), int))
         return np.asarray(near + _solved(*alone._linear(near[None]))[:3])
 
     def _linear(self, points: Floats) -> tuple[Floats, Floats]:
-        """Lines (N, 4 U) and right side (N,), mm²: the steps of the U points there are from `points` (S, 3), mm, and
+        """Lines (N, 4 U) and right side (N,), mm²: the steps of its U points from `points` (S, 3), mm, and
         the constants, `EVEN` mm² each.
         """
         there, number = np.unique(self.point, return_inverse=True)

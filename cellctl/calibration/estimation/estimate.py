@@ -2,8 +2,8 @@
 
 Every unknown is divided by its prior σ and every row by its own: cost, steps and singular values then have no unit. The
 rows are folded into a triangle block by block (QR), so that memory does not grow with their number and precision is not
-squared away as in normal equations. Where a prior covariance is given, its root stands in the rows of the tolerances;
-what it says of parameters that are held is carried over into the covariance of all that is found.
+squared away as in normal equations. A prior covariance replaces the rows of the tolerances by its root;
+its part for held parameters is carried over into the posterior covariance.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BLOCK = 2048
 
 ITERATIONS = 60
 PINNED = 1e4
-"""What is pinned is held to a ten-thousandth of its tolerance."""
+"""Pinned combinations are held to a ten-thousandth of their tolerance."""
 
 SETTLED = 1e-9
 """A step that would lower the cost (a χ²) by less than this, absolutely or relative to it, is the last."""
@@ -58,7 +58,7 @@ class Estimate:
 
     @property
     def seen_by_data(self) -> float:
-        """How many parameters' worth the data determined; the tolerances determined the rest of the free ones."""
+        """Effective number of parameters that the data determined; tolerances determined the other free ones."""
         data = self.triangle.T @ self.triangle
         known = self.whitening.T @ self.whitening
         return float(np.trace(np.linalg.solve(data + known, data))) if len(data) else 0.0
@@ -67,7 +67,7 @@ class Estimate:
 @final
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Unknowns and rows with what stays from one iteration to the next. holding: whitening, and what is pinned."""
+    """Unknowns and rows, constant over the iterations. holding: whitening, and what is pinned."""
 
     unknowns: Unknowns
     blocks: tuple[Rows, ...]
@@ -127,7 +127,7 @@ class _Problem:
 def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
     """Fit the free unknowns to `blocks`, from where they are expected, or from deviations `begin` (P,).
 
-    Always ends; says whether it converged.
+    Always ends; `ended` reports whether it converged.
     """
     problem = _Problem.of(unknowns, blocks)
     x = np.zeros(problem.free.size) if begin is None else begin[problem.free] / problem.scale
@@ -172,20 +172,20 @@ def seen_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
 
 
 def seen_despite_tolerances(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
-    """`seen_at_start` (F, F) of rows that are as noisy as the model is wrong: what the held unknowns, off by as much as
-    is known of them, do to the rows, and the free ones cannot take up, counts as noise (RMS over all rows).
+    """`seen_at_start` (F, F), with the model's error as extra noise: the effect on the rows (RMS over all) of held
+    unknowns within what is known of them, as far as the free ones cannot absorb it.
     """
     problem = _Problem.of(unknowns, blocks)
     held, count = np.flatnonzero(~unknowns.free & (unknowns.sigma > 0.0)), problem.free.size
     columns = np.concatenate([problem.free, held])
     folded = problem.fold(np.zeros(count), columns, unknowns.sigma[columns])[:, :-1]
-    left = folded[count:, count:]  # of the held columns, apart from the free ones: the triangle has these first
+    left = folded[count:, count:]  # the held columns: the triangle has the free ones first
     variance = np.sum(left @ unknowns.known(held) * left) / max(sum(rows.sigma.size for rows in blocks), 1)
     return np.asarray(folded[:count, :count] / np.sqrt(1.0 + variance))
 
 
 def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
-    """Posterior covariance (P, P) at the solution `found`, were all that is free in `unknowns` free."""
+    """Posterior covariance (P, P) at the solution `found`, with all free parameters of `unknowns` free."""
     problem = _Problem.of(unknowns, blocks)
     x = found.deviations[problem.free] / problem.scale
     return _covariance(problem, x, problem.fold(x, problem.free, problem.scale)[:, :-1])
@@ -229,8 +229,8 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
 
 
 def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
-    """What the free unknowns (F, F) owe to combinations that stayed where they start, unknown to their whole tolerance;
-    `own` is the covariance with these exact.
+    """Covariance (F, F) of the free unknowns from pinned combinations, each uncertain by its whole tolerance; `own` is
+    the covariance with these exact.
     """
     along = np.linalg.qr(pinned.T)[0]
     owed = along - own @ (triangle.T @ (triangle @ along))

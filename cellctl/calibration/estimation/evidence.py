@@ -1,8 +1,8 @@
-"""Whether rows are noisier than they say, or the robot is further from nominal than its tolerances say, or from an
-prior model than that was sure of.
+"""Whether rows are noisier than stated, or the robot is further from nominal (or from a prior model) than its
+tolerances (or that model's covariance) allow.
 
-Both make the residuals large, and who takes the one for the other is wrong twice: tolerances that are too tight push a
-robot's true errors into the residuals, which then look like noise, which makes the tolerances weigh more. So both are
+Both make the residuals large, and an estimate of only one of them is wrong twice: tolerances that are too tight push a
+robot's true errors into the residuals; these are then taken for noise, which gives the tolerances more weight. Both are
 weighed by the evidence of the linearised rows: the probability of what was measured, whatever the parameters are. A
 factor greater than 1 on the noise of a kind of number, or on the tolerances of a group, is taken only if it makes the
 rows much more probable (MacKay 1992, Bayesian interpolation, doi 10.1162/neco.1992.4.3.415).
@@ -26,10 +26,10 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0
-"""A factor has to raise the logarithm of the evidence by this: 55 times as probable. On clean rows none does."""
+"""A factor has to raise the logarithm of the evidence by this: 55 times as probable. On clean rows no factor does."""
 
 UNEXPECTED = 2.5
-"""χ² this many of its own standard deviations above what it should be is looked into."""
+"""χ² this many of its own standard deviations above its expectation is examined."""
 
 Factor: TypeAlias = tuple[str, int]
 """What may be larger than stated: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
@@ -40,11 +40,11 @@ SCALE_SIGMA = 1.0
 """1 σ of the natural logarithm of such a scale about 0, before the data."""
 
 SHARP = 1e-5
-"""A relative change of the evidence that is not worth another step."""
+"""Iteration stops at a relative change of the evidence below this."""
 
 
 def unexpected(found: Estimate, rows: RowBlocks) -> bool:
-    """Whether residuals or parameters of a fit are larger than noise and tolerances say, for any kind or group."""
+    """Whether residuals or parameters of a fit are larger than noise and tolerances predict, in any kind or group."""
     state = found.state
     share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
     for block, _, _ in rows.parts():
@@ -57,10 +57,10 @@ def unexpected(found: Estimate, rows: RowBlocks) -> bool:
 
 
 def _strange(found: Estimate) -> bool:
-    """Whether parameters are further from where they were expected than tolerances, or a prior model, say."""
+    """Whether parameters are further from their expected values than tolerances, or a prior model, predict."""
     unknowns, x = found.unknowns, found.deviations / found.unknowns.sigma
     groups, loose = np.array(unknowns.groups), scalable(unknowns)
-    if unknowns.prior is not None:  # its errors of one group are those of the others, too
+    if unknowns.prior is not None:  # its errors are correlated between groups
         mine = unknowns.free & np.isin(groups, loose)
         return _beyond(float(np.sum((found.whitening @ x[unknowns.free]) ** 2)), int(mine.sum()))
     each = [unknowns.free & (groups == group) for group in loose if _prior_scales(group) is None]
@@ -68,8 +68,8 @@ def _strange(found: Estimate) -> bool:
 
 
 def scalable(unknowns: Unknowns) -> tuple[str, ...]:
-    """Names (`Unknowns.scaled_with`) of what is scaled together of the prior: free, and something known of it."""
-    known = unknowns.free & (unknowns.sigma < 100.0)  # what is registered to an instrument was not known at all
+    """Names (`Unknowns.scaled_with`) of parts of the prior that are scaled together: free, with a prior."""
+    known = unknowns.free & (unknowns.sigma < 100.0)  # parameters registered to an instrument have a flat prior
     names = unknowns.scaled_with
     there = dict.fromkeys(name for name, is_known in zip(names, known, strict=True) if is_known)
     flat = {name for name, is_flat in zip(names, unknowns.sigma >= 100.0, strict=True) if is_flat}
@@ -78,7 +78,7 @@ def scalable(unknowns: Unknowns) -> tuple[str, ...]:
 
 
 def estimated(unknowns: Unknowns) -> dict[str, tuple[float, float]]:
-    """Which of `scalable` belong to effects, whose size is estimated and not tested: with the bounds of its scale."""
+    """Those of `scalable` that belong to effects, with bounds of the scale: their size is estimated, not tested."""
     if unknowns.prior is not None:
         return {}
     free = (parameter for parameter, is_free in zip(unknowns.parameters, unknowns.free, strict=True) if is_free)
@@ -91,8 +91,8 @@ def _prior_scales(group: Group) -> tuple[float, float] | None:
 
 
 def factors(found: Estimate, unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> dict[Factor, float]:
-    """Noise and prior scales by the evidence of `rows`, linearised at `found`: those of effects as probable as can be
-    (`tuned`), others only where they pay for it, one after another.
+    """Noise and prior scales by the evidence of `rows`, linearised at `found`: the most probable ones for effects
+    (`tuned`); others one by one, only where the evidence supports them.
     """
     return System.of(unknowns, found.deviations, rows, certain).factors()
 
@@ -104,7 +104,7 @@ STEEP = 2.0
 @final
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Linearised rows as normal equations, in tolerances: JᵀJ (F, F), Jᵀa (F,), aᵀa, and how many numbers."""
+    """Linearised rows as normal equations, in tolerances: JᵀJ (F, F), Jᵀa (F,), aᵀa, and the count of numbers."""
 
     square: Floats
     pull: Floats
@@ -127,7 +127,7 @@ class Normal:
         return type(self)(*left, self.count - other.count)
 
     def slope(self, log: float, x: Floats, covariance: Floats) -> float:
-        """How fast the evidence rises with the logarithm of these rows' noise, at the optimum x and its covariance."""
+        """Derivative of the evidence by the logarithm of these rows' noise, at optimum x with its covariance."""
         squares = self.rest + 2.0 * self.pull @ x + x @ self.square @ x
         return float(np.exp(-2.0 * log) * (squares + np.sum(self.square * covariance)) - self.count)
 
@@ -135,12 +135,12 @@ class Normal:
 @final
 @dataclass(frozen=True, eq=False)
 class System:
-    """The linearised problem: rows by kind of number; fixed: rows that are never in doubt, and what is pinned.
+    """The linearised problem: rows by kind of number; fixed: rows that are never outliers, and pinned combinations.
 
-    Its unknowns are the free and the considered ones of the fit: what a prior model did not know is no noise. groups
-    (F,): for each its factor's place in `loose`, or −1. known (F, F): their covariance beforehand; change (F,): by how
-    much each variance grows with its factor²; x (F,): where the fit is; all in tolerances. of_effects: factors that are
-    estimated, and within which bounds; closed: places in `loose` of which no unknown is left.
+    Its unknowns are the free and the considered ones of the fit: a prior model's uncertainty is not noise. groups
+    (F,): index of each one's factor in `loose`, or −1. known (F, F): their prior covariance; change (F,): by how
+    much each variance grows with its factor²; x (F,): the fit; all in tolerances. of_effects: factors that are
+    estimated, with their bounds; closed: indices in `loose` without any unknown left.
     """
 
     numbers: Mapping[Factor, Normal]
@@ -187,11 +187,11 @@ class System:
 
     @property
     def possible(self) -> tuple[Factor, ...]:
-        """Everything that may be larger than stated."""
+        """All factors that may be larger than stated."""
         return (*self.numbers, *self.loose)
 
     def restricted(self, kept: Bools) -> Self:
-        """The same problem with the unknowns at `kept` (F,) alone; the others are exactly where they are expected."""
+        """The same problem with the unknowns at `kept` (F,) alone; the others have exactly their expected values."""
         at = np.flatnonzero(kept)
         of_kept = set(self.groups[at].tolist())
         return replace(
@@ -211,7 +211,7 @@ class System:
         return {factor: float(np.exp(value)) for factor, value in tuned.items() if abs(value) > 1e-6}
 
     def tuned(self, begin: Mapping[Factor, float] | None = None) -> tuple[dict[Factor, float], float]:
-        """Logarithms of noise and prior scales, and the evidence with them; begin: where they were before."""
+        """Logarithms of noise and prior scales, and the evidence with them; begin: start values."""
         known = begin or {}
         chosen = {factor: value for factor, value in known.items() if factor in self._open}
         if self._estimated:
@@ -231,14 +231,14 @@ class System:
             best, slopes = self.evidence(chosen)
 
     def gain(self, factor: Factor, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
-        """By how much the evidence rises if `factor` is there, compared with its least scale; all logarithms then. But
-        for it and noise that is larger than stated they stay as in `logs`.
+        """Rise of the evidence by `factor`, compared with its least scale; and all logarithms then. Except for it and
+        for noise that is larger than stated, they stay as in `logs`.
         """
         without = {**logs, factor: float(np.log(self.of_effects[factor][0]))}
         noise = {name: value for name, value in logs.items() if name in self.numbers and value > 0.0}
         fixed = {name: value for name, value in logs.items() if name not in noise}
         best, tuned = self._tuned({**noise, factor: 0.0}, (), fixed)
-        unlikely = 0.5 * (without[factor] / SCALE_SIGMA) ** 2  # of so small a scale, which stands for none
+        unlikely = 0.5 * (without[factor] / SCALE_SIGMA) ** 2  # penalty of so small a scale, which means "no effect"
         return best - self.evidence(without)[0] - unlikely, {**fixed, **tuned}
 
     @property
@@ -253,7 +253,7 @@ class System:
     def _tuned(
         self, chosen: Mapping[Factor, float], more: tuple[Factor, ...], fixed: Mapping[Factor, float] | None = None
     ) -> tuple[float, dict[Factor, float]]:
-        """Greatest evidence with the factors `more` beside those chosen, and all their logarithms then."""
+        """Greatest evidence with the factors `more` added to those chosen, and all their logarithms then."""
         from scipy.optimize import minimize
 
         names = [*chosen, *more]
@@ -269,7 +269,7 @@ class System:
         return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
 
     def guess(self, factor: Factor) -> float:
-        """Logarithm of a factor to begin with: by how much residuals, or parameters, are larger than they should be."""
+        """Start value of a factor's logarithm: how much larger than predicted residuals, or parameters, are."""
         if factor in self.numbers:
             normal = self.numbers[factor]
             squares = normal.rest + 2.0 * normal.pull @ self.x + self.x @ normal.square @ self.x
@@ -278,8 +278,8 @@ class System:
         return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2 / self.change[mine])), 1.0))), 0.3)
 
     def evidence(self, logs: Mapping[Factor, float]) -> tuple[float, dict[Factor, float]]:
-        """Logarithm of the probability of the rows with these factors' logarithms, but for a constant; and how fast it
-        rises with each possible factor's.
+        """Logarithm of the probability of the rows with these logarithms of factors, up to a constant; and its
+        derivative by the logarithm of each possible factor.
         """
         square, pull, rest, value = self._weighed(logs)
         tolerances = self._scales(logs)
@@ -300,7 +300,7 @@ class System:
         return float(value), slopes
 
     def posterior(self, logs: Mapping[Factor, float]) -> tuple[Floats, Floats]:
-        """Inverse covariance (F, F) of the unknowns with these logarithms, and what pulls at them (F,)."""
+        """Inverse covariance (F, F) of the unknowns with these logarithms, and the gradient (F,)."""
         square, pull, _, _ = self._weighed(logs)
         return square + self._known_with(self._scales(logs))[0], pull
 
@@ -326,14 +326,14 @@ class System:
 
 
 def _pins(unknowns: Unknowns, about: Any) -> Normal:
-    """What stays where it starts, as the estimate has it, for the unknowns at `about` (F,)."""
+    """Pinned combinations, as in the estimate, for the unknowns at `about` (F,)."""
     pinned = pins(unknowns, about)
     return Normal.of(pinned, np.zeros(len(pinned)))
 
 
 def _inverse(square: Floats) -> tuple[Floats, float]:
-    """Inverse of a positive definite matrix (F, F) whose unknowns may be seen a million times better one than another,
-    and the logarithm of its determinant.
+    """Inverse of a positive definite matrix (F, F), whose unknowns may differ a million times in precision, and the
+    logarithm of its determinant.
     """
     scale = 1.0 / np.sqrt(np.diag(square))
     root = _root(square * scale * scale[:, None])
@@ -344,7 +344,7 @@ def _inverse(square: Floats) -> tuple[Floats, float]:
 
 
 def _root(square: Floats) -> Floats:
-    """Cholesky factor (F, F); where rounding leaves none, as of a tolerance far too wide, of the nearest that has."""
+    """Cholesky factor (F, F); where rounding leaves none (tolerance far too wide), of the nearest that has one."""
     try:
         root = np.linalg.cholesky(square)
     except np.linalg.LinAlgError:
@@ -355,8 +355,8 @@ def _root(square: Floats) -> Floats:
 
 
 def _measures_length(rows: RowBlocks, certain: Sequence[Rows]) -> bool:
-    """Whether anything here is a length. Sockets and planes alone are not: a robot of no size would be in all of
-    them at once, and nothing but the tolerances of its links keeps it from shrinking.
+    """Whether any row measures a length. Sockets and planes alone do not: a robot of size 0 would fit all of them at
+    once, and only the tolerances of its links prevent that.
     """
     return any(map(len, certain)) or any(len(block) and block.has_length for block in rows.blocks)
 

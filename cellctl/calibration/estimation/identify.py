@@ -34,8 +34,8 @@ from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2
 FEW = 2
-"""If more of the rows, or of those of one block, than this share do not belong to the others, nothing says which of
-them are right, and all stay; but so few may always go.
+"""If more than this share of the rows, or of those of one block, are not inliers, the rows cannot show which are
+right, and all stay; so few rows may always be left out.
 """
 
 CLOSEST = 0.6
@@ -44,21 +44,21 @@ CLOSEST = 0.6
 ROUNDS = 8
 
 OVERDETERMINED = 2
-"""Measured numbers for each unknown of the registration from which on rows can say something of each other."""
+"""Measured numbers for each unknown of the registration from which on rows can be checked against each other."""
 
 WEIGHINGS = 6
 SETTLED = 0.02
 """Noise and tolerances have settled when none changes by more than this share; after so many rounds at the latest."""
 
 INVISIBLE = 100.0
-"""A metre of base or tool that moves all rows together by fewer standard deviations than this is not seen: rows and
-tolerances leave 10 mm of it open."""
+"""A metre of base or tool that moves all rows together by fewer standard deviations than this is unobservable: rows
+and tolerances leave 10 mm of it open."""
 
 FEW_SCALES = 5
-"""With more prior scales than this, as of the bands of harmonics, it is enough to know each roughly."""
+"""With more prior scales than this, as with the bands of harmonics, a rough value of each is enough."""
 
 SEARCHED = 3000
-"""So many rows are searched for inliers; more are judged by what a sample of them predicts."""
+"""Up to so many rows are searched for inliers; of more, a sample is searched and predicts the others."""
 
 
 @final
@@ -66,10 +66,10 @@ SEARCHED = 3000
 class Identification:
     """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
 
-    noise: by how much the rows' standard deviations had to grow, for each of `RowBlocks.quantities`. used, outliers:
-    indices into the task's rows that made the fit, both estimates alike, and that were left out of it. apart: how many
-    rows did not belong to the others where that was too many to leave them out; 0 otherwise. prior_scale: by how much
-    the tolerances of which groups had to grow, as the robot is further from nominal than they say.
+    noise: factor on the rows' standard deviations, for each of `RowBlocks.quantities`. used, outliers: indices into the
+    task's rows that both estimates use, and that were left out. apart: number of rows that were not inliers where these
+    were too many to leave out; 0 otherwise. prior_scale: factor on the tolerances of each group where the robot is
+    further from nominal than they predict.
     """
 
     nominal: Estimate
@@ -84,14 +84,14 @@ class Identification:
 @final
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """By how much noise is greater, and tolerances are wider, than stated."""
+    """Factors by which noise and tolerances are larger than stated."""
 
     noise: Floats
     prior_scale: Mapping[Group, float]
 
     @classmethod
     def as_stated(cls, rows: RowBlocks) -> Self:
-        """Neither is."""
+        """All factors 1."""
         return cls(np.ones(len(rows.quantities)), {})
 
     @classmethod
@@ -100,7 +100,7 @@ class Weights:
         return cls(_noise(rows, factors), {name: value for (name, _), value in factors.items() if name != "noise"})
 
     def factors(self, rows: RowBlocks) -> dict[Factor, float]:
-        """What `of` makes these weights from."""
+        """The factors from which `of` makes these weights."""
         found: dict[Factor, float] = {(name, 0): value for name, value in self.prior_scale.items()}
         for block, _, own in rows.parts():
             for quantity in dict.fromkeys(block.quantities):
@@ -109,7 +109,7 @@ class Weights:
         return found
 
     def settled(self, before: Self) -> bool:
-        """Whether this is what was there `before`, or next to it: the sizes of effects need only be roughly known."""
+        """Whether these weights are close to those `before`; rough values are enough for the sizes of effects."""
         groups = {*before.prior_scale, *self.prior_scale}
         change = [
             abs(np.log(self.prior_scale.get(group, 1.0) / before.prior_scale.get(group, 1.0))) for group in groups
@@ -121,13 +121,13 @@ class Weights:
 @final
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A fit, and with which weights."""
+    """A fit with its weights."""
 
     found: Estimate
     weights: Weights
 
     def p_values(self, rows: RowBlocks) -> Floats:
-        """How often rows (N,) that were not in the fit would lie as far from it as they do, or further."""
+        """p-values (N,): the probability that a row not in the fit lies as far from it as it does, or further."""
         blocks = rows.noisier(self.weights.noise).blocks
         return np.concatenate([predict_rows(self.found.state, self.found.covariance, each).p_value for each in blocks])
 
@@ -135,13 +135,12 @@ class Weighed:
 def identify(
     task: Task, fit: Any = None, together: tuple[Bools, int] | None = None, weights: Weights | None = None
 ) -> Identification:
-    """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is looked at.
+    """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is used.
 
-    Outliers are left out. Where the rest is clearly noisier than its stated σ, the robot further from nominal than the
-    tolerances, or something missing from the model, noise, prior scales and a residual model are what the
-    evidence supports; noise and tolerances never shrink. Rows that looked like outliers only because the model lacked
-    something come back. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where
-    known.
+    Outliers are left out. Where the inliers are clearly noisier than their stated σ, the robot is further from nominal
+    than the tolerances, or the model is incomplete, the evidence of the rows sets noise, prior scales and a residual
+    model; noise and tolerances never shrink. Rows that were outliers only because the model was incomplete are used
+    again. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where known.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
     rows = task.rows.pick(chosen)
@@ -161,7 +160,7 @@ def identify(
         inliers = rows.pick(kept | back)
         wider_nominal, with_them = identify_kept(task, inliers, weighed.weights)
         if unexpected(with_them.found, inliers.noisier(weighed.weights.noise)):
-            break  # they are no rows that only a poorer model did not explain
+            break  # the better model does not explain these rows either
         kept, nominal, weighed = kept | back, wider_nominal, with_them
     there = {*weighed.found.unknowns.scaled_with, *weighed.found.unknowns.groups}
     return Identification(
@@ -191,7 +190,7 @@ def _with_residual_model(
 
 
 def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
-    """Nominal registered on `rows`, and identified; every row is taken to belong to the others.
+    """Nominal registered on `rows`, and identified; every row is taken as an inlier.
 
     weights: where they are known, as from a fit of more rows.
     """
@@ -208,8 +207,8 @@ def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -
 
 
 def rows_together(task: Task, rows: RowBlocks) -> tuple[Bools, int]:
-    """Which of `rows` (N,) are inliers; and how many are not, where that is too many to leave them out: all are then
-    kept.
+    """Which of `rows` (N,) are inliers; and the number of the others where these are too many to leave out: all rows
+    are then kept.
     """
     kept = _like_sample(task, rows, sampled(rows, SEARCHED)) if len(rows) > SEARCHED else _belonging(task, rows)
     apart = 0
@@ -227,7 +226,7 @@ def _all_of(kept: Bools, which: slice) -> Bools:
 
 
 def _like_sample(task: Task, rows: RowBlocks, sample: Any) -> Bools:
-    """Which of `rows` (N,) lie where the inliers among `sample` (indices) predict them."""
+    """Which of `rows` (N,) agree with the prediction from the inliers among `sample` (indices)."""
     of_sample = rows.pick(sample)
     together = _belonging(task, of_sample)
     _, weighed = identify_kept(task, of_sample.pick(together))
@@ -247,7 +246,7 @@ def registered(task: Task, rows: RowBlocks) -> Estimate:
 
 
 def _with_effects(state: State, task: Task) -> State:
-    """`state` of a robot with the effects of `task`, none of which is at work."""
+    """`state` of a robot with the effects of `task`, all amounts 0."""
     models = [model.with_effects(task.model.effects) for model in state.models]
     own = [session.own for session in task.sessions[1:]]
     return State.of_sessions(models, own, state.points, state.datums)
@@ -259,8 +258,8 @@ def nominal_start(task: Task, rows: RowBlocks) -> Unknowns:
 
 
 def _starts(task: Task, nominal: Estimate, rows: RowBlocks) -> list[Unknowns]:
-    """What is to be identified, expected where nominal is registered, or, in partial work, where `rows` want what is
-    new, the most probable place first; what registration could not see stays there.
+    """The unknowns to identify, with nominal as registered as expected values; in partial work, new ones start where
+    `rows` fit best, the most probable place first; those unobservable in registration stay there.
     """
     start = task.changed(rows) if task.partial else nominal.state
     unknowns = replace(task.unknowns(start), pinned=nominal.unknowns.pinned)
@@ -273,10 +272,10 @@ def _starts(task: Task, nominal: Estimate, rows: RowBlocks) -> list[Unknowns]:
 
 
 def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
-    """Combinations (H, P) of free base and tool that the rows cannot tell from nothing, in units of the unknowns' σ.
+    """Combinations (H, P) of free base and tool that are unobservable in the rows, in units of the unknowns' σ.
 
-    With one orientation in all rows, a tool further out looks like a base further in. What little joints that are
-    rounded make of the difference is lost in the geometry's own errors; left free, it carries the fit off by metres.
+    With one orientation in all rows, a longer tool acts like a base further in. Rounded joints cause small differences,
+    lost in the geometry's own errors; if it is free, the fit diverges by metres.
     """
     if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
         return np.zeros((0, len(unknowns.names)))
@@ -288,25 +287,25 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
 
 
 def certain(task: Task) -> list[Rows]:
-    """Rows that are never in doubt."""
+    """Rows that are never outliers."""
     return [task.spacings] if task.spacings is not None else []
 
 
 def _belonging(task: Task, rows: RowBlocks) -> Bools:
-    """Which rows (N,) are inliers: found about the fit of the inliers, and again until they stay the same.
+    """Which rows (N,) are inliers: found about the fit of the inliers, repeated until they stay the same.
 
-    All, where these are too few to say anything of each other.
+    All rows, where these are too few to check each other.
     """
     if rows.size < OVERDETERMINED * task.registering:
         return np.ones(len(rows), bool)
     start = _starts(task, _registered_on_closest(task, rows), rows)[0]
-    start = start.masked(~start.among(functions()))  # hundreds of amounts that hide no outlier stay as they were
+    start = start.masked(~start.among(functions()))  # hundreds of amounts that hide no outlier are held
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
     before = None
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
         linear = Linear.about(unknowns, deviations, balanced, certain(task))
-        kept = belonging(linear, thorough=before is not None).kept  # nominal is too far from the rows to look closely
+        kept = belonging(linear, thorough=before is not None).kept  # nominal is too far from the rows for that
         if before is not None and np.array_equal(kept, before):
             break
         weighed = _weighed(start, rows.pick(kept), certain(task), deviations)
@@ -316,7 +315,7 @@ def _belonging(task: Task, rows: RowBlocks) -> Bools:
 
 
 def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
-    """Nominal registered on the share of rows that is nearest to it: outliers do not decide where it starts."""
+    """Nominal registered on the share of rows that is nearest to it: outliers do not affect the start."""
     nominal, share = registered(task, rows), max(int(CLOSEST * len(rows)), task.rows_at_least)
     before: Any = None
     for _ in range(ROUNDS):
@@ -329,7 +328,7 @@ def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
 
 
 def _weighed(unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
-    """The fit, repeated with the noise and the tolerances that its residuals are evidence of, until these settle."""
+    """The fit, repeated with noise and tolerances from the evidence of its residuals until these settle."""
     result = _fit_with(Weights.as_stated(rows), unknowns, rows, others, begin)
     if not estimated(unknowns) and not unexpected(result.found, rows):
         return result
@@ -360,8 +359,8 @@ def _noise(rows: RowBlocks, grown: Mapping[Factor, float]) -> Floats:
 
 
 def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
-    """The fit; amounts that would fall below their effect's least are held there, and leave everything as uncertain as
-    before they were held.
+    """The fit; amounts that would fall below their effect's lower bound are held there, with their uncertainty from
+    before.
     """
     found, held = estimate(unknowns, blocks, begin), np.zeros(len(unknowns.names), bool)
     while (below := unknowns.free & ~held & (found.deviations < unknowns.least)).any():

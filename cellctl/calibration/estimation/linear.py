@@ -1,4 +1,4 @@
-"""Rows about a state, linearised: where the others predict each of them, and how far it is from there."""
+"""Rows linearised about a state: each row's prediction from the others, and its distance from that."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from cellctl.kinematics import Bools, Floats
 class Linear:
     """Rows about a state: `away + columns @ x` in standard deviations, x the unknowns in tolerances, expected at 0.
 
-    away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): how many it
-    has. factors (N, k): which of the factors of noise each number has, one for each kind of number in each block; −1
-    where it is filled up. known (F, F), pull (F,): what holds x besides these rows: the tolerances, what is pinned, and
-    rows that are never in doubt, as normal equations; prior (F, F): that without the rows.
+    away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): count per row.
+    factors (N, k): index of each number's factor of noise, one factor for each kind of number in each block; −1 where
+    filled up. known (F, F), pull (F,): normal equations of everything besides these rows (tolerances, pinned
+    combinations, rows that are never outliers); prior (F, F): without the rows that are never outliers.
     """
 
     away: Floats
@@ -81,8 +81,8 @@ class Linear:
         return squared_distances(residual, predicted), x
 
     def scatter(self, kept: Bools) -> Floats:
-        """By how much the numbers of each kind (Q,) scatter more than stated about where the *other* kept rows predict
-        them: by the median of all, so that a few outliers do not count; 1 for a factor that no number has.
+        """Ratio (Q,) of actual to stated scatter of each kind of number about predictions by the *other* kept rows: by
+        the median of all, so that a few outliers do not count; 1 for a factor without numbers.
         """
         residual, predicted, _ = self._predicted(kept)
         squares = residual**2 / np.diagonal(predicted, axis1=-2, axis2=-1)
@@ -95,24 +95,24 @@ class Linear:
         """Residuals (N, k), their covariances (N, k, k) by the *other* kept rows; unknowns x (F,) by all of them."""
         x, covariance = self.normal(kept)
         spread = (_flat(self.columns) @ covariance).reshape(self.columns.shape) @ np.swapaxes(self.columns, -1, -2)
-        side = np.where(kept, -1.0, 1.0)[:, None, None]  # a kept row's own pull on x is taken out again
+        side = np.where(kept, -1.0, 1.0)[:, None, None]  # a kept row's own effect on x is removed
         predicted = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
         return self.away + self.columns @ x, predicted, x
 
     def misfit(self, kept: Bools, x: Floats) -> float:
-        """χ² of the kept rows about the model, and of the unknowns x (F,) about what was known of them beforehand."""
+        """χ² of the kept rows about the model, and of the unknowns x (F,) about their prior."""
         return float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2) + x @ self.prior @ x)
 
     def seen(self, noise: Floats) -> float:
-        """Natural logarithm of how much smaller all rows together, their standard deviations times `noise` (Q,), make
-        the volume of what x may be.
+        """Natural logarithm of the ratio by which all rows, their standard deviations times `noise` (Q,), shrink the
+        volume of possible x.
         """
         square = self.known + np.einsum("q,qfg->fg", noise[self._kinds] ** -2.0, self._squares)
         return float(0.5 * np.linalg.slogdet(square)[1])
 
     @cached_property
     def _kinds(self) -> Any:
-        """Factors that there are numbers of."""
+        """Factors that have numbers."""
         return np.unique(self.factors[self.factors >= 0])
 
     @cached_property
@@ -128,5 +128,5 @@ def squared_distances(residual: Floats, covariance: Floats) -> Floats:
 
 
 def _flat(columns: Floats) -> Floats:
-    """Columns (N, k, F) as (N k, F), of no unknown at all too."""
+    """Columns (N, k, F) as (N k, F), also without any unknown."""
     return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])

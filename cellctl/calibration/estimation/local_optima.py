@@ -1,7 +1,7 @@
-"""In which local optimum a new tool lies: the tools that explain the rows are weighed against each other.
+"""The local optimum of a new tool: tools that explain the rows are compared by their probability.
 
-Each is weighed by how probable it makes the rows, whatever all other parameters are within what is known of them:
-−2 ln p = r S⁻¹ r + ln det S with S = I + J P Jᵀ. A robot that is itself uncertain forgives a tool some residuals.
+Each tool is weighed by the probability of the rows, integrated over the prior of all other parameters:
+−2 ln p = r S⁻¹ r + ln det S with S = I + J P Jᵀ. An uncertain robot lowers the penalty of a tool's residuals.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 
 IMPROBABLE = 0.01
-"""A tool this many times less probable than the best is none."""
+"""A tool whose probability relative to the best is below this is rejected."""
 
 ALIKE = 0.5
-"""From these odds on two tools count as equally probable."""
+"""Two tools with odds of at least this count as equally probable."""
 
 BEYOND = 16.3
 """A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""
 
 
 def tools(unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> list[State]:
-    """Where tool and points may be: the start of `unknowns` with each tool that its touches run down to, the most
-    probable first; as it is where there are no touches.
+    """Hypotheses for tool and points: the start of `unknowns` with each tool from a local optimum of its touches, the
+    most probable first; unchanged where there are no touches.
     """
     touched = Touched.of(unknowns.start, rows, certain)
     if not len(touched.reach):
@@ -40,8 +40,8 @@ def tools(unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> list[
 
 
 def undecided(found: Estimate, rows: RowBlocks, certain: Sequence[Rows], others: Sequence[State]) -> Estimate:
-    """`found`; said not to have converged, with a σ that reaches as far, where the rows make a tool of `others`
-    hardly less probable, or are too few to find any.
+    """`found`; reported as not converged, with σ enlarged to cover them, where the rows make one of the tools `others`
+    almost as probable, or are too few to find any.
     """
     blocks = [*rows.blocks, *certain]
     best, rivals = improbability(found.unknowns, found.state, blocks), []
@@ -58,8 +58,8 @@ def undecided(found: Estimate, rows: RowBlocks, certain: Sequence[Rows], others:
 
 
 def improbability(unknowns: Unknowns, state: State, blocks: Sequence[Rows]) -> float:
-    """−2 ln of how probable `blocks` are about `state`, but for a constant; all that `unknowns.prior` doubts may
-    be anywhere within that.
+    """−2 ln of the probability of `blocks` about `state`, up to a constant; integrated over the uncertainty in
+    `unknowns.prior`.
     """
     assert unknowns.prior is not None
     size = np.sqrt(np.diag(unknowns.prior))
@@ -76,7 +76,7 @@ def improbability(unknowns: Unknowns, state: State, blocks: Sequence[Rows]) -> f
 
 
 def _move(here: State, there: State) -> Floats:
-    """By how much all parameters (P,) differ."""
+    """Difference of all parameters (P,)."""
     result = np.zeros(here.width)
     for columns, one, other in zip(here.columns, here.models, there.models, strict=True):
         result[columns] = other.deviations - one.deviations
@@ -85,19 +85,19 @@ def _move(here: State, there: State) -> Floats:
 
 
 def _is_another(found: Estimate, moved: Floats) -> bool:
-    """Whether the tool `moved` to (P,) lies outside what σ says of the one found."""
+    """Whether the tool `moved` to (P,) lies outside the σ of the one found."""
     tool = tool_of(found.state)
     return bool(moved[tool] @ np.linalg.solve(found.covariance[np.ix_(tool, tool)], moved[tool]) > BEYOND)
 
 
 def _spread(rivals: Sequence[tuple[float, Floats]], shape: tuple[int, ...]) -> Floats:
-    """Variance (P, P) of not knowing which tool it is, with rivals of such odds so far away (P,)."""
+    """Variance (P, P) from the open choice of tool, with the odds and distances (P,) of the rivals."""
     total = 1.0 + sum(odds for odds, _ in rivals)
     return np.asarray(sum((odds / total * np.outer(moved, moved) for odds, moved in rivals), np.zeros(shape)))
 
 
 def _too_few(touched: Touched) -> str:
-    """That distances are too few to find tool and points, in words; empty where they are not."""
+    """Message that distances are too few to find tool and points; empty where they are enough."""
     if not touched.lacking:
         return ""
     numbers = len(touched.reach) + len(touched.mm)
@@ -106,7 +106,7 @@ def _too_few(touched: Touched) -> str:
 
 
 def _open(found: Estimate, rivals: Sequence[tuple[float, Floats]]) -> str:
-    """That another tool is as good, in words."""
+    """Message that another tool is as good."""
     odds, moved = max(rivals, key=lambda rival: rival[0])
     away = float(np.linalg.norm(moved[tool_of(found.state)]))
     as_good = "as probable" if odds > ALIKE else f"{odds:.2g} times as probable"

@@ -1,7 +1,7 @@
-"""How far joint zeros have moved since a prior model was made, and how sure that is.
+"""Changes of joint zeros since a prior model was made, and their uncertainty.
 
-A zero's change is surer than the zero: what the prior model did not know of it (a turn of the base may pass for one of
-joint 1) is in both, and drops out.
+A zero's change is more precise than the zero: the prior model's error (a turn of the base may be confused with one
+of joint 1) is in both, and cancels.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cellctl.kinematics import Floats
 def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
     """Change of each joint's zero (n,) from `task.model` to `found`, and its 1 σ (n,), rad.
 
-    With the errors e of the prior model the new zeros come out wrong by A e_held + noise, their change by A e_held −
+    With the errors e of the prior model the new zeros are wrong by A e_held + noise, their change by A e_held −
     e_zeros + noise; Σ_new holds A Σ_held Aᵀ + noise, and A Σ_held beside it.
     """
     parameters = found.state.model.parameters
@@ -32,6 +32,6 @@ def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
 
 
 def _inverse(covariance: Floats) -> Floats:
-    """Inverse (H, H) of a covariance in mixed units; combinations known exactly have none, and no say."""
+    """Inverse (H, H) of a covariance in mixed units; combinations known exactly have none, and get weight 0."""
     scales = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     return np.asarray(np.linalg.pinv(covariance / scales, rcond=1e-12, hermitian=True) / scales)

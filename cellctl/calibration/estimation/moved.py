@@ -32,7 +32,7 @@ class Placing:
 def placing(task: Task, registered: State, rows: RowBlocks) -> Placing | None:
     """How far `task.model` is from the positions and poses of the first session in `rows`; None without such rows.
 
-    Further sessions may have places of their own, which no prior model knows.
+    Further sessions may have their own base and tool, which are not in a prior model.
     """
     measured = [block for block in rows.blocks if block.of_instrument and block.session == 0 and len(block)]
     if task.prior is None or not measured:

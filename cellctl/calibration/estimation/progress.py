@@ -1,4 +1,4 @@
-"""How a long computation says how far it is, without knowing who listens."""
+"""Progress reports of a long computation, independent of the receiver."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 Progress: TypeAlias = Callable[[str, float], None]
-"""Takes what is being done from now on, in a few words, and the share (0 … 1) of all work that lies behind it."""
+"""Takes the current activity, in a few words, and the share (0 … 1) of all work that is done."""
 
 
 def silent(doing: str, share: float) -> None:
-    """For those whom nobody watches."""
+    """Ignores the report."""
 
 
 def part_of(progress: Progress, begin: float, end: float, name: str = "") -> Progress:

@@ -1,7 +1,7 @@
-"""Where to start: base and tool in an instrument's frame, and fixed points, quickly, from nominal and the rows alone.
+"""Start values of base and tool in an instrument's frame, and of fixed points, from nominal and the rows alone.
 
 With G, g, t for the base's rotation transposed, its offset and the tool, G m + g − R t = p for each measured point m,
-flange position p and flange rotation R is linear once G need be no rotation: no start, and no local minimum.
+flange position p and flange rotation R is linear if G may be any matrix: no start value and no local minimum.
 Gauss–Newton steps on the rigid problem follow.
 """
 
@@ -21,16 +21,16 @@ from cellctl.kinematics import Floats, SerialChain, pose
 
 STEPS = 4
 HELD = 1e-6
-"""Directions of base and tool whose share of the points' motion is smaller than this are left as they are."""
+"""Directions of base and tool whose share of the points' motion is smaller than this are not changed."""
 
 PREFERRED = 0.25
-"""The tool of the linear problem has to leave less than this share of what the taught one leaves, in squares: where
-orientation hardly changes it is a loose one.
+"""The tool of the linear problem is used if its squared residual is below this share of the taught tool's: where
+orientation hardly changes it is poorly determined.
 """
 
 
 def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group]) -> RobotModel:
-    """`model` with those of base and tool that are `free` where the positions and poses among `blocks` want them."""
+    """`model` with those of base and tool that are `free` fitted to the positions and poses among `blocks`."""
     measured = [(block, xyz) for block in blocks if len(block) and (xyz := block.positions) is not None]
     if not measured or not free & PLACED:
         return model
@@ -44,8 +44,8 @@ def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset
 
 
 def fixed_points(models: Sequence[RobotModel], blocks: Sequence[Measured], rough: Floats) -> Floats:
-    """Spheres, anchors, sockets and poles of planes (S, 3), mm: where they roughly are, if that is known (`rough`, else
-    NaN), or where the first block that saw each wants it; those that none saw in the middle of what was.
+    """Spheres, anchors, sockets and poles of planes (S, 3), mm: `rough` where that is known (else NaN), otherwise from
+    the first block that measured each; points without a measurement are put in the middle of the others.
     """
     points = rough.copy()
     for index in np.flatnonzero(np.isnan(points).any(axis=1)):
@@ -76,14 +76,14 @@ def base_and_tool(flange: Floats, measured: Floats, taught: Floats) -> tuple[Flo
 
 
 def turned_tool(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
-    """`chain` with its tool turned as `measured` rotations (N, 3, 3) say at q (N, n), rad."""
+    """`chain` with its tool turned to fit `measured` rotations (N, 3, 3) at q (N, n), rad."""
     flange = chain.forward_flange(q)[:, :3, :3]
     turn = Rotation.from_matrix(np.matmul(np.swapaxes(flange, -1, -2), measured)).mean().as_matrix()
     return chain.with_tool(pose(turn, chain.tool_now[:3, 3]))
 
 
 def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Group]) -> SerialChain:
-    """`chain` with base, tool, or both, where `measured` (N, 3), mm, at q (N, n), rad, want them."""
+    """`chain` with base, tool, or both fitted to `measured` (N, 3), mm, at q (N, n), rad."""
     flange = chain.with_base(np.eye(4)).forward_flange(q)
     base, tool = chain.base_now, chain.tool_now
     if free >= PLACED:
@@ -137,7 +137,7 @@ def _left(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> float
 
 
 def _point(models: Sequence[RobotModel], blocks: Sequence[Measured], index: int) -> Floats:
-    """Where the first block that saw point `index` sees it (3,); NaN where none did."""
+    """Place (3,) of point `index` by the first block that measured it; NaN where none did."""
     for block in blocks:
         if np.any(mine := block.telling(index)):
             return block.pick(mine).place(models[block.session])

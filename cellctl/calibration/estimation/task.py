@@ -1,4 +1,4 @@
-"""What is to be identified, from what: rows, what may change, what is known beforehand, and where to start."""
+"""The task of an identification: rows, free parameters, priors, and start values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cellctl.kinematics import Bools, Floats
 @final
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Measurements between which nothing was set up anew. own: which of base and tool this session has to itself."""
+    """Measurements with one set-up. own: which of base and tool belong to this session alone."""
 
     name: str = ""
     own: frozenset[Group] = frozenset()
@@ -33,26 +33,24 @@ class Session:
 @final
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is identified, from what.
+    """Inputs of an identification.
 
     model: nominal robot, or a prior model. rows: everything measured, one block or several. points, rough: names of
-    spheres, sockets and planes, and where they roughly are (S, 3), mm (of planes the poles; NaN where not known).
-    datums: names of instruments that measure lengths from a zero that nobody knows. spacings: certified distances, or
+    spheres, sockets and planes, and their rough places (S, 3), mm (of planes the poles; NaN where not known).
+    datums: names of instruments that measure lengths from an unknown zero. spacings: certified distances, or
     None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
     effects that the model has.
-    sessions: by the blocks' numbers; the first has its base and tool to itself anyway.
+    sessions: by the blocks' numbers; the first always has its own base and tool.
 
-    prior (P, P): covariance of the model's own parameters where a prior model is updated. With it and no `groups`
-    everything is free within what that model was sure of, or further from it where the rows are evidence that the robot
-    has changed since; but for base and tool where an instrument measured: they are found anew. With `groups` these
-    alone are free, with nothing known of them (a crash, a new motor, a new tool), and the rest is held, as uncertain as
-    it was.
+    prior (P, P): covariance of the model's own parameters where a prior model is updated. With it and no `groups`,
+    everything is free within that model's uncertainty, or beyond it where the rows are evidence that the robot has
+    changed since; base and tool of an instrument's rows are found anew. With `groups` these alone are free, with a flat
+    prior (a crash, a new motor, a new tool), and the rest is held, with its uncertainty.
+    nominal: the robot as in its file, where `model` is a prior model: the baseline for the identified robot; None:
+    `model` itself. region: where the prior model was measured; None: unknown.
 
-    nominal: the robot as its file has it, where `model` is a prior model: what the identified robot has to be better
-    than; None: `model` itself. region: where the prior model was measured; None: unknown.
-
-    candidates: effects that the model may be widened by, in this order, as far as the rows pay for it (`ladder`); None:
-    the model is as it is.
+    candidates: effects that may be added to the model, in this order, as far as the rows support them (`ladder`); None:
+    the model's terms are fixed.
     """
 
     model: RobotModel
@@ -83,18 +81,18 @@ class Task:
 
     @property
     def partial(self) -> bool:
-        """Whether a prior model is kept but for a few groups."""
+        """Whether a prior model is held except for a few groups."""
         return self.prior is not None and self.groups is not None
 
     @property
     def retooled(self) -> bool:
-        """Whether a prior model has a new tool that nothing but distances tells of, their zeros known."""
+        """Whether a prior model has a new tool, measured only by distances with known zeros."""
         touched = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
         return self.partial and "tool" in self.freed and touched
 
     @property
     def registered(self) -> frozenset[Group]:
-        """Which of base and tool `model` is tied to an instrument by, with nothing known beforehand.
+        """Which of base and tool tie `model` to an instrument, with a flat prior.
 
         In partial work those that are free: a prior model is registered as the identified robot is.
         """
@@ -102,12 +100,12 @@ class Task:
 
     @property
     def of_nominal(self) -> Self:
-        """The same rows for the robot as its file has it, of which nothing else is known."""
+        """The same rows for the robot as in its file, without a prior model."""
         return replace(self, model=self.nominal or self.model, groups=None, prior=None, nominal=None, region=None)
 
     @property
     def registers_only(self) -> bool:
-        """Whether nothing is free but what registers the robot to the measurement."""
+        """Whether only the registration to the measurement is free."""
         unknowns = self.unknowns(self._somewhere())
         return not bool((self.identification(unknowns) & ~self.registration(unknowns)).any())
 
@@ -118,7 +116,7 @@ class Task:
 
     @property
     def registering(self) -> int:
-        """How many numbers registration has to find: 3 for each point, 1 for each datum, 9 or 12 for base and tool in
+        """Count of numbers that registration finds: 3 for each point, 1 for each datum, 9 or 12 for base and tool in
         an instrument.
         """
         return max(int(np.count_nonzero(self.registration(self.unknowns(self._somewhere())))), 1)
@@ -128,7 +126,7 @@ class Task:
         return replace(self, model=self.model.with_effects(effects))
 
     def unknowns(self, start: State) -> Unknowns:
-        """All parameters about `start`, all free, with what is known of them."""
+        """All parameters about `start`, all free, with their priors."""
         names = [session.name for session in self.sessions[1:]]
         of = partial(Unknowns.of, start, self.points, self.tolerances)
         taught = of(sessions=names, datums=self.datums, planes=self.planes)
@@ -158,18 +156,18 @@ class Task:
         return np.asarray(free & (np.diag(known) > 0.0))  # what the prior model held stays held
 
     def start(self, rows: RowBlocks) -> State:
-        """Where nominal begins, from the model and `rows` alone."""
+        """Start of nominal, from the model and `rows` alone."""
         return self.fixed_by(self.placed(rows), rows)
 
     def changed(self, rows: RowBlocks) -> State:
-        """Where what is identified begins, from the model and `rows` alone: base or tool that are new to a prior model
-        are where the rows want them.
+        """Start of the identification, from the model and `rows` alone: base or tool that are new to a prior model are
+        fitted to the rows.
         """
         return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
 
     def fixed_by(self, models: Sequence[RobotModel], rows: RowBlocks) -> State:
-        """`models`, one for each session, with points where they roughly are, or where the models see them by `rows`,
-        and with the zeros of lengths.
+        """`models`, one for each session, with points at their rough places, or else where `rows` put them, and the
+        zeros of lengths.
         """
         rough = np.full((len(self.points), 3), np.nan) if self.rough is None else self.rough
         own = [session.own for session in self.sessions[1:]]
@@ -197,12 +195,12 @@ class Task:
         return result & unknowns.among(PLACED)
 
     def _unturned(self, unknowns: Unknowns) -> Bools:
-        """The tool's turns (P,) where nothing measured them: a point has no orientation."""
+        """The tool's turns (P,) that no row measured: a point has no orientation."""
         turns = np.array([each.group == "tool" and each.turns for each in unknowns.parameters])
         return np.asarray(turns & ~self._seen_by(unknowns, lambda block: block.orientations is not None))
 
     def _with_prior(self, unknowns: Unknowns, flat: Floats, unknown: Bools) -> Unknowns:
-        """These unknowns as a prior model knew them, but for what is to be found anew."""
+        """These unknowns with a prior model's covariance, except those to be found anew."""
         assert self.prior is not None
         covariance = np.zeros((len(unknowns.names),) * 2)
         covariance[: unknowns.robot, : unknowns.robot] = self.prior
@@ -218,14 +216,14 @@ class Task:
         return replace(unknowns, sigma=sigma, prior=covariance)
 
     def _found_anew(self, unknowns: Unknowns, flat: Floats) -> Floats:
-        """Prior 1 σ (P,) of what has been lost, or is new."""
+        """Prior 1 σ (P,) of parameters that have been lost, or are new."""
         lost = np.deg2rad(self.tolerances.lost_zero_deg)
         sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
         return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
 
     def placed(self, rows: RowBlocks, anew: frozenset[Group] = frozenset()) -> list[RobotModel]:
-        """The robot in each session, those of base and tool near what its instrument says that nominal is tied to it
-        by, that are in `anew`, or that are the session's own.
+        """The robot in each session; base and tool are fitted to the instrument's rows if nominal is tied by them, if
+        they are in `anew`, or if they are the session's own.
         """
         groups = self.registered | anew
         models: list[RobotModel] = []

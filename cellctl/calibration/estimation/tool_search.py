@@ -19,32 +19,32 @@ from cellctl.kinematics import Bools, Floats
 
 SHELLS_MM = (5.0, 15.0, 40.0, 100.0)
 DIRECTIONS = 16
-"""Tools that are tried: in so many directions at each of these distances."""
+"""Tools are tried in so many directions at each of these distances."""
 
 ROUNDS = 4
-"""Times that tools are tried round the best one so far; the search ends where that finds nothing better."""
+"""Maximum rounds about the best tool so far; the search ends at a round without a better one."""
 
 UNSEEN = 1e-30
-"""Holds tool and points that no distance sees: a point that begins at the TCP has no direction to go."""
+"""Holds tool and points that no distance determines: a point that starts at the TCP has no gradient."""
 
 STEPS = 40
 SETTLED = 1e-6
 """A step that lowers χ² by less than this, absolutely or relative to it, is the last."""
 
 TOUCHES = 200
-"""The search looks at so many touches at most."""
+"""The search uses at most so many touches."""
 
 APART_MM = 0.5
 """Tools nearer than this to each other are one."""
 
 MOST = 8
-"""So many tools are told apart, those nearest to the rows."""
+"""At most so many distinct tools are kept, those nearest to the rows."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """The touches made with the first session's tool, as they see that tool and their points.
+    """The touches made with the first session's tool, as equations for that tool and their points.
 
     tcps (N, 3), mm: with the tool as `state` has it; turn (N, 3, 3): how they move with it; point (N,): among `points`,
     the numbers of those touched; reach, sigma (N,), mm. pairs (M, 2), among `points`, mm, pair_sigma (M,): certified
@@ -64,7 +64,7 @@ class Touched:
 
     @classmethod
     def of(cls, state: State, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
-        """What `rows`, and certified distances among `certain`, say of them."""
+        """From `rows`, and certified distances among `certain`."""
         shared = _sharing_the_tool(state)
         blocks = [block for block in rows.blocks if isinstance(block, TouchRows) and shared[block.session]]
         seen = [(state.models[block.session], block) for block in blocks]
@@ -87,16 +87,16 @@ class Touched:
 
     @property
     def unknown(self) -> int:
-        """How many numbers are looked for."""
+        """Count of unknown numbers."""
         return 3 + 3 * len(self.points)
 
     @property
     def lacking(self) -> int:
-        """How many distances there are too few to find them, and to check that by one at least."""
+        """Count of distances that are missing to find them, with one at least as a check."""
         return max(self.unknown + 1 - len(self.reach) - len(self.mm), 0)
 
     def local_optima(self) -> list[State]:
-        """The state with each tool, and its points, that the touches run down to; those nearest to the rows first."""
+        """The state at each local optimum of tool and points; those nearest to the rows first."""
         found, costs = self._searched()
         chosen: list[Floats] = []
         for index in np.argsort(costs, kind="stable"):
@@ -119,7 +119,7 @@ class Touched:
         return replace(state, models=tuple(models), points=points)
 
     def _searched(self) -> tuple[Floats, Floats]:
-        """What tool and points (K, F) run down to from many tools, and their χ² (K,)."""
+        """Local optima of tool and points (K, F) from many start tools, and their χ² (K,)."""
         some = self._fewer(TOUCHES)
         found, costs = some._settled(some._starts(np.zeros(3)))
         for _ in range(ROUNDS):
@@ -132,14 +132,14 @@ class Touched:
         return found, costs
 
     def _starts(self, middle: Floats) -> Floats:
-        """Tools round `middle` (3,), each with its points in the middle of their touches (K, F)."""
+        """Tools about `middle` (3,), each with its points in the middle of their touches (K, F)."""
         tools = middle + np.concatenate([np.zeros((1, 3)), *(size * _directions(DIRECTIONS) for size in SHELLS_MM)])
         tcps = self.tcps + np.einsum("nij,kj->kni", self.turn, tools)
         middles = [tcps[:, self.point == index].mean(axis=1) for index in range(len(self.points))]
         return np.concatenate([tools, *middles], axis=1)
 
     def _settled(self, x: Floats) -> tuple[Floats, Floats]:
-        """All of x (K, F) run down to the nearest valley by Levenberg–Marquardt, and χ² there (K,)."""
+        """The local optimum nearest to each x (K, F), by Levenberg–Marquardt, and χ² there (K,)."""
         damping = np.full(len(x), 1e-3)
         away, columns = self._linear(x)
         cost = np.sum(away**2, axis=1)
@@ -156,7 +156,7 @@ class Touched:
         return x, cost
 
     def _linear(self, x: Floats) -> tuple[Floats, Floats]:
-        """How far touches and certified distances are from x (K, F), in σ (K, N + M); and how that changes (…, F)."""
+        """Residuals of touches and certified distances at x (K, F), in σ (K, N + M); their derivative (…, F)."""
         points = x[:, 3:].reshape(len(x), -1, 3)
         away = self.tcps + np.einsum("nij,kj->kni", self.turn, x[:, :3]) - points[:, self.point]
         both = np.concatenate([away, points[:, self.pairs[:, 0]] - points[:, self.pairs[:, 1]]], axis=1)
@@ -183,7 +183,7 @@ class Touched:
 
 
 def _damped(columns: Floats, away: Floats, damping: Floats) -> Floats:
-    """Levenberg–Marquardt steps (K, F), each damping held to what its unknown is seen by."""
+    """Levenberg–Marquardt steps (K, F), each unknown's damping scaled by its sensitivity."""
     turned = columns.swapaxes(1, 2)
     square = turned @ columns
     seen = np.einsum("kff->kf", square)
@@ -201,13 +201,13 @@ def _directions(count: int) -> Floats:
 
 
 def tool_of(state: State) -> list[int]:
-    """Where the first session's model has the tool's place among its parameters."""
+    """Indices of the tool's place among the parameters of the first session's model."""
     parameters = enumerate(state.model.parameters)
     return [place for place, each in parameters if each.group == "tool" and not each.turns]
 
 
 def _sharing_the_tool(state: State) -> Bools:
-    """Which sessions have the first one's tool."""
+    """Which sessions use the first session's tool."""
     tool = tool_of(state)
     return np.array([np.array_equal(columns[tool], state.columns[0][tool]) for columns in state.columns])
 

@@ -1,1 +1,1 @@
-"""The robot's model: what a fit may change, where the robot stood, and how it moves there."""
+"""The robot's model: its parameters, its postures, and its motion there."""

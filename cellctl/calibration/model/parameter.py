@@ -1,4 +1,4 @@
-"""What a fit may change, one number each: its name in files, its unit, what it belongs to, and its words for people."""
+"""Parameters of a fit, one number each: name in files, unit, group, and wording for people."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Group: TypeAlias = str
 @final
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit as files have it, and the one that people are shown with the factor to it."""
+    """A unit as in files, the unit shown to people, and the factor between them."""
 
     name: str
     shown: str
@@ -31,9 +31,9 @@ RAD = Unit("rad", "°", math.degrees(1.0))
 @final
 @dataclass(frozen=True, slots=True)
 class Phrase:
-    """How several parameters of a kind are named together: `one` or `many`, where `{}` stands for the items.
+    """How several parameters of a kind are named together: `one` or `many`, where `{}` is replaced by the items.
 
-    part: of phrases of one group that which comes first.
+    part: position among the phrases of one group.
     """
 
     one: str
@@ -56,11 +56,11 @@ class Phrase:
 class Parameter:
     """One parameter of a fit.
 
-    name: as in files, unlike any other of the fit. unit; group: what it is freed and held with. label: as a metrologist
-    writes it (`θ2`, `tool X`). phrase, item: how it is named together with others of its kind. joint: from 1; 0 where
-    it belongs to none. session: whose own it is; empty for the first session's and the robot's. axis: of a frame, x y z
-    a b c. column: of a link table (`theta`, `d`, …). owner: the fixed point or the datum that it is of. band: what its
-    prior is scaled together with, where that is less than its group.
+    name: as in files, unique in the fit. unit; group: freed and held together. label: as a metrologist writes it
+    (`θ2`, `tool X`). phrase, item: how it is named together with others of its kind. joint: from 1; 0 where it belongs
+    to none. session: its own session; empty for the first session's and the robot's. axis: of a frame, x y z a b c.
+    column: of a link table (`theta`, `d`, …). owner: its fixed point or datum. band: the set with which its prior is
+    scaled, where that is smaller than its group.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Parameter:
 
     @property
     def scaled_with(self) -> str:
-        """What its prior is scaled together with: its band, or its group."""
+        """The set with which its prior is scaled: its band, or its group."""
         return self.band or self.group
 
     @property
@@ -92,7 +92,7 @@ class Parameter:
         return self.group in ARM
 
     def in_session(self, session: str) -> Parameter:
-        """The same of base or tool, in a session of its own: `base_x@NAME`."""
+        """The same parameter of base or tool, in its own session: `base_x@NAME`."""
         where = f" in session {session}"
         phrase = replace(self.phrase, one=self.phrase.one + where, many=self.phrase.many + where)
         return replace(
@@ -109,7 +109,7 @@ _TURNED = {"a": "Z", "b": "Y", "c": "X"}
 
 
 def of_chain(chain: SerialChain) -> tuple[Parameter, ...]:
-    """The parameters (P,) of a chain, in its order. The only place that reads what a chain calls them."""
+    """The parameters (P,) of a chain, in its order. Only this function reads a chain's names."""
     units = (RAD if turns else MM for turns in chain.parameter_turns)
     return tuple(_of_chain(name, unit) for name, unit in zip(chain.parameters, units, strict=True))
 
@@ -142,7 +142,7 @@ def of_point(name: str, *, plane: bool = False) -> list[Parameter]:
     """The three of a fixed point called `name`; of a plane those of its pole."""
     if plane:
         begin, owner, phrase = f"{name}_plane", f"plane {name}", Phrase("plane {}", "planes {}", 1)
-    else:  # a sphere may well be called `tool`, and its `_x` must make no name of the robot's own
+    else:  # a sphere may be called `tool`; its `_x` must differ from the robot's own names
         begin = owner = f"point {name}" if name in FRAMES else name
         phrase = Phrase("centre of {}", "centres of {}")
     item = name if plane else begin
@@ -153,6 +153,6 @@ def of_point(name: str, *, plane: bool = False) -> list[Parameter]:
 
 
 def of_datum(name: str) -> Parameter:
-    """The length that the instrument `name` shows at none."""
+    """The reading of the instrument `name` at length 0."""
     label, phrase = f"{name}_zero", Phrase("zero of {}", "zeros of {}")
     return Parameter(label, MM, "datums", label, phrase, name, owner=f"the zero {name}")

@@ -1,4 +1,4 @@
-"""Where the robot stood when something was measured, and what may bend, warm or push it there."""
+"""Postures of the robot at its measurements, with the conditions there: approach, temperature, payload."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike
 from cellctl.kinematics import Floats
 
 Condition: TypeAlias = Literal["approach", "delta_t", "payload"]
-"""What may be noted of a robot besides where its joints are."""
+"""Conditions that may be recorded besides the joint angles."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """Joint angles of N rows with the conditions of each; a condition that nobody noted is None.
+    """Joint angles of N rows with the conditions of each; a condition that was not recorded is None.
 
-    q (N, n): model angles, rad. approach (N, n): which way each joint last moved, in the model's sense: 1, −1, or 0
+    q (N, n): model angles, rad. approach (N, n): direction of each joint's last move, in the model's sense: 1, −1, or 0
     where it is not known. delta_t (N,): degrees Celsius above the temperature at which the model's lengths hold.
-    payload (N,): mass at the tool centre point, kg, besides what the tool itself weighs.
+    payload (N,): mass at the TCP, kg, without the tool's own.
     """
 
     q: Floats
@@ -47,9 +47,9 @@ class Postures:
 
 
 At: TypeAlias = Postures | ArrayLike
-"""Postures, or model angles (..., n), rad, of a robot whose conditions nobody noted."""
+"""Postures, or model angles (..., n), rad, of a robot whose conditions were not recorded."""
 
 
 def varies(values: Floats | None) -> bool:
-    """Whether a condition (N,) was noted, and is not always the same."""
+    """Whether a condition (N,) was recorded, and is not constant."""
     return values is not None and bool(values.max() - values.min() > 1e-9)

@@ -1,4 +1,4 @@
-"""What a robot does, as a model: its chain, and effects that turn its joints or shift its tool besides."""
+"""The model of a robot: its chain, and effects that turn its joints or shift its TCP."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cellctl.kinematics import Bools, Floats, SerialChain
 _EffectPart: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
 
 BLOCK = 2048
-"""Postures whose effects are worked out at a time: harmonics have hundreds of amounts."""
+"""Postures per computation of the effects: harmonics have hundreds of amounts."""
 
 
 @final
@@ -54,7 +54,7 @@ class RobotModel:
 
     @cached_property
     def least(self) -> Floats:
-        """What no parameter (P,) is below, in its unit; −inf where nothing is known of that."""
+        """Lower bound of each parameter (P,), in its unit; −inf where there is none."""
         of_chain = np.full(len(self.chain.parameters), -np.inf)
         return np.concatenate([of_chain, *(effect.least for effect in self.effects)])
 
@@ -70,22 +70,22 @@ class RobotModel:
         return tuple(effect for effect in self.effects if isinstance(effect, ResidualModel))
 
     def open_variance(self, at: At) -> Floats:
-        """What its residual models leave open at each posture (N,): mm² of the tool's place on each axis."""
+        """Variance that its residual models leave open at each posture (N,): mm² of the TCP on each axis."""
         postures = Postures.of(at)
         return np.asarray(sum((each.variance(postures) for each in self.residual_models), np.zeros(len(postures))))
 
     def outside(self, at: At) -> Floats:
-        """How far each posture (N,) is outside those that its residual models need: 0 to 1, a share of variance."""
+        """How far each posture (N,) is outside the region of its residual models: 0 to 1, a share of variance."""
         postures = Postures.of(at)
         of_each = [np.zeros(len(postures)), *(each.outside(postures) for each in self.residual_models)]
         return np.asarray(np.max(of_each, axis=0))
 
     def amount(self, name: str) -> float | None:
-        """The value of parameter `name` as it is now; None where this model has none of that name."""
+        """The value of parameter `name` as it is now; None where this model has no such parameter."""
         return float(self.deviations[self.names.index(name)]) if name in self.names else None
 
     def on(self, base: ArrayLike, tool: ArrayLike) -> Self:
-        """This model with base and tool at poses (4, 4), mm, from which their deviations count."""
+        """This model with base and tool at poses (4, 4), mm, the zeros of their deviations."""
         return replace(self, chain=self.chain.with_base(base).with_tool(tool))
 
     def with_effects(self, effects: tuple[Effect, ...]) -> Self:
@@ -100,11 +100,11 @@ class RobotModel:
         return replace(self, chain=self.chain.with_parameters(given[:of_chain]), amounts=given[of_chain:])
 
     def tcp(self, at: At) -> Floats:
-        """Tool centre point (..., 3), mm, in the measuring frame."""
+        """TCP (..., 3), mm, in the measuring frame."""
         return np.asarray(self.pose(at)[..., :3, 3])
 
     def pose(self, at: At) -> Floats:
-        """Pose of the tool centre point (..., 4, 4), mm, in the measuring frame."""
+        """Pose of the TCP (..., 4, 4), mm, in the measuring frame."""
         postures = Postures.of(at)
         if not self.effects:
             return _shaped(self.chain.forward(postures.q), at)
@@ -112,7 +112,7 @@ class RobotModel:
         return _shaped(np.concatenate(parts) if parts else self.chain.forward(postures.q), at)
 
     def jacobian(self, at: At) -> Floats:
-        """How the tool moves with the parameters (..., 6, P): position (mm), then rotation (rad), per unit of each."""
+        """Jacobian of the TCP by the parameters (..., 6, P): position (mm), then rotation (rad), per unit of each."""
         postures = Postures.of(at)
         if not self.effects:
             return _shaped(self.chain.parameter_jacobian(postures.q), at)
@@ -139,13 +139,13 @@ class RobotModel:
 
     @cached_property
     def _nominal(self) -> SerialChain:
-        """The chain of the table alone, in its own base frame: what the effects are worked out on."""
+        """The chain of the table alone, in its own base frame; effects are computed on it."""
         bare = self.chain.with_parameters(np.zeros(len(self.chain.parameters)))
         return bare.with_base(np.eye(4))
 
     @cached_property
     def _of_base(self) -> Any:
-        """Places of the parameters that turn or move the base: they carry the shifts along."""
+        """Indices of the parameters that turn or move the base: they also move the shifts."""
         return np.flatnonzero([parameter.group == "base" for parameter in self.parameters])
 
     def _bent_pose(self, at: Postures) -> Floats:
@@ -171,7 +171,7 @@ class RobotModel:
         return q
 
     def _shift(self, at: Postures, parts: list[_EffectPart]) -> Floats:
-        """The tool's shift (N, 3), mm, in the measuring frame."""
+        """The TCP's shift (N, 3), mm, in the measuring frame."""
         total = np.zeros((len(at), 3))
         for place, _, shifted in parts:
             if shifted is not None:
@@ -180,7 +180,7 @@ class RobotModel:
 
 
 def _shaped(result: Floats, at: At) -> Floats:
-    """`result` (N, …) in the shape that the angles came in."""
+    """`result` (N, …) in the shape of the given angles."""
     if isinstance(at, Postures):
         return result
     return result.reshape(*np.shape(at)[:-1], *result.shape[1:])

@@ -1,4 +1,4 @@
-"""What a fit may change, and how far it is expected to: states, groups, tolerances, priors."""
+"""Unknowns of a fit and their priors: states, groups, tolerances."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.kinematics import Bools, Floats, SerialChain
 
 GEOMETRY = "geometry"
-"""The name for all that a table of links holds: joint zeros and links."""
+"""The name for all parameters of a link table: joint zeros and links."""
 
 PLACED: frozenset[Group] = FRAMES
-"""What ties a robot to an instrument."""
+"""Groups that tie a robot to an instrument."""
 
 
 def members(groups: frozenset[Group], chain: SerialChain) -> frozenset[Group]:
-    """`groups` with `geometry` replaced by what it stands for; screws need no joint zeros of their own beside it."""
+    """`groups` with `geometry` replaced by its groups; screws include the joint zeros."""
     if GEOMETRY not in groups:
         return groups
     return groups - {GEOMETRY} | ({"links"} if str(chain.convention) == "poe" else {"links", "zeros"})
@@ -30,12 +30,12 @@ def members(groups: frozenset[Group], chain: SerialChain) -> frozenset[Group]:
 @final
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """What is known before the measurement: 1 σ of each kind of parameter about the nominal value.
+    """Priors before the measurement: 1 σ of each kind of parameter about the nominal value.
 
     `link_mm` and `angle_deg` hold for a table's lengths and angles, and for the places and tilts of axes; `tool_mm` and
     `tool_deg` for a taught tool; `lost_zero_deg` for a joint that has lost its mastering, by a crash or a new motor.
-    `flat_mm` and `flat_rad` stand for *nothing is known* (base and tool in an instrument's frame, sphere centres): so
-    wide that they move no result, finite so that every problem is well posed. What an effect expects, it says itself.
+    `flat_mm` and `flat_rad` are flat priors (base and tool in an instrument's frame, sphere centres): too wide to
+    affect a result, finite so that every problem is well posed. Each effect states its own prior.
     """
 
     link_mm: float = 0.5
@@ -53,9 +53,9 @@ class Tolerances:
 class State:
     """The state of a fit: the robot in each session, and the unknown points (S, 3), mm, in the measuring frame.
 
-    models: one for each session, alike but for base and tool. columns: for each, which of the `width` columns of a
-    Jacobian each of its parameters has; the points' x, y, z come after them, the datums last. datums (D,): what each
-    instrument whose zero nobody knows would show at no length at all, mm.
+    models: one for each session, different only in base and tool. columns: for each, which of the `width` columns of a
+    Jacobian each of its parameters has; the points' x, y, z follow, the datums are last. datums (D,): what each
+    instrument with unknown zero would read at length 0, mm.
     """
 
     models: tuple[RobotModel, ...]
@@ -77,7 +77,7 @@ class State:
         points: Floats,
         datums: Floats | None = None,
     ) -> Self:
-        """Several sessions; `own` names for each after the first which of base and tool it has to itself."""
+        """Several sessions; `own` names, for each after the first, which of base and tool are its own."""
         parameters = models[0].parameters
         columns, width = [np.arange(len(parameters))], len(parameters)
         for groups in own:
@@ -109,7 +109,7 @@ class State:
 
     @property
     def width(self) -> int:
-        """How many columns a Jacobian has."""
+        """Number of columns of a Jacobian."""
         return self.datums_at + self.datums.size
 
     def spread(self, columns: Floats, session: int) -> Floats:
@@ -126,10 +126,10 @@ class State:
 class Unknowns:
     """All parameters of a fit in one row: the model's, each further session's own, the points' x, y, z, the datums.
 
-    parameters (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: where each is
-    expected. prior (P, P): covariance in place of `sigma`, where more is known than that; those not free are then not
-    certain either: what they are not known to carries over into everything that is found. pinned (H, P): combinations,
-    in units of `sigma`, that stay where they start because nothing can see them; they are not certain by that.
+    parameters (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: expected values.
+    prior (P, P): covariance in place of `sigma`, where more is known; parameters that are not free then have an
+    uncertainty too, carried over into all results. pinned (H, P): combinations, in units of `sigma`, that stay
+    at their start because they are unobservable; that does not make them certain.
     """
 
     start: State
@@ -151,10 +151,10 @@ class Unknowns:
         datums: Sequence[str] = (),
         planes: Collection[int] = (),
     ) -> Self:
-        """Every parameter of `start`, all free. In groups named `flat`, nothing is known beforehand.
+        """Every parameter of `start`, all free. Groups named `flat` have a flat prior.
 
-        sessions: names of those after the first: their own parameters are called `base_x@NAME`. Those of points are
-        called `NAME_x`, datums `NAME_zero`. planes: which of the points are planes, whose three are those of the pole.
+        sessions: names of all after the first; their own parameters are called `base_x@NAME`, those of points
+        `NAME_x`, datums `NAME_zero`. planes: which points are planes, with the three numbers of the pole.
         """
         model = start.model
         expected = _expected(model, flat, tolerances)
@@ -180,7 +180,7 @@ class Unknowns:
         return tuple(parameter.group for parameter in self.parameters)
 
     def only(self, groups: frozenset[Group]) -> Self:
-        """These unknowns with none but `groups` free."""
+        """These unknowns with only `groups` free."""
         return replace(self, free=self.free & self.among(groups))
 
     def among(self, groups: frozenset[Group]) -> Bools:
@@ -189,12 +189,12 @@ class Unknowns:
         return np.array([group in wanted for group in self.groups])
 
     def masked(self, free: Bools) -> Self:
-        """These unknowns with none but those at `free` (P,) free."""
+        """These unknowns with only those at `free` (P,) free."""
         return replace(self, free=self.free & free)
 
     def with_prior_scale(self, factors: Mapping[Group, float]) -> Self:
-        """These unknowns with the tolerances of some groups wider by a factor; or, of a prior model, with as much more
-        that may have changed since (`change`).
+        """These unknowns with the tolerances of some groups wider by a factor; or, with a prior model, with that much
+        added as possible change since (`change`).
         """
         wider = np.array([factors.get(group, 1.0) for group in self.scaled_with])
         if self.prior is None:
@@ -203,7 +203,7 @@ class Unknowns:
 
     @property
     def scaled_with(self) -> tuple[str, ...]:
-        """What the prior of each parameter (P,) is scaled together with: its group; or its band, which is less.
+        """The set with which each parameter's (P,) prior is scaled: its group, or its band within that.
 
         Where a prior model's covariance is given, groups are scaled as a whole.
         """
@@ -215,8 +215,8 @@ class Unknowns:
     def change(self) -> Floats:
         """Variance (P,), in tolerances, that each parameter gains where its group's factor² grows by 1.
 
-        A robot changes without regard to how well it was known: all that is free of a group gains alike, so much that
-        the 1 σ grow by the factor in the root mean square. Without a prior model that is 1.
+        A robot's changes do not depend on how well it was known: all free parameters of a group gain alike, so that the
+        root mean square of the 1 σ grows by the factor. Without a prior model that is 1.
         """
         if self.prior is None:
             return np.ones(len(self.names))
@@ -236,7 +236,7 @@ class Unknowns:
         return np.asarray(~self.free & (np.diag(self.prior) > 0.0))
 
     def known(self, columns: Any) -> Floats:
-        """What is known beforehand of the parameters at `columns` (C,): their covariance (C, C), in tolerances."""
+        """Prior covariance (C, C) of the parameters at `columns` (C,), in tolerances."""
         if self.prior is None:
             return np.eye(len(columns))
         scale = self.sigma[columns]
@@ -248,7 +248,7 @@ class Unknowns:
 
     @property
     def least(self) -> Floats:
-        """The lowest deviation (P,) from the start that an effect allows; −inf where nothing is said of that."""
+        """The lowest deviation (P,) from the start that an effect allows; −inf where there is no bound."""
         result = np.full(len(self.names), -np.inf)
         for model, columns in zip(self.start.models, self.start.columns, strict=True):
             result[columns] = model.least - model.deviations
@@ -256,7 +256,7 @@ class Unknowns:
 
     @property
     def robot(self) -> int:
-        """How many parameters are those of the robot in its first session; the rest are placements and points."""
+        """Count of the robot's parameters in its first session; the rest are placements and points."""
         return len(self.start.model.parameters)
 
     def state(self, deviations: Floats) -> State:
@@ -271,7 +271,7 @@ class Unknowns:
 
 
 def _expected(model: RobotModel, flat: frozenset[Group], tolerances: Tolerances) -> list[float]:
-    """Prior 1 σ of each parameter (P,) of a model: by the tolerances, and by what its effects expect."""
+    """Prior 1 σ of each parameter (P,) of a model, from the tolerances and its effects."""
     of_chain = model.parameters[: len(model.chain.parameters)]
     of_effects = [float(sigma) for effect in model.effects for sigma in effect.sigma]
     return [_sigma(parameter, flat, tolerances) for parameter in of_chain] + of_effects

@@ -1,4 +1,4 @@
-"""The same measurements at other postures: what rows would see, had the robot moved otherwise."""
+"""The same measurements at other postures: what rows would show with other robot motion."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from cellctl.calibration.rows import Measured, Rows, SocketRows
 from cellctl.kinematics import Bools, Floats
 
 ROWS = 60
-"""Rows of each block that stand for all of them."""
+"""Sample size of rows for each block."""
 
 STEPS = 40
 FURTHEST_RAD = 0.4
-"""Of a joint, in one step on the way back to a fixed point."""
+"""Largest step of a joint on the way back to a fixed point."""
 
 BACK_MM = 1e-3
-"""A TCP this near to its point is there."""
+"""A TCP this near to its point has reached it."""
 
 DAMPING_MM2 = 1.0
 
@@ -37,7 +37,7 @@ def thinned(block: Measured) -> Measured:
 def moved(block: Measured, state: State, joints: Bools, by_rad: float) -> Measured:
     """The rows with each of `joints` (n,) moved by up to `by_rad`, at random.
 
-    Where the TCP is held by a fixed point the other joints bring it back; rows at which they cannot are left out.
+    Where a fixed point holds the TCP, the other joints bring it back; rows where they cannot are left out.
     """
     spread = np.random.default_rng(len(block)).uniform(-by_rad, by_rad, block.q.shape)
     q, model = block.q + np.where(joints, spread, 0.0), state.models[block.session]
@@ -48,18 +48,18 @@ def moved(block: Measured, state: State, joints: Bools, by_rad: float) -> Measur
 
 
 def brought(block: Measured, model: RobotModel, q: Floats, tcps: Floats, joints: Bools) -> Measured:
-    """The rows with their TCPs at `tcps` (N, 3), mm, brought there from angles `q` (N, n) by `joints` (n,) alone; those
-    that do not get there are left out.
+    """The rows with their TCPs moved to `tcps` (N, 3), mm, from angles `q` (N, n) by `joints` (n,) alone; rows that
+    do not reach it are left out.
     """
     q = _reaching(block, model, q, tcps, joints)
     return _at(block, q, model).pick(_away(block, model, q, tcps) < BACK_MM)
 
 
 def in_their_sockets(block: Measured, state: State) -> Measured:
-    """Visits to sockets with each TCP quite in its socket, where the robot can bring it there; others as they are.
+    """Visits to sockets with each TCP exactly in its socket, where the robot can reach it; others unchanged.
 
-    TCPs that scatter about their socket, because the robot is not yet identified, would show by that scatter how the
-    robot is turned as a whole.
+    Before identification TCPs scatter about their socket, and this scatter would make the orientation of the robot as a
+    whole observable.
     """
     if not isinstance(block, SocketRows) or not len(block):
         return block
@@ -92,7 +92,7 @@ def under(block: Measured, **conditions: Any) -> Measured:
 
 
 def lines(unknowns: Unknowns, blocks: Any) -> Floats:
-    """How rows move with the free unknowns (K, F) where these start, in their σ per tolerance."""
+    """Derivative of the rows by the free unknowns (K, F) at their start, in the rows' σ per tolerance."""
     free = np.flatnonzero(unknowns.free)
     found = [_lines(unknowns, block, free) for block in blocks if len(block)]
     return np.concatenate([np.zeros((0, free.size)), *found])
@@ -107,5 +107,5 @@ def _with(block: Measured, q: Floats) -> Postures:
 
 
 def _at(block: Measured, q: Floats, model: RobotModel) -> Measured:
-    """The block at angles `q` (N, n), with poses as the model has them there."""
+    """The block at angles `q` (N, n), with the model's poses there."""
     return block.moved_to(_with(block, q), model)

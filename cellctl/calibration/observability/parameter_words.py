@@ -1,4 +1,4 @@
-"""Parameters in a person's words: `θ5`, `tool translation along X, Y`, `compliance of joint 2`, `centres of S1, S2`."""
+"""Parameters in words: `θ5`, `tool translation along X, Y`, `compliance of joint 2`, `centres of S1, S2`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LAST = ("points", "datums")
 
 
 def in_words(parameters: Sequence[Parameter]) -> list[str]:
-    """The parameters as phrases, alike ones in one: links, tool, base, effects, points, zeros of lengths."""
+    """The parameters as phrases, similar ones joined: links, tool, base, effects, points, zeros of lengths."""
     items: dict[tuple[int, str, int, Phrase], list[str]] = {}
     for each in parameters:
         owner = each.session if each.group in _FIRST else ""
@@ -33,8 +33,8 @@ def _rank(parameter: Parameter) -> int:
 
 
 def phrases(combinations: Sequence[Sequence[Parameter]], most: int | None = None) -> list[str]:
-    """`θ2 with a2, α3` of each combination of parameters, with `and 24 others` beyond `most` phrases; those that stand
-    alone in one, last: `θ5; d5; backlash of joints 1, 2: each alone`.
+    """`θ2 with a2, α3` of each combination of parameters, with `and 24 others` beyond `most` phrases; single parameters
+    in one phrase, last: `θ5; d5; backlash of joints 1, 2: each alone`.
     """
     phrases = [in_words(parameters) for parameters in combinations]
     alone = [each for own, parts in zip(combinations, phrases, strict=True) if len(parts) == 1 for each in own]
@@ -45,7 +45,7 @@ def phrases(combinations: Sequence[Sequence[Parameter]], most: int | None = None
 
 
 def alike(phrases: Sequence[str]) -> list[str]:
-    """Phrases with the same others as one, and those that differ by one number alone: `θ7, d7 each with tool
+    """Phrases with the same other parameters joined, and those that differ by one number alone: `θ7, d7 each with tool
     translation along X`; `d of link i with growth of link i, i = 3, 5`.
     """
     heads: dict[str, list[str]] = {}

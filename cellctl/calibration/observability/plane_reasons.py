@@ -1,4 +1,4 @@
-"""What planes lack, as a reason why parameters are unobservable: a second plane of another direction, or a length."""
+"""Reasons for unobservable parameters with planes: missing a second plane of another direction, or a length."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _on_a_step(block: Measured, state: State) -> Measured:
 
 
 def _on_other_planes(rows: Rowed, plane: int) -> Floats:
-    """Lines of the same rows on planes across the first one, with the planes' own places worked out of them."""
+    """Lines of the same rows on planes across the first one, with the planes' own places eliminated."""
     normal = planes_of(rows.state.points[plane])[0]
     found = [np.zeros((0, int(np.count_nonzero(rows.unknowns.free))))]
     blocks = [thinned(block) for block in rows.blocks]

@@ -1,4 +1,4 @@
-"""What fixed points lack, as a cause of blindness: a second one, or a length."""
+"""Reasons for unobservable parameters with fixed points: missing a second one, or a length."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.kinematics import Floats
 
 SPHERE_MM = 150.0
-"""What is nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
+"""A row nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
 
 APART = 0.3
-"""How far a second point is supposed to be from the first, as a share of that one's distance from the base."""
+"""Assumed distance of a second point from the first, as a share of the first one's distance from the base."""
 
 LENGTH_SIGMA_MM = 0.01
 LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
@@ -34,13 +34,13 @@ def of_points(rows: Rowed) -> Iterator[Reason]:
 
 
 def of_no_length(rows: Rowed) -> Iterator[Reason]:
-    """No length where all rows are at one point, whose distance from another nobody can know."""
+    """No length: all rows are at one point, without a known distance to another."""
     if len(rows.points()) == 1 and rows.lengthless and not any(block.of_planes for block in rows.blocks):
         yield Reason(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
 
 
 def _on_a_bar(block: Measured, state: State) -> Measured:
-    """The rows with the tool away from its socket, and how far measured."""
+    """The rows with the tool away from its socket, at a measured distance."""
     there = replace(block.postures, q=block.q + np.random.default_rng(0).uniform(-MOVED_RAD, MOVED_RAD, block.q.shape))
     far = np.linalg.norm(state.models[block.session].tcp(there) - state.points[block.visited], axis=1)
     return TouchRows(there, block.visited, far, np.full((len(block), 1), LENGTH_SIGMA_MM), block.session)
@@ -54,7 +54,7 @@ def _where(rows: Rowed) -> str:
 
 
 def _at_second_point(rows: Rowed) -> Floats:
-    """Lines of the same rows at another point, with that point's own unknown place worked out of them."""
+    """Lines of the same rows at another point, with that point's own unknown place eliminated."""
     point = rows.points()[0]
     first = rows.state.points[point]
     away = APART * float(np.linalg.norm(first - rows.state.model.chain.base_now[:3, 3]))
@@ -68,7 +68,7 @@ def _at_second_point(rows: Rowed) -> Floats:
 
 
 def lines_of_points_own(rows: Rowed, there: State, blocks: list[Measured], point: int) -> Floats:
-    """How `blocks` move with the free unknowns (K, F) about `there`, the place of `point` itself worked out of them."""
+    """Derivative of `blocks` by the free unknowns (K, F) at `there`, the place of `point` itself eliminated."""
     moves = lines(replace(rows.unknowns, start=there, free=np.ones_like(rows.unknowns.free)), blocks)
     own = rows.state.points_at + 3 * point + np.arange(3)
     tied = np.linalg.qr(moves[:, own])[0] if len(moves) > 3 else moves[:, :0]

@@ -1,4 +1,4 @@
-"""What may hide something from rows: a cause in words, with what the rows would see without it."""
+"""Possible reasons for unobservable parameters: in words, with the rows as they would be without it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from cellctl.calibration.rows import Measured, SpacingRows
 from cellctl.kinematics import Floats, rotation_vector
 
 MOVED_RAD = 0.8
-"""By how much joints are supposed to have moved."""
+"""Assumed motion of joints."""
 
 TURNS = 20_000
-"""Rows of a block, at most, that say whether orientation changes."""
+"""Rows of a block, at most, that decide whether orientation changes."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Reason:
-    """words: `joint 3 never moves in these rows`. lines: how rows without this cause move with the free unknowns
-    (K, F), in their σ per tolerance. of_frames: whether it only hides what is about base, tool or points.
+    """words: `joint 3 never moves in these rows`. lines: derivative of rows without this reason by the free unknowns
+    (K, F), in their σ per tolerance. of_frames: whether it only affects base, tool or points.
     """
 
     words: str
@@ -36,7 +36,7 @@ class Reason:
 @final
 @dataclass(frozen=True, eq=False)
 class Rowed:
-    """Rows of a fit, with its unknowns where they start."""
+    """Rows of a fit, with its unknowns at their start."""
 
     unknowns: Unknowns
     blocks: tuple[Measured, ...]
@@ -47,7 +47,7 @@ class Rowed:
 
     @property
     def state(self) -> State:
-        """Robot and points where they start."""
+        """Robot and points at their start."""
         return self.unknowns.start
 
     @property
@@ -60,7 +60,7 @@ class Rowed:
         return self.otherwise(lambda block: block)()
 
     def otherwise(self, change: Callable[[Measured], Measured]) -> Callable[[], Floats]:
-        """Lines of the rows as `change` makes each block."""
+        """Lines of the rows, each block changed by `change`."""
         return lambda: lines(self.unknowns, [change(thinned(block)) for block in self.blocks])
 
     @property
@@ -69,14 +69,14 @@ class Rowed:
         return self.spacings is None and not any(block.has_length for block in self.blocks)
 
     def points(self) -> list[int]:
-        """The points that are visited; planes are none."""
+        """The visited points, without planes."""
         at = [block.visited for block in self.blocks if not block.of_planes]
         return sorted({int(point) for points in at for point in points if point >= 0})
 
     @cached_property
     def turns(self) -> Floats:
-        """How the tool is turned (M, 3) from its orientation in the first row of each session, rad; of very many rows,
-        in some of them.
+        """Rotation vectors (M, 3) of the tool from its orientation in the first row of each session, rad; a sample of
+        very many rows.
         """
         some = [block.pick(np.s_[:: 1 + len(block) // TURNS]) for block in self.blocks]
         poses = [self.state.models[block.session].pose(block.postures)[:, :3, :3] for block in some]

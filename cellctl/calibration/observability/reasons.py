@@ -1,7 +1,7 @@
-"""Why rows do not see what they do not see: the plain causes, each with rows as they would be without it.
+"""Reasons for unobservable parameters, each with the rows as they would be without it.
 
-A joint that never moves, one orientation, a condition that never changes, no length, a single point. Whether such a
-cause hides a combination of parameters is no matter of opinion: the same rows without it show the combination, or not.
+A joint that never moves, one orientation, a condition that never changes, no length, a single point. A test decides
+whether a reason hides a combination of parameters: the same rows without the reason show the combination, or not.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Bools, Floats
 
 STILL_DEG = 0.1
-"""A joint that covers less never moves: a controller's last digits."""
+"""A joint with a smaller range does not move: a controller's last digits."""
 
 HARDLY_DEG = 20.0
-"""A joint that covers less moves by so much only; an orientation that changes by less changes by so much only."""
+"""A joint or an orientation with a smaller range is reported with that range."""
 
 SAME_DEG = 1.0
 """Orientations nearer than this to each other are one."""
 
 ONE_AXIS = 0.02
-"""Turns about other axes are smaller than this share of those about the main one: there is one axis."""
+"""Turns about other axes are smaller than this share of those about the main one: there is only one axis."""
 
 
 def reasons_for(rows: Rowed) -> Iterator[Reason]:
-    """What may hide something in these rows, single things before those that change many at once."""
+    """Possible reasons in these rows; those that change one thing first."""
     if rows.blocks:
         yield from _one_posture(rows)
         yield from _conditions(rows)
@@ -45,7 +45,7 @@ def reasons_for(rows: Rowed) -> Iterator[Reason]:
 
 
 def any_posture(rows: Rowed) -> Floats:
-    """Lines of rows of the same kinds at all sorts of postures and conditions: what these do not show, nothing does."""
+    """Lines of rows of the same kinds at varied postures and conditions: the most that such rows can show."""
     everywhere = np.ones(rows.q.shape[1], bool)
     return rows.otherwise(lambda block: _varied(moved(block, rows.state, everywhere, MOVED_RAD)))()
 
@@ -80,7 +80,7 @@ def _with_joints(rows: Rowed, words: str, joints: Bools) -> Reason:
 
 
 def _conditions(rows: Rowed) -> Iterator[Reason]:
-    """Approach, payload and temperature that never change, or that nobody noted."""
+    """Approach, payload and temperature that never change, or were not recorded."""
     sides = _noted(rows, "approach")
     if sides is None or not _both(sides).all():
         yield Reason(_one_sided(sides), rows.otherwise(_from_either_side))
@@ -92,7 +92,7 @@ def _conditions(rows: Rowed) -> Iterator[Reason]:
 
 
 def _both(sides: Floats) -> Bools:
-    """Which joints (n,) came from both sides."""
+    """Which joints (n,) were approached from both sides."""
     return np.asarray((sides > 0).any(axis=0) & (sides < 0).any(axis=0))
 
 
@@ -105,7 +105,7 @@ def _one_sided(sides: Floats | None) -> str:
 
 
 def _noted(rows: Rowed, condition: str) -> Floats | None:
-    """A condition of all rows that have it; None where none has."""
+    """A condition, from all rows that have it; None where no row has it."""
     noted = [getattr(block.postures, condition) for block in rows.blocks]
     values = [each for each in noted if each is not None]
     return np.concatenate(values) if values else None
@@ -116,7 +116,7 @@ def _from_either_side(block: Measured) -> Measured:
 
 
 def _varying(condition: str, block: Measured) -> Measured:
-    """The rows with a condition from 0 to 5, in no order that the postures have."""
+    """The rows with a condition from 0 to 5, in an order independent of the postures."""
     return under(block, **{condition: np.random.default_rng(0).permutation(np.linspace(0.0, 5.0, len(block)))})
 
 

@@ -1,4 +1,4 @@
-"""What the measurements cannot see, in words: why, and which combinations of parameters."""
+"""Unobservable combinations of parameters, in words, with their reasons."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SEEN = 0.1
 """A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
 
 NOTHING = 1e-9
-"""What moves the rows by less than this share of what moves them most, moves them by rounding alone."""
+"""An effect on the rows below this share of the largest one is rounding."""
 
 SHOWN = 3.0
-"""Rows without a cause show this many times as much of what it hides as the rows that there are, or more."""
+"""Rows without a reason show what it hides at least this many times as strongly as the real rows."""
 
 UNTOLD = "these rows cannot tell these apart, others would"
 ANYWHERE = "no measurement of these kinds can tell these apart, or depends on them"
@@ -38,8 +38,7 @@ ANYWHERE = "no measurement of these kinds can tell these apart, or depends on th
 @dataclass(frozen=True, slots=True)
 class Hidden:
     """What one reason hides. reason: `joint 3 never moves in these rows`. combinations: the parameters of each; the
-    rows tell only what these do together. harmless: no row of these kinds could tell them apart, wherever it was
-    taken.
+    rows determine only their joint effect. harmless: no rows of these kinds could separate them at any posture.
     """
 
     reason: str
@@ -47,7 +46,7 @@ class Hidden:
     harmless: bool = False
 
     def phrases(self, most: int | None = None) -> list[str]:
-        """The combinations in words, alike ones as one; of more than `most` parameters each `and 24 others`."""
+        """The combinations in words, similar ones joined; of more than `most` parameters each `and 24 others`."""
         return alike(phrases(self.combinations, most))
 
     def summary(self) -> dict[str, Any]:
@@ -64,11 +63,11 @@ class Hidden:
 @final
 @dataclass(frozen=True, slots=True)
 class Observability:
-    """What the data see of the free parameters.
+    """Observability of the free parameters in the data.
 
-    rank: number of combinations seen; unseen: the others, in words, single parameters in one phrase; singular (F,): by
-    how many standard deviations one tolerance of each combination changes the rows, largest first. hidden: the same by
-    cause, what hides most first, what is harmless last.
+    rank: number of observable combinations; unseen: the others, in words, single parameters in one phrase; singular
+    (F,): by how many standard deviations one tolerance of each combination changes the rows, largest first. hidden: the
+    same by reason, those that hide most first, harmless ones last.
     """
 
     rank: int
@@ -80,8 +79,10 @@ class Observability:
 def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowed | None = None) -> Observability:
     """Rank and unseen combinations of a fit, from its data alone (no tolerance helps).
 
-    triangle: in place of the fit's own, as `estimate.seen_at_start` has it: at the solution, an identified geometry's
-    errors can make visible in name what no row can tell from noise. rows: those of the fit, where causes are wanted.
+    triangle: in place of the fit's own, as `estimate.seen_at_start` gives it: at the solution, errors of an identified
+    geometry can make combinations formally observable that are below the noise. rows: those of the fit, where reasons
+    are needed. Parameters of a session or a point without rows in the fit are not combinations: they get their own
+    reason.
 
     What belongs to a session or a point of which no row is in the fit is not among the combinations, but a cause.
     """
@@ -102,15 +103,15 @@ def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowe
 
 
 def _owners(unknowns: Unknowns) -> Any:
-    """What each parameter (P,) belongs to besides the robot, in words: a session that has base or tool to itself, a
-    fixed point, the zero of a length; empty for the robot's.
+    """Owner of each parameter (P,), in words: a session with its own base or tool, a fixed point, the zero of a length;
+    empty for the robot's.
     """
     apart = {parameter.group for parameter in unknowns.parameters if parameter.session}
     return np.array([_owner(parameter, apart) for parameter in unknowns.parameters])
 
 
 def _owner(parameter: Parameter, apart: Collection[Group]) -> str:
-    """apart: which of base and tool later sessions have to themselves, so that these of the first are its own."""
+    """apart: which of base and tool later sessions have as their own, so that the first session's belong to it."""
     if parameter.session:
         return f"session {parameter.session}"
     return parameter.owner or ("the first session" if parameter.group in apart else "")
@@ -124,7 +125,7 @@ def _widened(combined: Floats, there: Bools) -> Floats:
 
 
 def _by_cause(rows: Rowed, combined: Floats, strong: list[tuple[Parameter, ...]]) -> list[Hidden]:
-    """Each combination (U, F) under the first cause without which the rows would show it."""
+    """Each combination (U, F) under the first reason without which the rows would show it."""
     left = np.ones(len(combined), bool)
     least = np.maximum(SEEN, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
     found: list[Hidden] = []
@@ -155,10 +156,9 @@ def _picked(strong: list[tuple[Parameter, ...]], which: Bools) -> tuple[tuple[Pa
 def _sparse_combinations(unseen: Floats, effect: Floats, parameters: list[Parameter]) -> Floats:
     """The unseen subspace (U, F), in tolerances, in a basis of few parameters each.
 
-    Pivoted QR picks U parameters that the subspace is about, by their shares of effect on the rows (F,); each basis
-    vector holds one of them, none of the others. A link's parameter is picked before an effect's, and that before those
-    of tool, base and centres: `θ1 with base rotation`, not the reverse, and what is harmless is not mixed with what is
-    not.
+    Pivoted QR picks U main parameters of the subspace by their shares of effect on the rows (F,); each basis vector
+    holds one of them, none of the others. Links' parameters are picked before effects', and these before tool, base and
+    centres: `θ1 with base rotation`, not the reverse. Harmless combinations are not mixed with others.
     """
     if not len(unseen):
         return unseen
@@ -177,7 +177,7 @@ def _preference(parameter: Parameter) -> float:
 
 
 def _floored(effect: Floats) -> Floats:
-    """Effects (F,), none of them quite nothing."""
+    """Effects (F,), each above 0."""
     return np.asarray(np.maximum(effect, 1e-12 * max(float(effect.max(initial=0.0)), 1e-300)))
 
 

@@ -1,10 +1,10 @@
-"""Which rows are outliers at a given noise: each row left out has a penalty, and the set with the least χ² is sought.
+"""Which rows are outliers at a given noise: each row left out adds a penalty; the set with the least χ² is searched.
 
-A row is an outlier if it lies where the *others* hardly ever put one. Many sets of rows fulfil that: a clean row that
-is alone among outliers looks like one, and outliers agree with each other without it. Of all such sets the one is right
-whose kept rows have the least χ², where each row left out counts as the χ² at which it just becomes an outlier. Where
-every row changes the model much (few rows, many unknowns), leaving out the worst again and again does not find that
-set: many sets are followed side by side.
+A row is an outlier if the *others* make its place improbable. Many sets of rows satisfy that: a single clean row among
+outliers seems to be one, and outliers can agree with each other. The right set is the one whose kept rows have the
+least χ², where each row left out counts as the χ² at which it just becomes an outlier. Where every row changes the
+model much (few rows, many unknowns), leaving out the worst row repeatedly does not find that set: many sets are
+followed in parallel.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from cellctl.calibration.estimation.linear import Linear
 from cellctl.kinematics import Bools, Floats
 
 OUTLIER_P = 1e-5
-"""A row of the fit is an outlier if the others would put it where it is less often than this: hardly a clean row in a
-hundred thousand is lost by it, and most outliers of ten standard deviations are found.
+"""A row of the fit is an outlier if its p-value, predicted from the others, is below this: fewer than one clean row in
+a hundred thousand is lost, and most outliers of ten standard deviations are found.
 """
 
 OUTLIER_P_BESIDE = 1e-4
-"""The same where an outlier has been found: where there is one there may be more, and one that stays does more harm
-than a clean one that goes.
+"""The same where an outlier has been found: more are then likely, and an outlier that stays does more harm than a
+clean row that is left out.
 """
 
 LEFT_OUT_AT_MOST = 0.45
-"""No search beyond this share of outliers of any block: beyond one half, outliers and inliers cannot be told apart."""
+"""No search beyond this share of outliers of any block: beyond one half, outliers and inliers cannot be separated."""
 
 DECISIVE = 10
-"""With more numbers than this for each unknown no row has enough say in the model to hide another."""
+"""With more numbers than this for each unknown no row has enough influence to hide another."""
 
 ABREAST = 20
-"""Sets of rows that are followed side by side, each time with one more row left out."""
+"""Sets of rows that are followed in parallel, with one more row left out at each stage."""
 
 PATIENCE = 3
-"""How many more rows are left out without a cheaper set than before."""
+"""Stages without a cheaper set before the search ends."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """Rows (N,) that are no outliers, the leave-one-out χ² of each row, the unknowns x (F,) by them, the χ² of both,
-    and the same with the penalty of the rows left out.
+    """Rows (N,) that are inliers, the leave-one-out χ² of each row, the unknowns x (F,) by the inliers, the χ² of both,
+    and that χ² with the penalty of the rows left out.
     """
 
     rows: Bools
@@ -56,14 +56,15 @@ class Kept:
 
     @classmethod
     def of(cls, linear: Linear, rows: Bools, limit: Floats) -> Self:
-        """What these `rows` predict."""
+        """From the prediction of these `rows`."""
         leave_one_out_chi2, x = linear.leave_one_out_chi2(rows)
         misfit = linear.misfit(rows, x)
         return cls(rows, leave_one_out_chi2, x, misfit, misfit + float(limit[~rows].sum()))
 
 
 def within_limit(linear: Linear, *, thorough: bool) -> Kept | None:
-    """Rows none of which surprises the others; None where too few are left. thorough: the cheapest of many sets."""
+    """Rows whose leave-one-out χ² is within the limit; None where too few are left. thorough: the cheapest of many
+    sets."""
     limit = np.asarray(chi2.isf(OUTLIER_P, linear.numbers))
     everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
     if not (everyone.leave_one_out_chi2 > limit).any():
@@ -77,9 +78,9 @@ def within_limit(linear: Linear, *, thorough: bool) -> Kept | None:
 
 
 def _cheapest(linear: Linear, everyone: Kept, limit: Floats) -> Kept:
-    """The cheapest set on many ways from `everyone`, on each of which one row after another is left out (beam search).
+    """The cheapest set found from `everyone` by leaving out one row after another (beam search).
 
-    How much cheaper a set gets without one more row is known before it is looked at: by what that row surprises.
+    The gain from leaving out one more row is known in advance: it is that row's leave-one-out χ².
     """
     best, abreast, waited = everyone, [everyone], 0
     while abreast and waited < PATIENCE:
@@ -98,8 +99,8 @@ def _cheapest(linear: Linear, everyone: Kept, limit: Floats) -> Kept:
 
 
 def _settled(linear: Linear, kept: Kept, limit: Floats) -> Kept | None:
-    """`kept` without what surprises it, the most surprising first, and with what does not any more; None where too many
-    had to go.
+    """`kept` without rows beyond the limit, the greatest leave-one-out χ² first, and with rows that are now within it;
+    None where too many are out.
     """
     count = len(limit)
     while (outlying := kept.rows & (kept.leave_one_out_chi2 > limit)).any():
@@ -109,7 +110,7 @@ def _settled(linear: Linear, kept: Kept, limit: Floats) -> Kept | None:
         kept = Kept.of(linear, _changed(kept.rows, worst[outlying[worst]], False), limit)
         if _too_many(linear, kept.rows):
             return None
-    for _ in range(count):  # a row left out for the sake of an outlier comes back, the one with the least χ² first
+    for _ in range(count):  # a row left out because of an outlier is kept again, the least χ² first
         back = ~kept.rows & (kept.leave_one_out_chi2 <= limit)
         if not back.any():
             break

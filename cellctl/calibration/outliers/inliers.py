@@ -1,9 +1,9 @@
-"""Which rows are inliers: outliers are distinguished from noisy rows before anything is made from either.
+"""Which rows are inliers: outliers are separated from noisy rows before any fit.
 
-Ordinary residuals hide an outlier: a model with as many parameters as a robot bends towards it, its neighbours look
-worse than it does, and the noise that all seem to have excuses it. So each row is judged by what the *others* predict,
-and explanations are weighed against each other: a few outliers among rows as good as promised, or rows that all, or
-all of one kind, are noisier than promised.
+Ordinary residuals hide an outlier: a model with as many parameters as a robot's follows it, its neighbours get larger
+residuals than it has, and these raise the noise estimate. So each row is judged by the prediction from the *others*,
+and explanations are compared: a few outliers among rows with the stated noise, or more noise in all rows or in all of
+one kind.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from cellctl.calibration.outliers.at_known_noise import within_limit
 from cellctl.kinematics import Bools, Floats
 
 OUTLYING = 1e-6
-"""A held-out row is named if what was identified would put it where it is less often than this."""
+"""A held-out row is reported if its p-value, predicted from the identified model, is below this."""
 
 WIDTH = 20.0
-"""An outlier lies anywhere within so many standard deviations, for weighing it against noise that all rows have."""
+"""Range of an outlier, in standard deviations, where outliers are weighed against more noise of all rows."""
 
 OUTLIER_SHARE = 0.05
 """How often a row is expected to be an outlier, for the same: with more, noisy rows would often be left out."""
@@ -63,8 +63,8 @@ class Belonging:
 def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
     """The rows that are inliers, by the most probable explanation: some outliers, some kinds noisy, or both.
 
-    From noise as stated, or as each of several kinds scatters, the factors of all kinds of numbers, or of one of
-    them, grow as long as that makes the rows more probable. thorough: no outlier hides another (`within_limit`).
+    Starting from the stated noise, or from the scatter of each kind, the factors of all kinds of numbers, or of one of
+    them, grow while that makes the rows more probable. thorough: no outlier hides another (`within_limit`).
     """
     found = Belonging.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
     if _there(linear, found.noise).sum() > 1 and found.strained.any():
@@ -74,15 +74,15 @@ def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
         if noisier.weight <= found.weight:
             return found
         found = max(noisier, Belonging.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.weight)
-        if _there(linear, found.noise).sum() == 1:  # all noise that there is has been tried
+        if _there(linear, found.noise).sum() == 1:  # all kinds of noise have been tried
             return found
 
 
 def _as_scattered(linear: Linear, found: Belonging, *, thorough: bool) -> Belonging:
-    """`found`, or the explanation by as much noise as every strained kind scatters, where that is more probable: with
-    many kinds, getting there step by step and kind by kind takes hundreds of looks at all rows.
+    """`found`, or the explanation by the scatter of every strained kind, where that is more probable: with many
+    kinds, to get there step by step and kind by kind takes hundreds of evaluations of all rows.
 
-    The factor of a kind goes back, a step or all the way, where that makes the rows more probable still.
+    The factor of a kind is lowered, one step or to 1, where that makes the rows even more probable.
     """
     best = max(found, Belonging.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
     if best is found:
@@ -95,7 +95,7 @@ def _as_scattered(linear: Linear, found: Belonging, *, thorough: bool) -> Belong
 
 
 def _scattering(linear: Linear, found: Belonging) -> Floats:
-    """Noise (Q,) as much as the strained kinds scatter about a model that weighs them so."""
+    """Noise (Q,) equal to the scatter of the strained kinds about a model with these weights."""
     noise = found.noise
     for _ in range(ROUNDS):
         scatter = noise * linear.noisier(noise).scatter(found.kept)
@@ -128,18 +128,18 @@ def _noisier(linear: Linear, found: Belonging) -> Iterator[Belonging]:
 
 
 def _at_best(linear: Linear, noise: Floats) -> float:
-    """Logarithm of how probable rows with this noise were, if they and the model were nowhere apart."""
+    """Logarithm of the probability of rows with this noise at residuals 0."""
     logs = np.append(np.log(noise), 0.0)[linear.factors]
     return float(-logs.sum() - linear.seen(noise))
 
 
 def _there(linear: Linear, noise: Floats) -> Bools:
-    """Which kinds of numbers (Q,) there are."""
+    """Which kinds of numbers (Q,) are present."""
     return np.isin(np.arange(len(noise)), linear.factors)
 
 
 def _strained(scaled: Linear, kept: Bools, x: Floats, noise: Floats) -> Bools:
-    """Which kinds of numbers (Q,) belong to rows left out, or are further from the model x than their σ say."""
+    """Which kinds of numbers (Q,) have rows left out, or larger residuals from the model x than their σ predict."""
     squares = (scaled.away + scaled.columns @ x) ** 2
     result = np.isin(np.arange(len(noise)), scaled.factors[~kept])
     for each in np.flatnonzero(_there(scaled, noise)):

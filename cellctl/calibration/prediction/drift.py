@@ -1,4 +1,4 @@
-"""Drift seen by going back to one touch: how it goes on with the touches, and whether it is more than scatter."""
+"""Drift from repeats of one touch: its rate by touch number, and whether it is more than scatter."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from cellctl.kinematics import Floats
 
 SIGNIFICANT = 0.01
-"""Chance at which mere scatter would be taken for drift: one campaign in a hundred is then corrected for nothing."""
+"""Significance level: scatter alone is taken for drift in one campaign in a hundred."""
 
 KNOWN_FROM = 30
-"""From how many cycles a robot's repeatability counts as known (ISO 9283 asks for 30)."""
+"""Cycles from which a robot's repeatability counts as known (ISO 9283 requires 30)."""
 
 
 @final
@@ -22,8 +22,8 @@ KNOWN_FROM = 30
 class Drift:
     """A straight line through the visits to one touch.
 
-    mm_per_touch: change of the shift along the normal with each touch, with its 1 σ; t: their ratio; significant: it is
-    there; visits: how many there were, the first among them.
+    mm_per_touch: change of the shift along the normal with each touch, with its 1 σ; t: their ratio; significant:
+    whether it exceeds scatter; visits: their count, with the first.
     """
 
     mm_per_touch: float
@@ -40,9 +40,8 @@ class Drift:
 def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drift:
     """The drift through visits at touch numbers (V,) with shifts (V,), mm, each with 1 σ `sigma_mm`.
 
-    t test of the slope. Its scatter is pooled from what was known before, `sigma_mm` from `KNOWN_FROM` cycles, and from
-    the visits about the line, V − 2 more: a handful of visits alone would be a poor judge of scatter. Fewer than three
-    visits show no drift.
+    t test of the slope. Its scatter is pooled from the prior `sigma_mm`, with `KNOWN_FROM` cycles, and the visits about
+    the line, with V − 2: a few visits alone give a poor estimate. Fewer than three visits show no drift.
     """
     from scipy.stats import t as student
 

@@ -15,24 +15,24 @@ from cellctl.calibration.residuals.posture_basis import PostureBasis
 from cellctl.kinematics import Floats
 
 INFORMED = 0.8
-"""Rows have informed a combination of parameters if no more than this share of its variance is left. Of a model from 80
-positions that takes 10 more, of one from 200 about 30.
+"""Rows have determined a combination of parameters if at most this share of its variance is left. For a model from 80
+positions that takes 10 more, for one from 200 about 30.
 """
 
 KNOWN = 1e-9
-"""Combinations known better than this share (of variance, scaled) of the least known one are arithmetic."""
+"""Variances (scaled) below this share of the greatest one are rounding."""
 
 OUTSIDE = 0.5
-"""A posture at which more than this share of the variance is left is outside."""
+"""A posture with more than this share of the variance left is outside."""
 
 _PLACES = frozenset({"base", "tool", "points", "datums"})
 
 
 class Coverage(Protocol):
-    """What postures leave open at others: a `PostureBasis`, or what an old model file has in its place."""
+    """Remaining variance at other postures: a `PostureBasis`, or its equivalent from an old model file."""
 
     def joined(self, q: Floats) -> tuple[Self, float]:
-        """With postures q (N, n), rad, besides; and what is left at all of these postures, on average."""
+        """With postures q (N, n), rad, added; and the mean share left at all these postures."""
         ...
 
     def remainder(self, q: Floats) -> Floats:
@@ -45,11 +45,11 @@ class Coverage(Protocol):
 class MeasuredRegion:
     """The postures of the rows that determined a model's own parameters, and how much σ grows outside them.
 
-    lower, upper (n,): least and greatest model angles, rad. coverage: what these postures leave of the variance of a
-    smooth error at another posture is how far that is outside. within: that share at the rows themselves, on average:
-    it is in their noise already. outside_mm: 1 σ, 3-D, mm, of a prediction where all of that variance is left.
-    scatter_mm: by how much the rows scatter beyond their stated σ, 1 σ, 3-D, mm: errors of the robot that change too
-    fast for the model to follow. residual_models: those of the model; where one is further outside, that counts.
+    lower, upper (n,): least and greatest model angles, rad. coverage: gives the share of the variance of a smooth error
+    that these postures leave at another one: the measure of how far it is outside. within: mean of that share at the
+    rows themselves, which their noise already includes. outside_mm: 1 σ, 3-D, mm, of a prediction where all of that
+    variance is left. scatter_mm: scatter of the rows beyond their stated σ, 1 σ, 3-D, mm: errors of the robot that
+    change too fast for the model. residual_models: those of the model; the one with the larger share outside counts.
     """
 
     lower: Floats
@@ -93,8 +93,8 @@ class MeasuredRegion:
 def informed(found: Estimate) -> bool:
     """Whether the rows of a fit determined any combination of the robot's own parameters: links, zeros, effects.
 
-    Base, tool, points and datums are places, not the robot's own: rows that find nothing else say nothing of how it
-    moves. Without a prior covariance the tolerances are what was known before.
+    Base, tool, points and datums are placements: rows that determine only these do not improve the robot's own model.
+    Without a prior covariance, the tolerances are the prior.
     """
     unknowns = found.unknowns
     mine = unknowns.free & ~np.isin(unknowns.groups, list(_PLACES))
@@ -107,7 +107,7 @@ def informed(found: Estimate) -> bool:
 
 
 def _shares(before: Floats, after: Floats) -> Sequence[float]:
-    """What is left of the variance of each combination (generalised eigenvalues of `after` in `before`, (P, P))."""
+    """Share left of the variance of each combination (generalised eigenvalues of `after` in `before`, (P, P))."""
     values, vectors = np.linalg.eigh(before)
     known = values > KNOWN * values.max()
     root = vectors[:, known] / np.sqrt(values[known])

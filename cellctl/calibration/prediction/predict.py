@@ -1,4 +1,4 @@
-"""What an identified model says, and how sure it is."""
+"""Predictions of an identified model, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
     """Tool poses at postures, or model angles (N, n), rad, with the uncertainty that `covariance` (P, P) of the
     parameters leaves.
 
-    The variance that the model's residual models leave open is in it. The robot's repeatability and what the model
-    leaves out are not.
+    The variance left open by the model's residual models is included. The robot's repeatability and unmodelled errors
+    are not.
     """
     postures = Postures.of(at)
     variance = 3.0 * model.open_variance(postures)
@@ -47,9 +47,7 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
 @final
 @dataclass(frozen=True, eq=False)
 class PredictedRows:
-    """Held-out rows as predicted: variance (N,) of each distance error, mm²; p_value (N,): of an error as improbable as
-    the one found, or more so.
-    """
+    """Held-out rows as predicted: variance (N,) of each distance error, mm²; p_value (N,) of the error found."""
 
     variance: Floats
     p_value: Floats
@@ -70,13 +68,13 @@ def predict_rows(
     extra_sigma: Floats | float = 0.0,
     tails: float = 1.0,
 ) -> PredictedRows:
-    """Whether rows that the fit never saw fall where its covariance (P, P) and their own noise put them.
+    """Whether held-out rows agree with the prediction of covariance (P, P) and their own noise.
 
-    hidden (N, k, H): orthonormal over all rows that are looked at, in their standard deviations: what was fitted to
-    these very rows (a socket's place, a new session's base), and therefore cannot show in them. taken (H, P): what it
-    took up of each parameter, over all rows: that cannot show in them either. extra_sigma (N,): 1 σ of each row, mm,
-    on each axis, besides the model's: for postures outside the measured region. tails: by how much noise is wider for
-    the p-value of an error than its σ says, where it has more large errors than a normal distribution.
+    hidden (N, k, H): basis, orthonormal over all rows given, in their standard deviations, of what was fitted to these
+    rows (a socket's place, a new session's base): errors along it cannot show. taken (H, P): what that fit absorbed of
+    each parameter, over all rows: this cannot show either. extra_sigma (N,): 1 σ of each row, mm, on each axis, besides
+    the model's: for postures outside the measured region. tails: factor on the noise for the p-value of an error, where
+    large errors are more frequent than in a normal distribution.
     """
     variance, p_value = np.empty(len(rows)), np.empty(len(rows))
     extra = np.hypot(extra_sigma, np.sqrt(found.model.open_variance(rows.postures)))

@@ -1,4 +1,4 @@
-"""How sure a model is of tool centre points among themselves, wherever all of them together may be."""
+"""Uncertainty of TCPs relative to each other, without a common rigid motion."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.kinematics import Floats
 
 POINTS = 256
-"""Points of a joint region over which the uncertainty in it is averaged."""
+"""Points over which the uncertainty in a joint region is averaged."""
 
 
 def shape_sigma(model: RobotModel, covariance: Floats, at: At) -> Floats:
-    """1 σ (N,), 3-D, mm, of each tool centre point among all at postures, or model angles (N, n), rad, N ≥ 4.
+    """1 σ (N,), 3-D, mm, of each TCP relative to all at postures, or model angles (N, n), rad, N ≥ 4.
 
-    covariance (P, P): of the model's parameters. What moves all points as one body is left out: where the model's frame
-    lies is a question to whoever gave the joints. Three points and fewer have hardly any shape: ValueError.
+    covariance (P, P): of the model's parameters. Common rigid motions are left out: the place of the model's frame
+    depends on the source of the joints. Three points and fewer have hardly any shape: ValueError.
     """
     shape = shape_columns(model, at)
     variance = np.sum((shape @ covariance) * shape, axis=1)
@@ -24,9 +24,9 @@ def shape_sigma(model: RobotModel, covariance: Floats, at: At) -> Floats:
 
 
 def shape_columns(model: RobotModel, at: At) -> Floats:
-    """How the tool centre points at postures, or model angles (N, n), rad, N ≥ 4, move among themselves by parameter.
+    """Derivative by parameter of the relative places of the TCPs at postures, or model angles (N, n), rad, N ≥ 4.
 
-    (3 N, P), mm per unit of each: what moves all points as one body is taken off. ValueError for fewer points.
+    (3 N, P), mm per unit of each, common rigid motions removed. ValueError for fewer points.
     """
     postures = Postures.of(at)
     if len(postures) < 4:

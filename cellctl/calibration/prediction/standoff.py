@@ -1,7 +1,7 @@
-"""A sphere located by a model that the touches leave as it is, and how surely a robot stands off it.
+"""A sphere located by touches with a fixed model, and the uncertainty of a stand-off from it.
 
-The model is one that never saw this sphere. A stand-off's error is what it is wrong about on the spot, along the
-normal, less the part that it was wrong about in the same way when it located the sphere.
+The model was fitted without this sphere. A stand-off's error is the model's error at that posture, along the normal,
+less the part that equally affected the location of the sphere.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cellctl.kinematics import Floats
 @final
 @dataclass(frozen=True, eq=False)
 class LocatedSphere:
-    """A sphere as `model` finds it by touching: only the centre was fitted.
+    """A sphere located by touches with `model`: only the centre was fitted.
 
     centre (3,), mm, in the model's gauge. follows (3, N): how the centre moves with each touch's distance, mm/mm.
     columns (N, P): how each touch's distance moves with the model's parameters. residuals (N,): distances of the
@@ -37,7 +37,7 @@ class LocatedSphere:
     sigma_mm: float
 
     def distances(self, q: Floats) -> Floats:
-        """How far from the centre the model sees the TCP (M,), mm, at model angles q (M, n), rad."""
+        """Distance (M,), mm, of the model's TCP from the centre at model angles q (M, n), rad."""
         return np.asarray(np.linalg.norm(self.model.tcp(q) - self.centre, axis=-1))
 
     def normals(self, q: Floats) -> Floats:
@@ -48,8 +48,8 @@ class LocatedSphere:
     def sigma_of_stand_off(self, covariance: Floats, q: Floats) -> Floats:
         """1 σ (M,), mm, of the true distance to the surface about `distances`, for moves to q (M, n), rad.
 
-        covariance (P, P): of the model's parameters. In it are model and centre, correlated as they are (the centre was
-        found by the same model), the scatter of the touches that located it, and the robot's at the move itself.
+        covariance (P, P): of the model's parameters. Included: model and centre with their correlation (the same model
+        located the centre), the scatter of the touches that located it, and the robot's at the move itself.
         """
         normals = self.normals(q)
         through_touches = normals @ self.follows
@@ -60,7 +60,7 @@ class LocatedSphere:
 
 
 def locate_sphere(model: RobotModel, q: Floats, reach: Floats, sigma_mm: float) -> LocatedSphere:
-    """Where `model` finds the sphere that it touched at q (N, n), rad, at distances `reach` (N,), mm, from the centre.
+    """The sphere that `model` locates from touches at q (N, n), rad, at distances `reach` (N,), mm, from the centre.
 
     sigma_mm: 1 σ of a touch along the normal. Raises ValueError with fewer than four touches.
     """

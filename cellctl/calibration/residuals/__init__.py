@@ -1,1 +1,1 @@
-"""Residual models: random functions of the posture for what no other effect explains."""
+"""Residual models: random functions of the posture for errors that no other effect explains."""

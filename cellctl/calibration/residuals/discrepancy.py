@@ -1,4 +1,4 @@
-"""What the other terms of a model leave: a smooth random function of the joints, one for each axis."""
+"""Remaining error besides a model's other terms: a smooth random function of the joints, one for each axis."""
 
 from __future__ import annotations
 
@@ -27,9 +27,8 @@ class Discrepancy(ResidualModel):
     """A Gaussian process δ(q) on each axis of the robot's base frame, squared exponential in the joint angles.
 
     centres (M, n): postures, rad, at which it is expanded (`PostureBasis`): δ = Σ φ_m(q) κ_m with κ ~ N(0, expected²),
-    mm. What the centres do not span is no part of the model's prediction. It is a part of its uncertainty: the measured
-    region has the same basis, and counts it by `far_sigma`.
-    Kennedy and O'Hagan 2001 (doi 10.1111/1467-9868.00294); needs: rows at different postures.
+    mm. The part that the centres do not span is not predicted. It belongs to the uncertainty: the measured region has
+    the same basis, and adds it by `far_sigma`.
     """
 
     centres: Floats
@@ -74,5 +73,5 @@ class Discrepancy(ResidualModel):
         return np.asarray((basis[:, None, :, None] * np.eye(3)[:, None, :]).reshape(len(basis), 3, 3 * basis.shape[1]))
 
     def far_sigma(self, sigma: Floats) -> float:
-        """Its prior σ: far from the rows nothing of it is known."""
+        """Its prior σ: far from the rows nothing is known of it."""
         return float(sigma.max())

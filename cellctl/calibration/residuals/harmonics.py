@@ -16,9 +16,9 @@ from cellctl.calibration.residuals.residual_model import ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 2e-4
-"""RMS of a wave of one minute of arc, which makers of strain wave and cycloidal gears state as transmission error: what
-each band of each joint is expected to do before the data scale it. Joints 1 to 3 of the UR10 in the ipa-robot-accuracy
-data set: 0.4e-4 … 3e-4 in each band."""
+"""RMS of a wave of one minute of arc, which makers of strain wave and cycloidal gears state as transmission error:
+prior of each band of each joint before the data scale it. Joints 1 to 3 of the UR10 in the ipa-robot-accuracy data set:
+0.4e-4 … 3e-4 in each band."""
 
 BANDS = ((1, 2), (3, 5), (6, 11), (12, 23), (24, 48))
 """Waves per turn, octave by octave: the amplitude of a band is one number, found from the data."""
@@ -43,12 +43,13 @@ class Harmonics(ResidualModel):
     joint about 0: its amounts share the variance. `harmonic{j}_s{m}`, `…_c{m}`, rad.
 
     All waves of a band together are a random function of the joint's angle (a Gaussian process with a flat spectrum
-    over the band): where the joint was measured they fit whatever shape it has. Where it was not, fast bands cancel,
-    and their variance is the prior's again; slow ones go on, within their prior. No wave has to be chosen.
-    The cosines are counted from the model angle 0, where all waves are nothing: `theta{j}` stays what it is without
-    them, the error at that angle (with cos mq alone it would become the mean over a turn).
-    Of the first joint that leans (2, mostly) the once-per-turn pair is the same as its own weight's,
-    `compliance{j}_{j}x`, `…y`: no measurement tells those apart.
+    over the band). In the measured range they fit any shape. Outside it fast bands cancel, and their variance returns
+    to the prior; slow bands extrapolate, within their prior. No wave has to be selected. The cosines are counted from
+    the model angle 0, where all waves are 0: `theta{j}` keeps its meaning, the error at that angle (with cos mq alone
+    it would become the mean over a turn).
+
+    For the first joint with a non-vertical axis (mostly 2) the once-per-turn pair equals its own weight's,
+    `compliance{j}_{j}x`, `…y`: no measurement separates them.
     """
 
     joints: int
@@ -90,7 +91,7 @@ class Harmonics(ResidualModel):
 
     @cached_property
     def bands(self) -> tuple[str, ...]:
-        """The band (K,) of each amount: those of one share the amplitude that the data give it."""
+        """The band (K,) of each amount: those of one band share its amplitude from the data."""
         named = {m: f"{low}–{high}" for low, high in BANDS for m in range(low, high + 1)}
         return tuple(f"harmonics of joint {j}, {named.get(m, m)} per turn" for j, m in self.waves for _ in "sc")
 

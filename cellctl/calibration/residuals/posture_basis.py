@@ -1,4 +1,4 @@
-"""The basis of a smooth random function of the joints, made from postures, and what it leaves open at others."""
+"""The basis of a smooth random function of the joints, made from postures, and its remaining variance at others."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from scipy.spatial.distance import cdist
 from cellctl.kinematics import Floats
 
 LENGTHS_RAD = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
-"""Postures this far apart (root of the summed squares over the joints) share 60 % of the function: weight and geometry,
-whose remainders it stands for, change over some tens of degrees. Longer where the postures are too sparse for that.
+"""Postures this far apart (root of the summed squares over the joints) share 60 % of the function: remainders of weight
+and geometry change over some tens of degrees. Longer where the postures are too sparse for that.
 """
 
 LEFT = 0.1
@@ -48,12 +48,12 @@ class PostureBasis:
 
     @classmethod
     def over(cls, q: Floats) -> PostureBasis:
-        """Expanded at up to `CENTRES` of the postures q (N, n), rad. The last few answers are kept."""
+        """Expanded at up to `CENTRES` of the postures q (N, n), rad. The last few results are cached."""
         angles = np.ascontiguousarray(q, float)
         return _over(angles.tobytes(), angles.shape[1])
 
     def joined(self, q: Floats) -> tuple[PostureBasis, float]:
-        """Of its own centres and postures q (N, n), rad; and the share of variance left at all of these, on average."""
+        """From its own centres and postures q (N, n), rad; and the mean share of variance left at all of these."""
         both = np.vstack([q, self.centres])
         basis = self.over(both)
         return basis, float(basis.remainder(both).mean())

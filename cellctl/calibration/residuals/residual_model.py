@@ -1,4 +1,4 @@
-"""What a residual model is asked besides what every effect is: what it leaves open, and where."""
+"""The interface of a residual model beyond that of an effect: its remaining variance and its region."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ class ResidualModel(Effect):
     """A random function of the posture, as a sum of given functions: its amounts are their coefficients.
 
     It is estimated together with everything else of a model (decision 28): `of_inputs` chooses the functions, the
-    estimator fits the amounts, `turns` and `shifts` say how they move the tool. The amounts are no parameters that mean
-    something one by one: they are left out of lists of parameters, and of the search for outliers.
+    estimator fits the amounts, `turns` and `shifts` apply them. Single amounts have no meaning: they are left out of
+    lists of parameters, and of the search for outliers.
 
-    What the given functions do not span is counted once. Either the measured region counts it, whose postures are those
-    of the rows (`far_sigma`), or the model has a region of its own (`variance`, `outside`).
+    The part that the given functions do not span is counted once: either by the measured region, whose postures are
+    those of the rows (`far_sigma`), or by the model's own region (`variance`, `outside`).
     """
 
     __slots__ = ()
 
     def variance(self, at: Postures) -> Floats:
-        """What the amounts leave open of the function at each posture (N,): mm² of the tool's place on each axis. Every
-        σ of a prediction has it."""
+        """Variance of the function that the amounts leave open at each posture (N,): mm² of the TCP on each axis. Every
+        σ of a prediction includes it."""
         return np.zeros(len(at))
 
     def outside(self, at: Postures) -> Floats:
-        """How far each posture (N,) is outside the postures that this model needs: 0 to 1, a share of variance. The
+        """How far each posture (N,) is outside this model's region: 0 to 1, a share of variance. The
         measured region ends where this is large."""
         return np.zeros(len(at))
 

@@ -1,4 +1,4 @@
-"""Kinds of measurement, each a block of rows: how far the model is from them, and how that changes.
+"""Kinds of measurement, each a block of rows: residuals from the model, and their derivatives.
 
 A block is of one kind and of one session; several of them make a `RowBlocks`.
 """

@@ -1,4 +1,4 @@
-"""The tool at fixed points whose places are unknown: touches on spheres, ball-bars, draw-wires, sockets."""
+"""The tool at fixed points in unknown places: touches on spheres, ball-bars, draw-wires, sockets."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class TouchRows(RowsAtJoints):
     """Distances from an unknown point: touches on a sphere, a ball-bar about its socket, a draw-wire from its outlet.
 
     at (N): postures; point (N,): index of the point (a sphere's centre); reach (N,): measured distance, mm (for a touch
-    sphere radius + tip radius); sigma (N, 1), mm, along the line between. datum (N,): index of what the reach is longer
-    by than the distance, as its instrument's zero is not known; -1: nothing. None: nothing in any row.
+    sphere radius + tip radius); sigma (N, 1), mm, along the line between. datum (N,): index of the unknown zero of the
+    row's instrument, by which the reach exceeds the distance; -1: none. None: none in any row.
     """
 
     at: At
@@ -77,25 +77,25 @@ class TouchRows(RowsAtJoints):
         return sphere_centre(model.tcp(self.postures), self.reach)
 
     def normals(self, state: State) -> Floats:
-        """From each row's point to the TCP (N, 3)."""
+        """Unit vectors (N, 3) from each row's point to the TCP."""
         away = self._model(state).tcp(self.postures) - state.points[self.point]
         return np.asarray(away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9))
 
     def anywhere(self, state: State) -> Floats:
-        """TCPs (N, 3) that touch each row's sphere from anywhere."""
+        """TCPs (N, 3) that touch each row's sphere from any side."""
         normals = np.random.default_rng(len(self)).normal(size=(len(self), 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(state.points[self.point] + self.lengths(state)[:, None] * normals)
 
     def lengths(self, state: State) -> Floats:
-        """The distances (N,) that were measured, mm: what was shown less the datums that `state` has."""
-        return np.asarray(self.reach - np.append(state.datums, 0.0)[self.datum])  # -1: the last one, nothing
+        """The measured distances (N,), mm: the readings less the datums of `state`."""
+        return np.asarray(self.reach - np.append(state.datums, 0.0)[self.datum])  # -1: the last one, 0
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class SocketRows(RowsAtJoints):
-    """The tool at an unknown point, again and again: a ball held in a socket, a tip in a cone.
+    """The tool repeatedly at an unknown point: a ball held in a socket, a tip in a cone.
 
     at (N): postures; point (N,): index of the socket; sigma (N, 3), mm.
     """

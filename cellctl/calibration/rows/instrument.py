@@ -1,4 +1,4 @@
-"""What an instrument sees of the tool: positions and poses in its own frame."""
+"""Measurements of the tool by an instrument: positions and poses in its own frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cellctl.kinematics import Floats, rotation_vector
 @final
 @dataclass(frozen=True, eq=False)
 class PositionRows(RowsAtJoints):
-    """Tool centre points in the measuring frame. at (N): postures; xyz (N, 3) and sigma (N, 3), mm."""
+    """TCPs in the measuring frame. at (N): postures; xyz (N, 3) and sigma (N, 3), mm."""
 
     at: At
     xyz: Floats
@@ -86,7 +86,7 @@ class PoseRows(RowsAtJoints):
         return np.asarray(self.poses[:, :3, :3])
 
     def moved_to(self, postures: Postures, model: RobotModel) -> Self:
-        """Poses as the model has them at other postures: a turn of the tool is seen about where it is."""
+        """The model's poses at other postures: a turn of the tool is measured at its own place."""
         return replace(self, at=postures, poses=model.pose(postures))
 
     def residual(self, state: State) -> Floats:

@@ -1,4 +1,4 @@
-"""What every kind of measurement offers the estimator, and what the kinds at joint angles have in common."""
+"""The interface of a kind of measurement to the estimator, and the base of the kinds at joint angles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Rows(Protocol):
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What each of the k numbers is: `position`, `rotation`, …; noise is judged for each kind by itself."""
+        """Kind of each of the k numbers: `position`, `rotation`, …; noise is judged for each kind separately."""
         ...
 
     def residual(self, state: State) -> Floats:
@@ -36,7 +36,7 @@ class Rows(Protocol):
         ...
 
     def errors(self, state: State) -> Floats:
-        """Distance (N,) between model and measurement as people speak of it, mm."""
+        """Distance (N,) between model and measurement as shown to people, mm."""
         ...
 
     def pick(self, which: Any) -> Self:
@@ -51,14 +51,14 @@ class Rows(Protocol):
 
 
 class RowsAtJoints(ABC):
-    """A block of rows of one kind, measured at joint angles in one session: what kinds have in common, and the answers
-    that each gives about itself. A new kind is one class.
+    """A block of rows of one kind, measured at joint angles in one session: common parts, and the properties that each
+    kind defines. A new kind is one class.
 
-    of_instrument: whether they are measured in an instrument's own frame, so that base and tool are registered by them.
-    of_planes: whether their fixed points are planes (`State.points` has the poles). has_length: whether a length is in
-    them, without which the robot's size is not seen. along_line: whether a row is one distance along a line
-    (`normals`). one, many: what such a row is called. noun, visits, visits_at_least: what their fixed points and the
-    rows at them are called, and how many rows find such a point and show that they agree.
+    of_instrument: whether they are measured in an instrument's own frame, so that they register base and tool.
+    of_planes: whether their fixed points are planes (`State.points` has the poles). has_length: whether they contain a
+    length, without which the robot's size is unobservable. along_line: whether a row is one distance along a line
+    (`normals`). one, many: names of such a row. noun, visits, visits_at_least: names of their fixed points and of the
+    rows at them, and how many rows find such a point and check that they agree.
     """
 
     at: At
@@ -80,7 +80,7 @@ class RowsAtJoints(ABC):
 
     @property
     def postures(self) -> Postures:
-        """Where the robot stood, N rows."""
+        """The robot's postures, N rows."""
         return Postures.of(self.at)
 
     @property
@@ -112,12 +112,12 @@ class RowsAtJoints(ABC):
 
     @property
     def positions(self) -> Floats | None:
-        """Tool centre points (N, 3), mm, that an instrument saw; None where it saw no such thing."""
+        """TCPs (N, 3), mm, that an instrument measured; None without them."""
         return None
 
     @property
     def orientations(self) -> Floats | None:
-        """Rotations (N, 3, 3) of the tool that an instrument saw; None where it saw none."""
+        """Rotations (N, 3, 3) of the tool that an instrument measured; None without them."""
         return None
 
     @property
@@ -127,23 +127,23 @@ class RowsAtJoints(ABC):
 
     @property
     def zeros(self) -> Any:
-        """Index of the datum that each row's length is counted from (N,); −1: a known one, or no length."""
+        """Index (N,) of the datum from which each row's length is counted; −1: a known zero, or no length."""
         return np.full(len(self), -1)
 
     def telling(self, point: int) -> Bools:
-        """Which rows (N,) tell where the point of number `point` is, with no datum in between."""
+        """Which rows (N,) measure the place of point number `point`, without a datum."""
         return np.asarray((self.visited == point) & (self.zeros < 0))
 
     def place(self, model: RobotModel) -> Floats:
-        """Where all these rows, of one fixed point, see it (3,), mm; of a plane its pole."""
+        """Place (3,), mm, of the fixed point of all these rows; of a plane its pole."""
         return np.asarray(model.tcp(self.postures).mean(axis=0))
 
     def normals(self, state: State) -> Floats:
-        """The line (N, 3), unit vectors, along which each row is a distance; NaN where it is none."""
+        """Unit vectors (N, 3) of the line along which each row is a distance; NaN for other rows."""
         return np.full((len(self), 3), np.nan)
 
     def anywhere(self, state: State) -> Floats:
-        """Tool centre points (N, 3), mm, at which each row would be measured alike, as far apart as can be."""
+        """TCPs (N, 3), mm, at which each row would measure the same, as far apart as possible."""
         return self._model(state).tcp(self.postures)
 
     def moved_to(self, postures: Postures, model: RobotModel) -> Self:
@@ -172,7 +172,7 @@ class RowsAtJoints(ABC):
 
 
 def with_points(columns: Floats, of_point: Floats, point: Any, state: State, session: int) -> Floats:
-    """The robot's `columns` (N, k, P of its model) and each row's own point's (N, k, 3) as columns of the whole."""
+    """The robot's `columns` (N, k, P of its model) and those of each row's point (N, k, 3) as columns of the state."""
     result = np.zeros((*columns.shape[:-1], state.width))
     result[..., state.columns[session]] = columns
     points = np.zeros((len(columns), columns.shape[1], len(state.points), 3))

@@ -1,4 +1,4 @@
-"""Where a fixed point is, from the tool centre points that were measured at it: the start of a fit."""
+"""Start value of a fixed point's place, from the TCPs that were measured at it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ CENTRE_STEPS = 8
 
 
 def sphere_centre(tcps: Floats, reach: Any) -> Floats:
-    """Centre (3,) of the sphere of radius `reach` (N,), mm, whose surface the points `tcps` (N, 3) lie nearest to.
+    """Centre (3,) of the sphere of radius `reach` (N,), mm, that fits the points `tcps` (N, 3) best.
 
-    From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from either side of the points along the
-    direction in which they spread least, as the linear problem does not know how curved a small cap is; Gauss–Newton on
-    the distances, the nearest wins. Fewer than four points give the nearest to the mean that they allow.
+    From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from both sides of the points along the
+    direction of least spread, as the linear problem cannot determine the curvature of a small cap; then Gauss–Newton on
+    the distances; the best fit is taken. Fewer than four points give the admissible centre nearest to the mean.
     """
     reach = np.broadcast_to(np.asarray(reach, float), len(tcps))
     mean = tcps.mean(axis=0)
@@ -29,7 +29,7 @@ def sphere_centre(tcps: Floats, reach: Any) -> Floats:
 
 
 def _nearer_centre(points: Floats, reach: Floats, centre: Floats) -> Floats:
-    """Gauss–Newton on the points' distances from `centre` (3,), as long as they come nearer to `reach`."""
+    """Gauss–Newton on the points' distances from `centre` (3,), while these get closer to `reach`."""
     for _ in range(CENTRE_STEPS):
         away = points - centre
         distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)

@@ -1,8 +1,8 @@
-"""Touches on planes whose place is unknown, and the three numbers that stand for such a plane.
+"""Touches on planes in unknown places, and the three parameters of such a plane.
 
 A normal n and an offset d (the plane: n·x = d) are four numbers for three unknowns. `State.points` holds the *pole* of
 each plane, p = ρ s n with s = 1000 mm and ρ = x + √(x² + 1), x = d/s, so that n = p/|p| and d = s (ρ − 1/ρ)/2. Every
-plane with a side has one pole and every pole but 0 has one plane: a plane through the origin is like any other.
+plane with a side has one pole and every pole except 0 has one plane; a plane through the origin is no special case.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ SCALE_MM = 1000.0
 """About how far planes are from the frame's origin: there, 1 mm of the pole is 1 mm of offset, or 1 mrad of tilt."""
 
 ACROSS_MM = 300.0
-"""How far from its own place on each axis of space a touch on a plane may be moved (`anywhere`)."""
+"""Largest shift of a touch on a plane along each axis (`anywhere`)."""
 
 CARRIED_MM = 30.0
-"""A part of the robot that is further from the TCP than this shows from which side it touches."""
+"""A part of the robot further from the TCP than this shows the side of the touch."""
 
 
 @final
@@ -84,7 +84,7 @@ class PlaneRows(RowsAtJoints):
         return plane_pole(tcps, self.reach, model.chain.frames(self.q)[..., :3, 3])
 
     def anywhere(self, state: State) -> Floats:
-        """TCPs (N, 3) that touch each row's plane, up to `ACROSS_MM` beside where they are."""
+        """TCPs (N, 3) that touch each row's plane, up to `ACROSS_MM` from their places."""
         tcps, normal = self._model(state).tcp(self.postures), self.normals(state)
         beside = np.random.default_rng(len(self)).uniform(-ACROSS_MM, ACROSS_MM, tcps.shape)
         lift = np.sum(normal * beside, axis=1) + self.residual(state)[:, 0]
@@ -104,7 +104,7 @@ def pole_of(normal: Floats, offset: float) -> Floats:
 
 
 def by_pole(poles: Floats, points: Floats) -> Floats:
-    """Derivative (N, 3) by the pole of how far `points` (N, 3), mm, are above the planes with `poles` (N, 3), mm."""
+    """Derivative (N, 3) by the pole of the height of `points` (N, 3), mm, above the planes with `poles` (N, 3), mm."""
     length = np.maximum(np.linalg.norm(poles, axis=-1, keepdims=True), 1e-9)
     normal = poles / length
     across = points - np.sum(normal * points, axis=-1, keepdims=True) * normal
@@ -112,9 +112,9 @@ def by_pole(poles: Floats, points: Floats) -> Floats:
 
 
 def plane_pole(tcps: Floats, reach: Floats, frames: Floats) -> Floats:
-    """Pole (3,), mm, of the plane from which `tcps` (N, 3), mm, are `reach` (N,), mm, away: across the direction in
-    which they spread least, its normal towards what carries the TCPs: the last of the robot's `frames` (N, K, 3), mm,
-    that is not where the TCP is.
+    """Pole (3,), mm, of the plane at distances `reach` (N,), mm, from `tcps` (N, 3), mm: across the direction of least
+    spread, its normal towards the part that carries the TCPs: the last of the robot's `frames` (N, K, 3), mm, that is
+    not at the TCP.
     """
     away, arms = tcps - tcps.mean(axis=0), frames - tcps[:, None]
     carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)

@@ -1,4 +1,4 @@
-"""Rows of several kinds and sessions as one: rows are counted through, block after block."""
+"""Rows of several kinds and sessions as one set, numbered block after block."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from cellctl.kinematics import Floats
 @final
 @dataclass(frozen=True, eq=False)
 class RowBlocks:
-    """Blocks of rows, each of one kind and one session, some perhaps empty; M rows in all."""
+    """Blocks of rows, each of one kind and one session, some possibly empty; M rows in all."""
 
     blocks: tuple[Measured, ...]
 
     @classmethod
     def of(cls, rows: Self | Measured | Sequence[Measured]) -> Self:
-        """A mixture as it is; one block, or several, as a mixture."""
+        """Row blocks unchanged; one block, or several, as row blocks."""
         if isinstance(rows, cls):
             return rows
         return cls(tuple(rows) if isinstance(rows, list | tuple) else (rows,))  # type: ignore[arg-type]
@@ -37,7 +37,7 @@ class RowBlocks:
 
     @property
     def only(self) -> Measured:
-        """The one block there is. Raises ValueError where there are several, or none."""
+        """The only block. Raises ValueError where there are several, or none."""
         (block,) = self.blocks
         return block
 
@@ -48,22 +48,22 @@ class RowBlocks:
 
     @property
     def numbers(self) -> Any:
-        """How many numbers each row holds (M,)."""
+        """Count of numbers in each row (M,)."""
         return np.concatenate([np.full(len(block), len(block.quantities)) for block in self.blocks])
 
     @property
     def size(self) -> int:
-        """How many numbers there are."""
+        """Total count of numbers."""
         return sum(block.sigma.size for block in self.blocks)
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What each number of a row is, block after block: the noise's factors are one for each of these."""
+        """Kind of each number of a row, block after block: there is one noise factor for each of these."""
         return tuple(quantity for block in self.blocks for quantity in block.quantities)
 
     @property
     def kinds(self) -> frozenset[type[Measured]]:
-        """Kinds of rows that there are."""
+        """Kinds of rows present."""
         return frozenset(type(block) for block in self.blocks if len(block))
 
     def parts(self) -> Iterator[tuple[Measured, slice, slice]]:

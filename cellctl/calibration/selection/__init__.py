@@ -1,1 +1,1 @@
-"""How much model the rows support, by cross-validation and evidence."""
+"""Which model terms the rows support, by cross-validation and evidence."""

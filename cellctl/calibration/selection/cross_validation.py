@@ -1,7 +1,7 @@
-"""Cross-validation of linearised rows: what the others predict of each, without fitting anything again.
+"""Cross-validation of linearised rows: each row's prediction from the others, without a new fit.
 
-The rows are linearised once, about a fit of all of them. Leaving a fold out then takes its rows' normal equations out
-of the sum. Any subset of the unknowns is another model, of the same sum.
+The rows are linearised once, about a fit of all of them. To leave a fold out, its rows' normal equations are subtracted
+from the sum. Any subset of the unknowns is another model, from the same sum.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cellctl.kinematics import Bools, Floats
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """Held-out rows as the others predict them: residual (N, k) in stated σ, its covariance (N, k, k), error (N,), mm,
-    and which rows these are (indices); `placed`: which of them fixed their own point or session first.
+    and indices of these rows; `placed`: which of them first fixed their own point or session.
     """
 
     residual: Floats
@@ -48,8 +48,8 @@ class Folded:
     """Rows linearised about a fit, and their folds.
 
     system: all rows' normal equations, of all unknowns (F,). mm (N, k): σ of each number that is a length, 0 of a turn.
-    folds: each fold's rows and their normal equations. registering (F,): unknowns that tie rows to the robot, and that
-    held-out rows may have to find for themselves.
+    folds: each fold's rows and their normal equations. registering (F,): unknowns that tie rows to the robot; held-out
+    rows may have to find these themselves.
     """
 
     linear: Linear
@@ -84,9 +84,9 @@ class Folded:
     def predicted(
         self, kept: Bools, logs: Mapping[Factor, float], most: int | None = None, *, again: bool = False
     ) -> Predicted:
-        """Each fold's rows as the others predict them with the unknowns `kept` (F,) alone, and these logarithms of
-        noise and prior scales. most: rows of each fold that are looked at. again: the others find noise and scales
-        again, without the fold, from there.
+        """Each fold's rows as the others predict them with only the unknowns `kept` (F,), and these logarithms of noise
+        and prior scales. most: rows used of each fold. again: the others estimate noise and scales again, without the
+        fold, from these start values.
         """
         at = np.flatnonzero(kept)
         system = self.system.restricted(kept)
@@ -131,7 +131,7 @@ class Folded:
     def _placed(
         self, residual: Floats, columns: Floats, at: Any, test: Any, left: Mapping[Factor, Normal]
     ) -> tuple[Floats, bool]:
-        """Residuals once what no other row knows (a point, a session) is found from these; whether there is any."""
+        """Residuals after a fit of what only these rows determine (a point, a session); whether there is any."""
         known = np.sum([np.diag(normal.square) for normal in left.values()], axis=0) if left else np.zeros(len(at))
         there = np.einsum("nkf,nkf->f", columns, columns)
         unknown = self.registering[at] & (known <= 1e-9 * there) & (there > 0.0)

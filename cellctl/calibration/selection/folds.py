@@ -1,4 +1,4 @@
-"""Which rows judge the others in cross-validation: some at random, or the ends of the measured joint ranges."""
+"""Held-out rows of a cross-validation: random ones, or the ends of the measured joint ranges."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ import numpy as np
 from cellctl.kinematics import Floats
 
 JUDGING = 1000
-"""Rows that are cross-validated, at most: more would not change what they say, only take longer."""
+"""Rows that are cross-validated, at most: more take longer and do not change the result."""
 
 FOLDS = 5
 SAME_RAD = 1e-3
-"""Rows whose joints are this close are repeats: they judge together, or one would be judged by the other."""
+"""Rows with joints this close are repeats: they are held out together, so that none predicts another."""
 
 END = 0.25
 """The share of the rows at either end of a joint's range that is left out at a time."""
 
 END_AT_MOST = 0.45
-"""Where more rows than this share are at one end, as of a joint that hardly moved, nothing is left to judge them by."""
+"""With more than this share of the rows at one end (a joint that hardly moved), too few are left to predict them."""
 
 MOVED_RAD = 0.2
 """A joint that moved less has no ends."""
 
 
 def judging(count: int) -> Any:
-    """Indices of at most `JUDGING` of so many rows, the same ones each time."""
+    """Indices of at most `JUDGING` of `count` rows, the same each time."""
     return np.sort(np.random.default_rng(count).permutation(count)[:JUDGING])
 
 
 def evenly(test: Any, most: int | None) -> Any:
-    """At most so many of the rows of a fold, evenly; all where `most` is None."""
+    """At most `most` rows of a fold, evenly spaced; all where it is None."""
     return test if most is None else test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]
 
 
 def random_folds(q: Floats) -> list[Any]:
-    """At most `FOLDS` sets of indices that part the rows at q (N, n), rad; repeats of a posture in one set."""
+    """At most `FOLDS` sets of indices that divide the rows at q (N, n), rad; repeats of a posture in one set."""
     _, posture = np.unique(np.round(q / SAME_RAD), axis=0, return_inverse=True)
     count = int(posture.max(initial=-1)) + 1
     order = np.random.default_rng(len(q)).permutation(count)

@@ -1,8 +1,8 @@
-"""How much model the rows support: from registration to geometry, and on by one effect after another.
+"""Which model terms the rows support: from registration to geometry, then effect by effect.
 
-A term is kept only if held-out rows gain by more than the standard error of that gain. They are rows of the fit
-(cross-validation), so that the rows that judge the result have had no say in what it is. Where most predictions are
-wanted outside the measured joints, the ends of the joint ranges have the last word among nominal, geometry and more.
+A term is kept only if held-out rows gain by more than the standard error of that gain. These are rows of the fit
+(cross-validation): the rows that judge the result have no influence on it. If most predictions are needed outside the
+measured joints, the ends of the joint ranges decide between nominal, geometry and more.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from cellctl.calibration.selection.model_error import carried
 from cellctl.kinematics import Bools, Floats
 
 WORTH = 0.01
-"""A gain of a smaller share of the distance before is not worth a term, however significant it is."""
+"""A gain below this share of the previous distance does not justify a term, even if it is significant."""
 
 SHOWN = 0.25
 """A band of a joint's harmonics that moves the rows by less than this share of their noise is left out."""
 
 WORTH_ENDS = 0.1
-"""The same for a model with fewer terms, at the ends of the joint ranges, whose errors are few and of one kind."""
+"""The same for a model with fewer terms, at the ends of the joint ranges, where errors are few and similar."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A model that was tried: its mean error on held-out rows of the fit, mm; by how much that is less than that of the
-    best model before, and the standard error of this, mm; whether it was kept.
+    """A model that was tried: its mean error on held-out rows of the fit, mm; the gain over the best model before, and
+    its standard error, mm; whether it was kept.
     """
 
     model: str
@@ -53,7 +53,7 @@ class Step:
 @final
 @dataclass(frozen=True, eq=False)
 class Climbed:
-    """The task with the terms that were kept, its noise and prior scales, and what was tried."""
+    """The task with the terms that were kept, its noise and prior scales, and the steps tried."""
 
     task: Task
     weights: Weights | None
@@ -63,7 +63,7 @@ class Climbed:
 @final
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A model on the way: names of its groups, noise and prior scales, held-out errors (N,), mm."""
+    """A candidate model: names of its groups, noise and prior scales, held-out errors (N,), mm."""
 
     groups: tuple[Group, ...]
     logs: Mapping[Factor, float]
@@ -75,16 +75,16 @@ class _Model:
 
 
 def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: bool = False) -> Climbed:
-    """`task` with as many terms as `rows`, none of which is an outlier, support, and what was tried.
+    """`task` with the terms that `rows` (inliers) support, and the steps tried.
 
-    outside: whether most predictions are wanted outside the measured joints.
+    outside: whether most predictions are needed outside the measured joints.
     """
     rows = rows.pick(judging(len(rows)))
     ladder = _Ladder.of(replace(task, candidates=None), task.candidates or (), rows)
     nominal = ladder.tried((), {})
     geometry = ladder.tried((GEOMETRY,), nominal.logs)
     steps = [Step(nominal.name, float(nominal.errors.mean()), kept=True), _step(nominal, geometry)]
-    if not steps[-1].kept:  # without geometry there is nothing for an effect to build on
+    if not steps[-1].kept:  # effects need geometry
         return Climbed(ladder.task_of(nominal), None, tuple(steps))
     best, waiting = geometry, [effect.group for effect in task.candidates or ()]
     while waiting:
@@ -98,7 +98,7 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
                 best, again = wider, bool(missed)
             else:
                 missed.append(group)
-        waiting = missed if again else []  # with a term found after it, a term that was left out may show
+        waiting = missed if again else []  # a later term may make an omitted one significant
     if outside:
         best = ladder.best_at_the_ends([best, geometry, nominal])
     return Climbed(ladder.task_of(best), ladder.weights(best) if best.groups else None, tuple(steps))
@@ -145,7 +145,7 @@ class _Ladder:
         return _Model(groups, logs, self.folded.predicted(kept, logs).errors)
 
     def best_at_the_ends(self, models: list[_Model]) -> _Model:
-        """The first of `models`, unless another predicts the ends of the joint ranges from the rest better."""
+        """The first of `models`, unless another predicts the ends of the joint ranges better from the other rows."""
         ends = end_folds(self.rows.q)
         if not ends:
             return models[0]
@@ -165,7 +165,7 @@ class _Ladder:
         return replace(self.task.with_effects(in_order([*self.task.model.effects, *kept])), groups=None)
 
     def _with_what_shows(self, effect: Effect, model: _Model) -> Effect:
-        """A residual model without the bands that are too small for any row to show, at their size, in the noise."""
+        """A residual model without the bands that are too small to show in the noise of the rows."""
         bands = dict.fromkeys(parameter.band for parameter in effect.parameters if parameter.band)
         if not isinstance(effect, ResidualModel) or not bands:
             return effect
@@ -185,7 +185,7 @@ class _Ladder:
         return Weights.of(self.rows, {factor: float(np.exp(log)) for factor, log in model.logs.items()})
 
     def _columns(self, groups: tuple[Group, ...]) -> Bools:
-        """The unknowns (F,) of a model with these terms; what `task` has anyway comes with geometry."""
+        """The unknowns (F,) of a model with these terms; the unknowns that `task` always has belong to geometry."""
         added = {effect.group for effect in self.candidates}
         mine = ~np.isin(self.groups, list(added - set(groups)))
         return np.asarray(mine if GEOMETRY in groups else self.registering)

@@ -1,4 +1,4 @@
-"""Whether rows show that a model lacks something: then a residual model joins it, by the evidence of the rows."""
+"""Whether rows show that a model is incomplete: then a residual model is added, by the evidence of the rows."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from cellctl.kinematics import Floats
 ROWS_AT_LEAST = 10
 
 SHOWN = 2.0
-"""A residual model has to raise the logarithm of the evidence by this: seven times as probable. One that is there by
-chance only makes σ larger; without one that is needed σ is too small.
+"""A residual model has to raise the logarithm of the evidence by this: seven times as probable. A spurious one only
+makes σ larger; if a necessary one is missing, σ is too small.
 """
 
 
 def without_functions(task: Task) -> Task:
-    """`task` without residual models; as it is where they belong to a prior model."""
+    """`task` without residual models; unchanged where they belong to a prior model."""
     if task.prior is not None:
         return task
     return task.with_effects(tuple(effect for effect in task.model.effects if not isinstance(effect, ResidualModel)))
 
 
 def may_join(task: Task) -> list[type[ResidualModel]]:
-    """Residual models that the rows may ask for: those of a robot whose geometry is identified, without prior model."""
+    """Residual models that may be added: only if the robot's geometry is identified, without a prior model."""
     if task.prior is not None or task.groups is not None:
         return []
     there = {effect.group for effect in task.model.effects}
@@ -43,7 +43,7 @@ def may_join(task: Task) -> list[type[ResidualModel]]:
 
 
 def with_kind(task: Task, kind: type[ResidualModel], rows: RowBlocks) -> Task | None:
-    """`task` whose model has a residual model of this kind, made from `rows`; None where they cannot show it."""
+    """`task` with a residual model of this kind added, made from `rows`; None where they cannot determine it."""
     made = kind.of_inputs(EffectInputs(task.model.chain, Postures(rows.q)))
     return None if made is None else task.with_effects(in_order([*task.model.effects, made]))
 
@@ -51,8 +51,8 @@ def with_kind(task: Task, kind: type[ResidualModel], rows: RowBlocks) -> Task | 
 def scales_with(
     group: Group, found: Estimate, wider: Unknowns, rows: RowBlocks, certain: list[Rows], scales: dict[Factor, float]
 ) -> dict[Factor, float] | None:
-    """Noise and prior scales with the residual model `group` that `wider` has beside what was `found` with `scales`;
-    None where the rows are hardly more probable with it.
+    """Noise and prior scales with the residual model `group` that `wider` adds to what was `found` with `scales`; None
+    where the rows are hardly more probable with it.
     """
     system = System.of(wider, carried(found, wider), rows, certain)
     logs = {factor: float(np.log(value)) for factor, value in scales.items()}
@@ -63,14 +63,14 @@ def scales_with(
 
 
 def carried(found: Estimate, wider: Unknowns) -> Floats:
-    """The deviations (P,) of `found` for unknowns that have amounts besides, which are 0."""
+    """The deviations (P,) of `found` for unknowns with additional amounts, which are 0."""
     deviations = np.zeros(len(wider.names))
     deviations[_places(found.unknowns, wider)] = found.deviations
     return deviations
 
 
 def widened(found: Estimate, wider: Unknowns) -> Estimate:
-    """`found` with unknowns that have amounts besides, held at 0."""
+    """`found` for unknowns with additional amounts, held at 0."""
     places, given = _places(found.unknowns, wider), found.unknowns
     free = np.zeros(len(wider.names), bool)
     free[places] = given.free

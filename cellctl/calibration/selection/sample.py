@@ -1,7 +1,6 @@
-"""A sample of many rows that has something of everything: small blocks and rare points whole, large ones thinned.
+"""A stratified sample of many rows: small blocks and rare points complete, large ones thinned.
 
-A sample drawn from all rows alike would have six of thirty-six touches beside twenty thousand positions: too few to
-tell an outlier by.
+A uniform sample would have six of thirty-six touches beside twenty thousand positions: too few to detect an outlier.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 
 
 def sampled(rows: RowBlocks, most: int) -> Any:
-    """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: as many of each block, and
-    within it of each point, as there are, up to what leaves enough for the others.
+    """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: equally many of each block, and
+    within it of each point, as far as it has them.
     """
     rng = np.random.default_rng(len(rows))
     chosen = [np.zeros(0, int)]

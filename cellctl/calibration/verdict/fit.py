@@ -1,4 +1,4 @@
-"""A fit with its proof: identified on some rows, judged on others that it never saw."""
+"""A fit with its proof: identified on some rows, judged on held-out rows."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class FitResult:
     """An identified model with its figures on the rows of the fit and on held-out rows; distances in mm.
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
-    nominal is that of the fit rows, and the verdict `no better`: nothing is proved. verdict_reason: why, in words.
-    sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: nothing was held out), and why.
-    predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, apart from what moves all of it
-    as one body: what a residual on spheres cannot tell. unpredicted: indices of held-out rows far beyond what the model
-    predicts, unpredicted_mm: how far off, predicted_mm: 1 σ (3-D) predicted for each; they are in the figures.
-    ladder: the models tried, where it was left open.
+    nominal is that of the fit rows, and the verdict is `no better`: there is no proof. verdict_reason: the reason, in
+    words. sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: no row was held out), and why.
+    predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, without common rigid motions: residuals
+    on spheres cannot show it. unpredicted: indices of held-out rows far beyond the model's prediction, unpredicted_mm:
+    their errors, predicted_mm: 1 σ (3-D) predicted for each; they are included in the figures. ladder: the models
+    tried, if the task left the terms open.
 
     prior: a prior model, registered, on the rows of `nominal`; None without one. against: what decided the verdict.
     placing: how far the prior model was off before it was registered. informed: whether the rows determined the robot's
@@ -83,7 +83,7 @@ class FitResult:
         return int((unknowns.free & ~unknowns.among(functions())).sum())
 
     def summary(self) -> dict[str, Any]:
-        """The figures as plain values for JSON; outliers are left to who knows the rows' lines."""
+        """The figures as plain values for JSON; without outliers, which the caller names by line."""
         found = self.identification.identified
         return {
             "n_fit": self.n_fit,
@@ -119,7 +119,7 @@ class FitResult:
 @final
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """What some rows identified, with as many terms as they support, and how far its σ can be relied on."""
+    """A model identified from some rows, with the terms that they support, and the reliability of its σ."""
 
     task: Task
     identification: Identification
@@ -128,7 +128,7 @@ class _Fitted:
 
     @classmethod
     def of(cls, task: Task, fit: Any, predicted: Any, progress: Progress) -> Self:
-        """From the rows at `fit`; predicted: the rows it is for, of which only the postures are looked at."""
+        """From the rows at `fit`; predicted: the rows to be predicted, of which only the postures are used."""
         progress("identifying", 0.0)
         if task.candidates is None:
             return cls._with_reliability(task, identify(task, fit), ())
@@ -149,9 +149,9 @@ class _Fitted:
 
 
 def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
-    """Identify by `split.fit` and judge by `split.judged`: of no row that judges is anything known to its model.
+    """Identify from `split.fit` and judge by `split.judged`: a model has no information from the rows that judge it.
 
-    Where the task leaves it open how much model there is, each part of the split decides it from its own rows.
+    If the task leaves the model's terms open, each part of the split selects them from its own rows.
     """
     given, parts = task, _parts(split, progress)
     predicted = np.concatenate([np.zeros(0, int), *(test for _, test in split.judged)])
@@ -222,11 +222,11 @@ def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
 
 def _observability(task: Task, found: Identification, own: RowBlocks) -> Observability:
     given = found.identified.unknowns
-    parameters = ~given.among(functions())  # coefficients of a random function are no parameters to be seen one by one
+    parameters = ~given.among(functions())  # coefficients of a random function are not counted one by one
     unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
     rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
     seen = seen_at_start(unknowns, [*rows, *certain(task)])
-    if unknowns.pinned is not None and len(unknowns.pinned):  # what no row can tell from noise is not seen
+    if unknowns.pinned is not None and len(unknowns.pinned):  # combinations below the noise are unobservable
         pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
         seen = seen - (seen @ pins) @ pins.T
     return observability(
@@ -235,7 +235,7 @@ def _observability(task: Task, found: Identification, own: RowBlocks) -> Observa
 
 
 def _unpredicted(split: Split, held_out: HeldOut) -> dict[str, Any]:
-    """The held-out rows far beyond what was predicted, how far off each was, and how far it should be, by row."""
+    """Held-out rows far beyond the prediction: indices, errors and predicted errors."""
     places = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in split.judged)])
     which = held_out.unpredicted
     columns = (places[which], held_out.identified[which], np.sqrt(held_out.variance[which]))

@@ -1,8 +1,8 @@
-"""Rows that a model never saw, as it sees them: what only they can tell is found from them first, and nothing else.
+"""Held-out rows as a model predicts them: only parameters that no other row determines are first fitted to them.
 
-A socket that the fit never saw, or a session in which the robot had been set up anew, has a place that nobody knows but
-the held-out rows themselves. It is fitted to them, for nominal and identified alike; what is left is what the robot's
-model is wrong about among these rows.
+A socket that is not in the fit, or a session in which the robot was set up anew, has a place that only the held-out
+rows determine. It is fitted to them, for nominal and identified alike; the remaining error is that of the robot's model
+among these rows.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cellctl.kinematics import Bools, Floats
 
 
 def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: Reliability) -> HeldOut:
-    """`rows` as nominal, a prior model and the identified robot see them. None of them was in the fit `by`."""
+    """`rows` as nominal, a prior model and the identified robot predict them. None of them was in the fit `by`."""
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
     nominal, identified = _both_settled(task, by, rows, unseen)
@@ -58,13 +58,13 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
 
 
 def nominal_errors(task: Task, used: RowBlocks, rows: RowBlocks) -> Floats:
-    """Distances (N,), mm, of `rows` from the robot as its file has it, registered on the rows `used`."""
+    """Distances (N,), mm, of `rows` from the robot as in its file, registered on the rows `used`."""
     nominal = task.of_nominal
     return held_out_errors(nominal, registered(nominal, used), used, rows)
 
 
 def _noise_of(used: RowBlocks, by: Identification) -> Floats:
-    """The fit's factors of noise; for blocks of which it `used` no row, the greatest that rows of their kind had."""
+    """The fit's factors of noise; for blocks without a row among those `used`, the greatest of their kind."""
     result = by.noise.copy()
     for block, _, own in used.parts():
         alike = [by.noise[other] for each, _, other in used.parts() if len(each) and type(each) is type(block)]
@@ -74,12 +74,12 @@ def _noise_of(used: RowBlocks, by: Identification) -> Floats:
 
 
 def held_out_errors(task: Task, found: Estimate, used: RowBlocks, rows: RowBlocks) -> Floats:
-    """Distances (N,), mm, of held-out `rows` from what was `found` from the rows `used`."""
+    """Distances (N,), mm, of held-out `rows` from the estimate `found` from the rows `used`."""
     return rows.errors(_settled(task, found, rows, unseen_by(task, found.unknowns, used, rows)))
 
 
 def settled(task: Task, by: Identification, rows: RowBlocks) -> tuple[State, State]:
-    """The nominal and the identified robot as held-out `rows` are judged by: with what only these can tell fitted."""
+    """The nominal and the identified robot that judge held-out `rows`: with what only these determine fitted."""
     used = task.rows.pick(list(by.used))
     return _both_settled(task, by, rows, unseen_by(task, by.identified.unknowns, used, rows))
 
@@ -89,7 +89,7 @@ def _both_settled(task: Task, by: Identification, rows: RowBlocks, unseen: Bools
 
 
 def unseen_by(task: Task, unknowns: Unknowns, used: RowBlocks, rows: RowBlocks) -> Bools:
-    """Which parameters (P,) tie `rows` to the robot without any of the rows `used` in the fit having told them."""
+    """Which parameters (P,) tie `rows` to the robot and are not determined by the rows `used` in the fit."""
     needed = _touched(unknowns, rows) & task.registration(unknowns)
     return np.asarray(needed & ~_touched(unknowns, used))
 
@@ -109,7 +109,7 @@ def _touched(unknowns: Unknowns, rows: RowBlocks) -> Bools:
 
 
 def _settled(task: Task, found: Estimate, rows: RowBlocks, unseen: Bools) -> State:
-    """The state of `found` with what is `unseen` fitted to `rows`."""
+    """The state of `found` with the `unseen` parameters fitted to `rows`."""
     if not unseen.any():
         return found.state
     begin = _begun(task, found, rows, unseen)
@@ -118,7 +118,7 @@ def _settled(task: Task, found: Estimate, rows: RowBlocks, unseen: Bools) -> Sta
 
 
 def _begun(task: Task, found: Estimate, rows: RowBlocks, unseen: Bools) -> State:
-    """Where to look for what is unseen: as `task` would begin with nothing but `rows`."""
+    """Start values of the unseen parameters: as for `task` with only `rows`."""
     state = found.state
     models = [
         _placed_anew(model, new, unseen[columns[: len(model.parameters)]])
@@ -142,13 +142,13 @@ def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotMode
 
 
 def _share_left(rows: RowBlocks, hidden: Sequence[Floats | None]) -> float:
-    """The share of the rows' numbers that is left after what was fitted to them."""
+    """The share of the rows' numbers that remains after the fit to them."""
     fitted = max((own.shape[-1] for own in hidden if own is not None), default=0)
     return max(1.0 - fitted / max(rows.size, 1), 0.0)
 
 
 def _taken(state: State, rows: RowBlocks, hidden: Sequence[Floats | None]) -> Floats | None:
-    """What the fit to these rows took up of each parameter (H, P): their columns along the basis `hidden`."""
+    """What the fit to these rows absorbed of each parameter (H, P): their columns along the basis `hidden`."""
     parts = [
         np.einsum("nkh,nkp->hp", own, block.jacobian(state) / block.sigma[..., None])
         for own, block in zip(hidden, rows.blocks, strict=True)

@@ -1,4 +1,4 @@
-"""How good a model is on rows that it never saw, and whether that is better than nominal."""
+"""Errors of a model on held-out rows, and whether they are better than nominal's."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ UNLIKELY = 0.01
 """So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
 
 FAR = 1.25
-"""Found errors up to this many times those predicted are of the size predicted."""
+"""Errors up to this many times those predicted count as predicted."""
 
 NOTHING_MM = 1e-6
-"""Differences up to this are arithmetic."""
+"""Differences up to this are rounding."""
 
 WORTH = 0.01
-"""A gain of less than this share of the mean distance changes nothing for anybody."""
+"""A gain of less than this share of the mean distance has no practical effect."""
 
 SLIGHT = 0.1
-"""A loss of less than this share of a prior model's mean distance is what parameters cost that did not have to be
-free, on the rows of a few folds; the model made from all rows loses less.
+"""A loss of less than this share of a prior model's mean distance is the cost of unnecessary free parameters on the
+rows of a few folds; the model made from all rows loses less.
 """
 
 
@@ -56,10 +56,10 @@ def _joined(parts: Iterable[Floats]) -> Floats:
 @final
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Rows that a model never saw: distances from the nominal and from the identified robot (N,), mm; variance (N,) of
-    the latter as predicted, mm²; p_value (N,): of the error found, by what was predicted; left
-    (N,): the share of each row that is left where something was fitted to these very rows first (None: all of it).
-    prior: distances from a prior model that was updated, registered; None where there was none.
+    """Held-out rows: distances from the nominal and from the identified robot (N,), mm; variance (N,) of the latter as
+    predicted, mm²; p_value (N,) of the error found, by that prediction; left (N,): the share of each row that remains
+    after a fit to these very rows (None: all of it). prior: distances from a prior model that was updated, registered;
+    None where there was none.
     """
 
     nominal: Floats
@@ -84,12 +84,12 @@ class HeldOut:
 
     @property
     def count(self) -> float:
-        """How many rows these are worth."""
+        """Effective number of rows."""
         return float(self.nominal.size if self.left is None else self.left.sum())
 
     @property
     def predicted_rms(self) -> float:
-        """Foreseen root mean square of the identified robot's distances, mm; 0 without rows."""
+        """Predicted root mean square of the identified robot's distances, mm; 0 without rows."""
         return float(np.sqrt(self.variance.mean())) if self.variance.size else 0.0
 
     @property
@@ -99,7 +99,7 @@ class HeldOut:
 
     @property
     def unpredicted(self) -> Bools:
-        """Which rows (N,) lie where hardly any ever does: something is wrong with them, or with the model there."""
+        """Which rows (N,) have a very improbable error: they, or the model there, are wrong."""
         return np.asarray(self.p_value < OUTLYING)
 
 
@@ -123,9 +123,8 @@ def judge(
     """Whether the identified robot is better than nominal, by `rows`, and whether its σ can be trusted: two questions.
 
     doubts: why no row could show that it is better; sigma_doubts: why σ cannot be trusted, whatever the rows show.
-    Beside a prior model it has to be `better` than that, too (beat_prior: more than registration was free), or not
-    `worse` in the same paired test, but for a `SLIGHT` loss. The first of these that fails is the verdict.
-    `better` takes a gain beyond its own scatter (`paired_verdict`) and a smaller root mean square. σ is trusted if the
+    Beside a prior model it must also be `better` than that (beat_prior: more than registration was free), or not
+    `worse` in the same paired test, except for a `SLIGHT` loss. The first of these that fails is the verdict.
     held-out errors are those predicted.
     """
     sigma = _sigma_trusted(rows, sigma_doubts)
@@ -185,10 +184,10 @@ def _predicted(rows: HeldOut, found: float) -> bool:
 def paired_verdict(nominal: Floats, identified: Floats, *, count: float | None = None) -> Verdict:
     """Whether the identified model's errors (N,), mm, are below nominal's on the same held-out rows.
 
-    Paired t test on the difference of the two errors row by row, two-sided at 5 %: what both share (a far corner of
-    the workspace, a noisy hour) drops out, and a gain that a few lucky rows could explain is `no better`. Fewer than
-    three rows prove nothing. count: how many rows these are worth, if fewer than there are: four touches that found
-    their sphere themselves say one thing, not four.
+    Paired t test on the difference of the two errors row by row, two-sided at 5 %: common causes (a far corner of the
+    workspace, a noisy hour) cancel, and a gain that a few favourable rows could explain is `no better`. Fewer than
+    three rows prove nothing. count: effective number of rows, if fewer: four touches that find their own sphere count
+    as one.
     """
     from scipy.stats import t
 
@@ -214,7 +213,7 @@ def verdict_sentence(
 ) -> str:
     """The verdict in sentences: what was measured, before, after; then better, no better (and the `reason`) or worse.
 
-    rows: how many were held out; kind: their name. prior: figures of a prior model; against: what decided the verdict.
+    rows: how many were held out; kind: their name. prior: figures of a prior model; against: the deciding baseline.
     """
     names = ("nominal robot", "prior model", "identified robot") if prior else ("before", "after")
     figures = (nominal, prior, test) if prior else (nominal, test)

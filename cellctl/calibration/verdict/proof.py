@@ -1,4 +1,4 @@
-"""What a proof on held-out rows takes, whatever they show: enough rows in the fit, and rows that go together."""
+"""Requirements of a proof on held-out rows: enough rows in the fit, and consistent rows."""
 
 from __future__ import annotations
 
@@ -14,26 +14,24 @@ from cellctl.calibration.verdict.split import Split
 
 TOO_NOISY = 10.0
 PER_SEEN = 5
-"""Rows that scatter `TOO_NOISY` times more than they say may be noisy, or contradict each other: it takes `PER_SEEN`
-numbers for each parameter that they determine to tell that."""
+"""Rows that scatter `TOO_NOISY` times more than stated may be noisy, or contradict each other: to decide that takes
+`PER_SEEN` numbers for each parameter that they determine."""
 
 
 def doubts(task: Task, split: Split, found: Identification) -> list[str]:
-    """Why no held-out row could show that `found` is better than nominal, in words; empty where nothing stands against
-    it.
-    """
+    """Why no held-out row could show that `found` is better than nominal, in words; empty if it could."""
     if not split.judged:
         return ["no row was held out"]
     few = [words for fit, test in split.judged for words in _too_few(task, fit, test)]
-    scatter = _scatter(task, found) if task.partial else []  # anything beats a tool that is there no more
+    scatter = _scatter(task, found) if task.partial else []  # any model is better than one with a removed tool
     return [*dict.fromkeys(few), *_apart(found), *scatter, *_not_converged(found)]
 
 
 def sigma_doubts(task: Task, found: Identification) -> list[str]:
-    """Why the σ of `found` cannot be trusted whatever held-out rows show, in words; empty where nothing is against it.
+    """Why the σ of `found` cannot be trusted whatever held-out rows show, in words; empty if it can.
 
-    A real robot has errors that no model here has, and its few touches scatter many times more than its repeatability:
-    that says nothing against a gain which other touches show plainly.
+    A real robot has errors that no model here has, and a few touches scatter many times more than its repeatability:
+    that is no objection to a gain that other touches clearly show.
     """
     return [*_apart(found), *_scatter(task, found), *_not_converged(found)]
 
@@ -56,8 +54,8 @@ def _scatter(task: Task, found: Identification) -> list[str]:
 
 
 def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
-    """With hardly more numbers than unknowns *nominal* looks good on the rows of the fit, bad on all others, and
-    anything is better than that.
+    """With hardly more numbers than unknowns *nominal* has small errors on the rows of the fit and large ones on all
+    others, and any model is better than that.
     """
     rows, held_out = task.rows.pick(fit), task.rows.pick(test)
     needed = OVERDETERMINED * task.registering
@@ -70,7 +68,7 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
 
 
 def _short_sessions(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]:
-    """Sessions that the fit never saw and that judge by hardly more numbers than tie them to the robot."""
+    """Held-out sessions with hardly more numbers than tie them to the robot."""
     known = {block.session for block in rows.blocks if len(block)}
     found = []
     for number, session in enumerate(task.sessions):
@@ -82,7 +80,7 @@ def _short_sessions(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[st
 
 
 def _rarely_visited(task: Task, rows: RowBlocks, held_out: RowBlocks, kind: type[Measured]) -> list[str]:
-    """Points that judge without their place being known well enough: by the fit, or, unknown to it, by what judges."""
+    """Points with too few visits to know their place: in the fit, or, if not in it, among the held-out rows."""
     least = kind.visits_at_least
     of_fit, judging = _visits(task, rows, kind), _visits(task, held_out, kind)
     known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
@@ -93,8 +91,8 @@ def _rarely_visited(task: Task, rows: RowBlocks, held_out: RowBlocks, kind: type
 
 
 def _rarely_shown(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]:
-    """Instruments that judge without their zero being known well enough: besides its points, the lengths of each have
-    to find it, and to show that they agree.
+    """Instruments with too few lengths to know their zero: the lengths of each have to find it and its points, and to
+    check that they agree.
     """
     (of_fit, found), (judging, finding) = _shown(task, rows), _shown(task, held_out)
     known, where = np.where(of_fit > 0, of_fit, judging), np.where(of_fit > 0, "in the fit", "to judge by")
@@ -106,7 +104,7 @@ def _rarely_shown(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[str]
 
 
 def _shown(task: Task, rows: RowBlocks) -> tuple[Any, Any]:
-    """How many lengths each instrument of unknown zero (D,) has, and how many it takes, with the points they go to."""
+    """Count of lengths of each instrument with unknown zero (D,), and the count required, with its points."""
     pairs = [np.column_stack([block.zeros, block.visited])[block.zeros >= 0] for block in rows.blocks]
     shown = np.concatenate([np.zeros((0, 2), int), *pairs]).astype(int)
     points = np.bincount(np.unique(shown, axis=0)[:, 0], minlength=len(task.datums))
@@ -114,7 +112,7 @@ def _shown(task: Task, rows: RowBlocks) -> tuple[Any, Any]:
 
 
 def _visits(task: Task, rows: RowBlocks, kind: type[Measured]) -> Any:
-    """How many rows of `kind` each point (S,) has."""
+    """Count of rows of `kind` at each point (S,)."""
     points = [block.visited for block in rows.blocks if isinstance(block, kind)]
     visited = np.concatenate([np.zeros(0, int), *points]).astype(int)
     return np.bincount(visited, minlength=len(task.points))

@@ -1,4 +1,4 @@
-"""How far a model's own σ can be relied on, by cross-validation: among the measured joints, and outside them."""
+"""Reliability of a model's own σ, by cross-validation: inside and outside the measured joints."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cellctl.calibration.selection.folds import end_folds, evenly, judging, rand
 from cellctl.kinematics import Floats
 
 OF_EACH_END = 60
-"""Rows of each end of a joint's range that are looked at, at most."""
+"""Rows used of each end of a joint's range, at most."""
 
 UNLIKELY = 0.1
 """So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
@@ -30,7 +30,7 @@ ROWS_AT_LEAST = 20
 WIDEST = 3.0
 
 FEW = 250
-"""Of so few rows each fold has a say in noise and prior scales: they are found without it."""
+"""With at most so many rows each fold affects noise and prior scales: these are estimated without it."""
 
 STEPS = 24
 
@@ -38,8 +38,8 @@ STEPS = 24
 @final
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """tails: by how much noise has to be wider than its σ for 95 % of held-out rows of the fit to be in their 95 %
-    regions; 1 where they are anyway. region: what to add outside the measured joints.
+    """tails: factor on the noise for 95 % of held-out rows of the fit to be in their 95 % regions; 1 where no factor is
+    needed. region: what to add outside the measured joints.
     """
 
     tails: float
@@ -47,9 +47,9 @@ class Reliability:
 
     @classmethod
     def of(cls, task: Task, found: Identification) -> Self:
-        """By random folds, and by the ends of the joints' ranges, of the rows of the fit."""
+        """From random folds, and from the ends of the joint ranges, of the rows of the fit."""
         used = task.rows.pick(list(found.used))
-        if task.region is not None:  # what a prior model is worth outside, it says itself
+        if task.region is not None:  # a prior model has its own σ outside
             return cls(1.0, task.region.with_angles(used.q))
         most = float(np.sqrt(np.mean(used.errors(found.nominal.state) ** 2) / _axes(used)))
         tails, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
@@ -59,7 +59,7 @@ class Reliability:
 
 
 def _judged(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
-    """What noise has to be multiplied by for 95 % regions; 1 σ on each axis outside, mm, at most `most`."""
+    """Factor on the noise for 95 % regions; 1 σ on each axis outside, mm, at most `most`."""
     rows = used.pick(judging(len(used)))
     unknowns, deviations = found.identified.unknowns, found.identified.deviations
     registering = task.registration(unknowns)
@@ -86,13 +86,13 @@ def mostly_outside(measured: Floats, predicted: Floats) -> bool:
 
 
 def _axes(rows: RowBlocks) -> int:
-    """How many axes a row's error has: 3 of a point, 1 of a distance."""
+    """Number of axes of a row's error: 3 of a point, 1 of a distance."""
     return max((int(block.of_length.sum()) for block in rows.blocks if len(block)), default=1)
 
 
 def _scatter(found: Identification, used: RowBlocks) -> float:
-    """By how much the rows scatter beyond their stated σ, 1 σ, 3-D, mm. Of several kinds the one that does so least: of
-    the others it is the instrument.
+    """Scatter of the rows beyond their stated σ, 1 σ, 3-D, mm. With several kinds, the least of them: in the others it
+    is due to the instrument.
     """
     excess = []
     for block, _, own in used.parts():
@@ -110,9 +110,7 @@ def _far_sigma(found: Identification) -> float:
 
 
 def _tails(predicted: Predicted, noise: Floats) -> float:
-    """What the noise (N, k), 1 σ, has to be multiplied by for 95 % of the rows to be in their 95 % regions; 1 where
-    hardly fewer are.
-    """
+    """Factor on the noise (N, k), 1 σ, for 95 % of the rows to be in their 95 % regions; 1 where hardly fewer are."""
     known = ~predicted.placed
     if not known.any():
         return 1.0
@@ -130,14 +128,14 @@ def _tails(predicted: Predicted, noise: Floats) -> float:
 
 
 def _left_by_the_others(q: Floats, folds: Sequence[Any]) -> Floats:
-    """The share of variance (M,) that the other rows leave at the rows of each fold that are looked at."""
+    """The share of variance (M,) that the other rows leave at the used rows of each fold."""
     others = [np.delete(np.arange(len(q)), test) for test in folds]
     pairs = zip(folds, others, strict=True)
     return np.concatenate([PostureBasis.over(q[rest]).remainder(q[evenly(test, OF_EACH_END)]) for test, rest in pairs])
 
 
 def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> float:
-    """1 σ on each axis, mm, outside: that under which the rows at the ends are most probable, `most` at most."""
+    """1 σ on each axis, mm, outside: the most probable one for the rows at the ends, `most` at most."""
     known = ~ends.placed & (share > 0.0)
     if not known.any():
         return most

@@ -1,4 +1,4 @@
-"""Which rows a model is made from, and which judge it."""
+"""Rows of the fit, and held-out rows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Split:
 
     @classmethod
     def by_column(cls, held_out: Bools) -> Self:
-        """Rows where `held_out` (N,) is true are for judging alone."""
+        """Rows where `held_out` (N,) is true are held out."""
         fit, test = np.flatnonzero(~held_out), np.flatnonzero(held_out)
         return cls(fit, ((fit, test),) if test.size else ())
 
@@ -39,8 +39,8 @@ class Split:
     def folds(cls, rows: int, count: int, seed: int, groups: Sequence[int] | None = None) -> Self:
         """The model is made from all rows; each fold is judged by a model made from the others.
 
-        groups (N,): a number for each row; rows of the same are held out together, so that repeats of a measurement do
-        not judge the model that they made. Default: each row is its own.
+        groups (N,): a number for each row; rows of one group are held out together, so that repeats of a measurement do
+        not judge a model made from them. Default: each row is its own group.
         """
         number = _numbered(rows, groups)
         order = np.random.default_rng(seed).permutation(number.max(initial=-1) + 1)
@@ -59,7 +59,7 @@ class Split:
 
 
 def _numbered(rows: int, groups: Sequence[int] | None) -> Any:
-    """The group of each row (N,), counted as they come: without repeats the same as without groups."""
+    """The group of each row (N,), numbered in order of appearance: without repeats the same as without groups."""
     if groups is None:
         return np.arange(rows)
     counted: dict[int, int] = {}
