@@ -1,1 +1,1 @@
-"""The command line: composes the rooms, starts the simulators, shows what happens."""
+"""The command line: connects the packages, starts the simulators, shows progress and results."""

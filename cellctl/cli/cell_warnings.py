@@ -1,4 +1,4 @@
-"""Warnings about a cell file: said on stderr, with place and cure; nothing is refused for them."""
+"""Warnings about a cell file: printed on stderr, with place and cure; they do not stop the command."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cellctl.devices.cell import Cell
 
 
 def show_warnings(cell: Cell) -> None:
-    """Say what in the cell file is allowed and probably not meant; nothing where all is well."""
+    """Print allowed but probably unintended values in the cell file, if any."""
     count = len(cell.warnings)
     if count:
         more = [f"… and {count - SHOWN} more"] if count > SHOWN else []

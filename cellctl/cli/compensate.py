@@ -1,4 +1,4 @@
-"""`cellctl compensate`: joints that take the identified robot to targets, as a table for its controller."""
+"""`cellctl compensate`: computes joints that move the identified robot to targets, as a controller's table."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def compensate(
 def _refuse(method: str, out: Path | None, json_: str | None) -> None:
     from cellctl.files import InputError, Problem
 
-    known = ("pseudo-target",)  # not imported from the mathematics: an error in the call is told without loading it
+    known = ("pseudo-target",)  # not imported from the mathematics: errors in the call are reported without loading it
     problems = []
     if method not in known:
         problems.append(Problem("--method", 0, 0, f"'{method}' is not known, or not ready yet", " or ".join(known)))
@@ -70,7 +70,7 @@ def _refuse(method: str, out: Path | None, json_: str | None) -> None:
 
 
 def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: LearntOn) -> TableFile:
-    """The table of all targets. Raises InputError with every target that cannot be reached or was never seen."""
+    """The table of all targets. Raises InputError with every target out of reach or outside the measured region."""
     import numpy as np
 
     from cellctl.clock import calendar_time
@@ -111,7 +111,7 @@ def _unreachable(wanted: Targets, file: str, reached: Bools) -> list[Problem]:
 
 
 def _outside(model: ModelFile, wanted: Targets, file: str, table: TableFile) -> list[Problem]:
-    """Rows that no controller of this robot would be given."""
+    """Errors in rows that must not be sent to a controller of this robot."""
     from cellctl.files import Problem
     from cellctl.formats.table_refusals import row_problems
 

@@ -14,7 +14,7 @@ _HOW = "press Enter to confirm, Ctrl-C to abort; from another terminal: `cellctl
 
 
 def interactive() -> bool:
-    """Whether somebody can be asked: standard input and error are a terminal, and the system can watch it."""
+    """Whether an operator can be asked: standard input and error are a terminal that the system can monitor."""
     return os.name == "posix" and sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -27,7 +27,7 @@ class ConfirmingAtTerminal:
         self._waiting = ""
 
     def event(self, event: KnownEvent) -> None:
-        """Pass the event on; begin to read at a `confirm` step's text, end with the step."""
+        """Pass the event on; read from a `confirm` step's text to the end of the step."""
         self._shown.event(event)
         match event:
             case StepStarted(step=step, do="confirm"):

@@ -1,4 +1,4 @@
-"""`cellctl convert`: one robot, in the form that another program wants."""
+"""`cellctl convert`: converts a robot to another program's format."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @final
 class Form(StrEnum):
-    """What `convert` writes."""
+    """Output formats of `convert`."""
 
     MDH = "mdh-hayati"
     CRAIG = "dh-craig"
@@ -28,7 +28,7 @@ class Form(StrEnum):
 
 @final
 class Table(StrEnum):
-    """How the rows of a DH table are read."""
+    """Convention of the rows of a DH table."""
 
     MDH = "mdh-hayati"
     CRAIG = "dh-craig"

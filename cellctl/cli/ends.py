@@ -1,4 +1,4 @@
-"""Exit codes, and the one block on stderr that says what, where, and what to do."""
+"""Exit codes, and the error block on stderr: what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 NOTHING_MOVED = "nothing was moved"
 SHOWN = 20
-"""Mistakes that are shown; of more only the number."""
+"""Maximum number of errors shown; further ones are counted."""
 
 
 @final
@@ -39,9 +39,9 @@ class Interrupted(Exception):
 
 @contextmanager
 def adding(words: str) -> Iterator[None]:
-    """Add `words` ("nothing was moved") to an error, or a device that cannot be reached, in a verb that can move.
+    """Add `words` ("nothing was moved") to an error, or an unreachable device, in a verb that can move.
 
-    Where nothing could have moved, nothing is said of it.
+    Verbs without motion add no words.
     """
     from cellctl.devices.errors import DeviceUnreachable
     from cellctl.files.problems import InputError
@@ -54,7 +54,7 @@ def adding(words: str) -> Iterator[None]:
 
 
 def exit_code_of(call: Callable[[], object]) -> int:
-    """Run `call`; what goes wrong is said on stderr and becomes an exit code."""
+    """Run `call`; print errors on stderr and convert them to an exit code."""
     try:
         result = call()
         sys.stdout.flush()
@@ -70,7 +70,7 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 
 def _ended_by(error: Exception) -> int:
-    """Say `error` as its kind asks for. The kinds are imported here, so that `--help` need not wait for them."""
+    """Print `error` by its kind. The kinds are imported here, so that `--help` does not wait for them."""
     from cellctl.devices.errors import DeviceError, DeviceUncertain, DeviceUnreachable
     from cellctl.files.problems import InputError
     from cellctl.journal.errors import JournalError
@@ -91,7 +91,7 @@ def _ended_by(error: Exception) -> int:
 
 
 def errors_text(error: InputError) -> str:
-    """How many errors there are, the first of them, and what holds for all."""
+    """The number of errors, the first of them, and the common note."""
     count = len(error.problems)
     lines = [", ".join([f"{count} error{'s' * (count > 1)}", *_notes(error)])]
     lines += [str(problem) for problem in error.problems[:SHOWN]]

@@ -1,4 +1,4 @@
-"""`cellctl fit`: a model from robot file and data set, judged on rows that the fit never saw."""
+"""`cellctl fit`: a model from robot file and data set, judged on held-out rows."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def fit(
     measured = _measured(files, asked)
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
-    if check and not asked.free_groups:  # what is free may be as far off as an error would put it
+    if check and not asked.free_groups:  # free parameters may deviate as much as an error would
         with shown_progress("check") as progress:
             refuse_setup_errors(measured, SetupFiles(files.document, data, artefact), NO_CHECK, progress)
     with shown_progress("fit") as progress:
@@ -116,7 +116,7 @@ def fit(
 @final
 @dataclass(frozen=True)
 class _Files:
-    """What was read, and the hashes that a model made from it carries."""
+    """The files read, and their hashes for the model."""
 
     document: Document
     robot: RobotFile
@@ -127,7 +127,7 @@ class _Files:
 
     @classmethod
     def of(cls, robot: Path, data: Path, asked: Asked) -> _Files:
-        """All files, with all errors in them at once."""
+        """Read all files; reports all their errors at once."""
         from cellctl.files import sha256_of
         from cellctl.formats import DataSet, ModelFile, load_artefact
 
@@ -160,7 +160,7 @@ def _robot(path: Path) -> tuple[Document, RobotFile]:
 
 
 def _is_robot(path: Path) -> bool:
-    """Whether a file holds a robot, whatever errors are in it."""
+    """Whether a file contains a robot, even with errors."""
     try:
         content = load_yaml(path).data
     except InputError:
@@ -169,12 +169,12 @@ def _is_robot(path: Path) -> bool:
 
 
 def _name(path: Path) -> str:
-    """A file's name as text, whatever bytes it is made of."""
+    """A file's name as text, for any bytes in it."""
     return os.fsencode(path.name).decode(errors="replace")
 
 
 def _measured(files: _Files, asked: Asked) -> Measurements:
-    """The usable rows as they are to be fitted."""
+    """The usable rows for the fit."""
     from cellctl.formats import from_prior, measurements, only
 
     measured = measurements(

@@ -1,4 +1,4 @@
-"""What `cellctl fit` was asked for: every error in the options at once, and what they come to."""
+"""The options of `cellctl fit`: reports all their errors at once, and interprets them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class Judging:
-    """Which rows judge: one of a share, folds, a column of fit and test, or each value of a column in turn."""
+    """The held-out rows: one of a share, folds, a column of fit and test, or each value of a column in turn."""
 
     holdout: float | None
     folds: int | None
@@ -25,7 +25,7 @@ class Judging:
     seed: int
 
     def problems(self) -> list[Problem]:
-        """What is wrong with these options."""
+        """Errors in these options."""
         found = []
         if sum(given is not None for given in (self.holdout, self.folds, self.column, self.by)) > 1:
             cure = "one of --holdout, --folds, --column and --by"
@@ -55,7 +55,7 @@ class Asked:
     free: str | None
 
     def refuse(self, judging: Judging) -> None:
-        """Raise InputError with everything wrong with the options; none is silently left out."""
+        """Raise InputError with all errors in the options; no option is silently ignored."""
         problems = [*self._measure(), *_problems_of(self.model_problem), *self._own(), *self._prior()]
         problems += [problem for words in self.spacing for problem in _problems_of(lambda w=words: spacing_of(w))]
         problems += judging.problems()
@@ -64,12 +64,12 @@ class Asked:
 
     @property
     def own_groups(self) -> frozenset[str]:
-        """What each session has to itself."""
+        """The parameters that each session has separately."""
         return frozenset() if self.own == "none" else frozenset(self.own.split(","))
 
     @property
     def free_groups(self) -> tuple[str, ...]:
-        """Groups that alone may change; none named: all that the model has."""
+        """The groups that may change; none named: all groups of the model."""
         return tuple(dict.fromkeys(name.strip() for name in self.free.split(","))) if self.free is not None else ()
 
     @property
@@ -78,7 +78,7 @@ class Asked:
         return [spacing_of(words) for words in self.spacing]
 
     def model_problem(self) -> None:
-        """Raise InputError where the model has no such name."""
+        """Raise InputError if the model has no such name."""
         from cellctl.formats.measurements import ModelTerms
 
         ModelTerms.parse(self.model)

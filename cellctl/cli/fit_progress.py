@@ -1,4 +1,4 @@
-"""How far a long computation is, on stderr: a live bar on a terminal, plain lines elsewhere; nothing of a short one."""
+"""Progress of a long computation, on stderr: a live bar on a terminal, else plain lines; none for a short one."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from typing import Any, final
 from cellctl.calibration.estimation.progress import Progress
 
 QUIET_S = 2.0
-"""Nothing is said in the first seconds."""
+"""No output in the first seconds."""
 
 EVERY_S = 5.0
-"""Plain lines are at least this far apart."""
+"""Least time between plain lines, s."""
 
 TELLING = 0.05
-"""With less done than this share nobody can tell how long the rest takes."""
+"""Below this share of the work the time left cannot be estimated."""
 
 
 @contextmanager
 def shown_progress(name: str, clock: Callable[[], float] = time.monotonic) -> Iterator[Progress]:
-    """A callback that shows on stderr how far `name` is."""
+    """A callback that shows the progress of `name` on stderr."""
     shown = _Bar(name, clock) if sys.stderr.isatty() else _Lines(name, clock)
     timer = threading.Timer(QUIET_S, shown.loud)
     timer.daemon = True
@@ -36,7 +36,7 @@ def shown_progress(name: str, clock: Callable[[], float] = time.monotonic) -> It
 
 
 def time_left(seconds: float, share: float) -> str:
-    """`1 min 20 s left`, after so many seconds for this share of the work; empty where nobody can tell."""
+    """`1 min 20 s left`, from the seconds for this share of the work; empty if it cannot be estimated."""
     if not TELLING <= share < 1.0:
         return ""
     minutes, rest = divmod(max(round(seconds / share * (1.0 - share)), 1), 60)
@@ -44,7 +44,7 @@ def time_left(seconds: float, share: float) -> str:
 
 
 class _Shown:
-    """What was told last; shown once the quiet seconds are over."""
+    """The latest progress; shown after the quiet seconds."""
 
     def __init__(self, name: str, clock: Callable[[], float]) -> None:
         self._name, self._clock, self._began = name, clock, clock()
@@ -68,7 +68,7 @@ class _Shown:
         raise NotImplementedError
 
     def close(self) -> None:
-        """The work is done, or was given up."""
+        """The work is done or cancelled."""
 
     @property
     def _left(self) -> str:
@@ -77,7 +77,7 @@ class _Shown:
 
 @final
 class _Lines(_Shown):
-    """A line where something new is being done, `EVERY_S` after the one before."""
+    """A line for each new activity, at least `EVERY_S` after the previous one."""
 
     _last = -EVERY_S
 
@@ -91,7 +91,7 @@ class _Lines(_Shown):
 
 @final
 class _Bar(_Shown):
-    """A bar, taken away when the work is done."""
+    """A bar, removed when the work is done."""
 
     _bar: Any = None
 

@@ -1,4 +1,4 @@
-"""Which rows `cellctl fit` makes the model from, and which judge it."""
+"""The rows of the fit and the held-out rows of `cellctl fit`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_LABELS = 100
 
 
 def split_of(measured: Measurements, judging: Judging) -> tuple[Split, list[str]]:
-    """The split, and with `--by` the label of each row that judges. Raises InputError where it cannot be."""
+    """The split, and with `--by` the label of each held-out row. Raises InputError if there is no such split."""
     split = _enough(measured, _split(measured, judging))
     if judging.by is None:
         return split, []

@@ -19,11 +19,11 @@ _LETTERS = 160
 
 
 def show(report: dict[str, Any]) -> None:
-    """The figures as a table, what cannot be seen, mastering offsets, and the verdict as the last line."""
+    """The figures as a table, unobservable parameters, mastering offsets, and the verdict as the last line."""
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
-    console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but cut no figure
+    console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate a figure
     _figures(console, report)
     for words in (*_model(report), *_steps(report), *_unseen(report), *_far(report), *_mastering(report)):
         console.print(words, markup=False)
@@ -47,7 +47,7 @@ def _figures(console: Console, report: dict[str, Any]) -> None:
     for column in ("mean", "RMS", "max"):
         table.add_column(column, justify="right")
     compared = {key: name for key, name in _COMPARED.items() if report[key]}
-    for key, name in compared.items():  # without held-out rows no row stands behind them
+    for key, name in compared.items():  # without held-out rows no row supports them
         table.add_row(f"held out, {name}", *(_cells(report[key]) if report["n_test"] else ["–"] * 3))
     table.add_row("rows of the fit", *_cells(report["fit"]))
     for label, figures in report["by"].items():
@@ -76,7 +76,7 @@ def _model(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _steps(report: dict[str, Any]) -> Iterator[str]:
-    """The models that were tried, each with its error on rows of the fit that it was not made from."""
+    """The models that were tried, each with its cross-validation error on rows of the fit."""
     for step in report["ladder"]:
         kept = "kept" if step["kept"] else "left out"
         gain = (
@@ -86,7 +86,7 @@ def _steps(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _unseen(report: dict[str, Any]) -> Iterator[str]:
-    """Why, and then what: a line for each cause."""
+    """The reason, then the parameters: a line for each reason."""
     causes = report["unseen"]
     if causes:
         yield "Not observable with these rows:"
@@ -97,7 +97,7 @@ def _unseen(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _shortly(phrases: list[str]) -> list[str]:
-    """As many of the phrases as a line or two hold, the first in any case; none of none."""
+    """The phrases that fit in one or two lines, at least the first; empty without phrases."""
     ends = [sum(len(phrase) + 2 for phrase in phrases[: count + 1]) for count in range(len(phrases))]
     count = max(sum(end <= _LETTERS for end in ends), 1)
     more = [f"and {len(phrases) - count} more"] if len(phrases) > count else []

@@ -1,4 +1,4 @@
-"""`cellctl import`: a pendant's joint list and a table of positions typed by hand become a data set."""
+"""`cellctl import`: makes a data set from a pendant's joint list and a hand-typed table of positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cellctl krl`: the files that a cell's controller has to have, made for this cell."""
+"""`cellctl krl`: writes the files that a cell's controller needs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def krl(
 
 
 def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> dict[str, str]:
-    """The files of the one device that has some. Raises InputError where none has, or more than one."""
+    """The files of the only device that has any. Raises InputError if none has, or more than one."""
     from cellctl.clock import WallClock
     from cellctl.files import InputError
 

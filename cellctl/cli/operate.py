@@ -1,4 +1,4 @@
-"""`cellctl status`, `pause`, `continue`, `abort`, `confirm`: look at a running campaign and act on it."""
+"""`cellctl status`, `pause`, `continue`, `abort`, `confirm`: status and control of a running campaign."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> N
 
 
 async def _taken(name: ActionName, folder: Path) -> OperatorAction:
-    """Leave the action in the run's mailbox, and wait until the journal shows it."""
+    """Write the action to the run's mailbox, and wait until the journal contains it."""
     from cellctl.clock import WallClock
     from cellctl.engine import MailboxFolder, Operator
     from cellctl.journal import OperatorAction, fold, read_journal, writer_of

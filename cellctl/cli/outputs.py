@@ -1,4 +1,4 @@
-"""Files to be written: looked at before the work, not after it; and files that go to stdout."""
+"""Output files, checked before the work; and output to stdout."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cellctl.files import InputError, Problem, is_stream, write_atomically
 
 
 def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[Path | None]) -> None:
-    """Raise InputError where an output (by its option; None is none) cannot be a file, is one of the `inputs`, or is
-    given twice. `-` is stdout for the JSON, and an error elsewhere.
+    """Raise InputError if an output (by its option; None: no output) cannot be a file, is one of the `inputs`, or is
+    given twice. `-` is stdout for the JSON, and an error for other outputs.
     """
     wanted = {option: Path(path) for option, path in outputs.items() if path is not None}
     if str(wanted.get("--json")) == "-":
@@ -32,14 +32,14 @@ def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[
 
 
 def refuse_json_on_stdout(json_: str | None, out: Path | None, what: str) -> None:
-    """Raise InputError where both the JSON and `what`, the verb's own output, would go to stdout."""
+    """Raise InputError if both the JSON and `what`, the verb's own output, would go to stdout."""
     if json_ == "-" and out is None:
         raise InputError(Problem("--json", 0, 0, f"{what} itself goes to stdout", "give -o FILE too"))
 
 
 @final
 class Unwritten:
-    """Outputs that could not be written after all (a disk that filled up): told when the others are, and the result."""
+    """Outputs that could not be written (full disk): reported after the other outputs and the result."""
 
     def __init__(self) -> None:
         self._problems: list[Problem] = []
@@ -60,7 +60,7 @@ class Unwritten:
 
 
 def to_stdout(text: str) -> None:
-    """Write a file's `text` to stdout, in UTF-8 as files are, whatever the terminal knows."""
+    """Write a file's `text` to stdout, in UTF-8 as in files, for any terminal encoding."""
     typer.echo(text.encode(), nl=False)
 
 
@@ -84,7 +84,7 @@ def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str
     if not path.parent.is_dir():
         return "lies in a folder that is not there"
     if is_stream(path):
-        return None  # it takes what it is given, again and again
+        return None  # a stream can be written several times
     if real in read:
         return "is read here: it would be written over"
     if real in taken:
@@ -93,6 +93,6 @@ def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str
 
 
 def _may_be_written(path: Path) -> bool:
-    """Whether the file may be replaced by a new one, which takes the folder's leave as well."""
+    """Whether the file may be replaced by a new one; this also needs write permission for the folder."""
     folder = Path(os.path.realpath(path)).parent
     return os.access(folder, os.W_OK | os.X_OK) and (not path.exists() or os.access(path, os.W_OK))

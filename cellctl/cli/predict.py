@@ -1,4 +1,4 @@
-"""`cellctl predict`: where an identified robot's tool is at given joints, and how sure that is."""
+"""`cellctl predict`: the TCP of an identified robot at given joints, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def predict(
 
 
 def _predicted(model: ModelFile, readings: Floats, at: Postures) -> tuple[str, int]:
-    """CSV of the predictions, and how many rows lie outside the model's joint region."""
+    """CSV of the predictions, and the number of rows outside the model's joint region."""
     import numpy as np
 
     from cellctl.formats.dataset import text_of
@@ -79,7 +79,7 @@ def _predicted(model: ModelFile, readings: Floats, at: Postures) -> tuple[str, i
 
 
 def _assumed(model: ModelFile, at: Postures) -> list[str]:
-    """Conditions that the model knows effects of, and the rows do not have."""
+    """Conditions for which the model has effects, and which the rows lack."""
     return [words for effect in model.robot_model().effects for words in effect.lacks(at)]
 
 

@@ -1,4 +1,4 @@
-"""Live progress on a terminal, plain lines elsewhere; with the time left."""
+"""Progress with the time left: live on a terminal, else as plain lines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def progress(campaign: Campaign, folder: Path, *, quiet: bool) -> Iterator[Watcher]:
-    """A watcher that shows the run: one live bar on a terminal, a line for each tenth elsewhere, nothing when quiet."""
+    """A watcher that shows the run: a live bar on a terminal, else a line for each tenth; no output when quiet."""
     if quiet:
         yield NobodyWatching()
         return

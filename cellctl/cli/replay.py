@@ -1,4 +1,4 @@
-"""`cellctl replay`: a run computed again from its journal, and compared byte for byte."""
+"""`cellctl replay`: repeats a run's computations from its journal and compares byte for byte."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from cellctl.operations.replay import ArtefactReplay, Replay, StepReplay
 
 _SHOWN = 5
-"""So many differences of a step are shown; `--json` has all."""
+"""Maximum number of differences shown for a step; `--json` has all."""
 
 _SHORT = 12
-"""So many characters of a hash are shown."""
+"""Number of characters shown of a hash."""
 
 
 def replay(
@@ -49,7 +49,7 @@ def replay(
 
 
 def _refuse_folder(out: Path | None, run: Path) -> None:
-    """Raise InputError where the replayed files would replace those of the run, or there can be no such folder."""
+    """Raise InputError if the replayed files would replace those of the run, or the folder cannot exist."""
     from cellctl.files import InputError, Problem
 
     if out is None:

@@ -1,4 +1,4 @@
-"""`cellctl report`: a run's report, built anew from its folder."""
+"""`cellctl report`: rebuilds a run's report from its folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cellctl run`: check a procedure, run it, say how it ended."""
+"""`cellctl run`: checks a procedure, runs it, prints the outcome."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def run(
 
 
 def _refuse(resume: Path | None, acknowledge: bool, seed: int | None, clock: str | None) -> None:
-    """Raise InputError for options that a new run, or a resumed one, has no use for."""
+    """Raise InputError for options that do not apply to a new run, or to a resumed one."""
     from cellctl.files import InputError, Problem
 
     if resume is None:

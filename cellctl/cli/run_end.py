@@ -1,4 +1,4 @@
-"""How a run ended: the last words on the terminal, its JSON and report, the exit code."""
+"""The end of a run: the last lines on the terminal, its JSON and report, the exit code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cellctl.operations.results import table_line
 
 
 def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
-    """`write_json` of a run's result. One that fails spoils no run: it is said on stderr, and can be had again."""
+    """`write_json` of a run's result. A failure is only printed on stderr: the JSON can be written again."""
     try:
         write_json(result.to_json(), target)
     except OSError as error:
@@ -23,7 +23,7 @@ def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
 
 
 def report_of(folder: Path) -> None:
-    """Write the run's report. A report that fails spoils no run: it is said on stderr, and can be rebuilt."""
+    """Write the run's report. A failure is only printed on stderr: the report can be rebuilt."""
     from cellctl.report import write_report
 
     try:
@@ -49,7 +49,7 @@ def exit_of(outcome: Outcome) -> Exit:
 
 
 def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) -> None:
-    """The verdict in one sentence, or what went wrong and where things stand (on stderr)."""
+    """The verdict in one sentence, or the error and the state of the cell (on stderr)."""
     state = fold(read_journal(folder))
     if outcome.state is State.FINISHED:
         if not quiet:
@@ -71,7 +71,7 @@ def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) 
 
 
 def _print_verdict(verdict: str | None, sentence: str) -> None:
-    """The verdict on stdout, in its colour on a terminal."""
+    """The verdict on stdout, coloured on a terminal."""
     from rich.console import Console
 
     style = {"better": "bold green", "no better": "bold yellow", "worse": "bold red"}.get(verdict or "", "")
@@ -79,7 +79,7 @@ def _print_verdict(verdict: str | None, sentence: str) -> None:
 
 
 def _where_the_robot_is(outcome: Outcome) -> str:
-    """What is known of the robot at the end of a run; that it is held only where this run had that confirmed."""
+    """State of the robot at the end of a run; reported as held only if this run has a confirmation."""
     if outcome.held:
         held = "the robot is held: its controller confirmed that it stands still"
         return held if outcome.moved else f"nothing was moved, and {held}"

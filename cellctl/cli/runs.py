@@ -1,4 +1,4 @@
-"""`cellctl runs` and `cellctl show`: what happened, from the journals alone."""
+"""`cellctl runs` and `cellctl show`: list and show runs, from the journals alone."""
 
 from __future__ import annotations
 

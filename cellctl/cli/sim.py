@@ -1,4 +1,4 @@
-"""`cellctl sim`: a cell's simulators until Ctrl-C."""
+"""`cellctl sim`: runs a cell's simulators until Ctrl-C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Standard output and error as a long piece of work needs them: nothing that happens to them ends it."""
+"""Standard output and error for long work: their failures do not end it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 def prepare() -> None:
     """Set up `sys.stdout` and `sys.stderr` of this process.
 
-    A stream that is closed takes everything and keeps nothing, and so does one whose reader has left (`| head`).
-    Letters that a terminal does not know become `\\u03c3`. What stdout cannot take otherwise (a full disk) is an
-    OSError of the file `stdout`; what stderr cannot take is lost.
+    Output to a closed stream, or to one whose reader has ended (`| head`), is discarded.
+    Letters outside the terminal's encoding become `\\u03c3`. Other failures of stdout (full disk) raise an
+    OSError of the file `stdout`; failures of stderr are ignored.
     """
     for number in range(3):
         _open_if_closed(number)
@@ -25,7 +25,7 @@ def prepare() -> None:
 
 @final
 class _Stream(io.FileIO):
-    """Descriptor `number`; from the first failure on, what is written to it is dropped. name: in errors; None: none."""
+    """Descriptor `number`; after the first failure, output to it is dropped. name: in errors; None: none."""
 
     def __init__(self, number: int, name: str | None) -> None:
         super().__init__(number, "w", closefd=False)
@@ -42,7 +42,7 @@ class _Stream(io.FileIO):
 
 
 def _open_if_closed(number: int) -> None:
-    """A closed descriptor would be the next file's that is opened, and words for a person would go into that."""
+    """The next opened file would get a closed descriptor, and messages would be written into it."""
     try:
         os.fstat(number)
     except OSError:

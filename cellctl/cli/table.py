@@ -1,4 +1,4 @@
-"""`cellctl table`: a compensation table into a controller's force, looked at, compared, and out again."""
+"""`cellctl table`: pushes, shows, compares and rolls back a controller's compensation table."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def rollback(
 
 
 def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) -> Result:
-    """What `work` makes of the cell's table store and its identity, once that is connected."""
+    """The result of `work` on the connected table store of the cell and its identity."""
     import asyncio
 
     async def go() -> Result:
@@ -170,6 +170,6 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 def _show(json_: str | None, result: dict[str, Any], words: str) -> None:
     from cellctl.cli.outputs import write_json
 
-    if json_ != "-":  # first of all: whatever becomes of the file, the table is in force
+    if json_ != "-":  # first: the table is active even if writing the file fails
         typer.echo(words)
     write_json(result, json_)

@@ -1,4 +1,4 @@
-"""Tables in words: a table file, and what tables a controller has."""
+"""Tables as text: a table file, and a controller's tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cellctl.formats.table_making import table_figures
 
 
 def state_words(state: dict[str, Any]) -> str:
-    """What tables controller `serial` has, a line each."""
+    """The tables of controller `serial`, one line each."""
     lines = [f"Controller {state['serial']}:"]
     for name, words in (("active", "in force"), ("previous", "before it"), ("staged", "staged")):
         info = state[name]

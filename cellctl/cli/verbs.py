@@ -27,13 +27,13 @@ from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
 from cellctl.cli.table import app as table
 
-for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: threads of linear algebra only wait for each other
+for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: more linear algebra threads only add waiting
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 
 @final
 class _Verbs(TyperGroup):
-    """The verbs. Ctrl-C ends them by `Interrupted`; of a KeyboardInterrupt Typer would make an end without a word."""
+    """The verbs. Ctrl-C ends them by `Interrupted`; Typer ends a KeyboardInterrupt without a message."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         names = [name for name in super().list_commands(ctx) if name != "table"]

@@ -1,4 +1,4 @@
-"""Time of the cell: wall time on a real cell, the simulated cell's own on a simulated one; injected, never imported."""
+"""The cell's time: wall time on a real cell, simulated time on a simulated one; injected, never imported."""
 
 from cellctl.clock.calendar import calendar_time
 from cellctl.clock.clocks import Clock, LockstepClock, Timer, WallClock

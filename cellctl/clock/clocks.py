@@ -16,24 +16,24 @@ from cellctl.clock.reading import reader_of
 from cellctl.clock.wires import CountedWire, UncountedWire, Wire
 
 _BUSY_EVERY_S = 1.0
-"""Wall time after which a tick that is not answered yet is said to be worked on; the simulator gives up after 10 s."""
+"""Wall time after which an unanswered tick is reported as in progress; the simulator's time limit is 10 s."""
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
 
 class Timer(Protocol):
-    """A callback to come; `cancel` takes it back."""
+    """A scheduled callback; `cancel` withdraws it."""
 
     def cancel(self) -> None:
-        """Take the callback back; nothing happens where it has run."""
+        """Withdraw the callback; no effect if it has run."""
 
 
 class Clock(ABC):
     """The cell's time, in nanoseconds from an arbitrary start, and waiting in it, on one asyncio loop."""
 
     source: str
-    """What `reader_of` makes a reader of in another process."""
+    """The source from which `reader_of` makes a reader in another process."""
 
     @abstractmethod
     def now_ns(self) -> int:
@@ -44,22 +44,22 @@ class Clock(ABC):
         """Call `callback` on the loop once `seconds` have passed."""
 
     async def aclose(self) -> None:  # noqa: B027 - most clocks hold nothing
-        """Let go of what the clock holds open."""
+        """Release the clock's resources."""
 
     @contextmanager
     def standing(self) -> Iterator[None]:
-        """The body waits for this computer (a thread, a process, a connection): a simulated cell's time stands still.
+        """The body waits for this computer (a thread, a process, a connection): a simulated cell's time stops.
 
-        On a real cell time goes on.
+        A real cell's time continues.
         """
         yield
 
     def wire(self, device: str) -> Wire:
-        """A count of what a driver reads from and writes to `device`'s wire, from now on."""
+        """A counter of the bytes that a driver reads from and writes to `device`'s wire, from now on."""
         return UncountedWire()
 
     async def compute(self, work: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
-        """Do long `work` in a thread, while the loop goes on; a simulated cell's time stands still meanwhile."""
+        """Do long `work` in a thread while the loop continues; a simulated cell's time stops meanwhile."""
         with self.standing():
             return await asyncio.to_thread(work, *given, **named)
 
@@ -78,7 +78,7 @@ class Clock(ABC):
 
     @asynccontextmanager
     async def timeout(self, seconds: float | None) -> AsyncIterator[None]:
-        """Cancel the body after `seconds` of the cell's time and raise TimeoutError; None waits for ever."""
+        """Cancel the body after `seconds` of the cell's time and raise TimeoutError; None: no limit."""
         async with asyncio.timeout(None) as scope:
             timer = None if seconds is None else self._expire_later(scope, seconds)
             try:
@@ -113,10 +113,10 @@ class WallClock(Clock):
 class LockstepClock(Clock):
     """Time of a simulated cell in lockstep: read from its time file, driven by the ticks on its control port.
 
-    The simulator stands still until each tick is answered, and a tick is answered when everything that the simulator
-    wrote has been read, every timer that was due has run, nothing computes, and the loop is about to block. So the same
-    things are done at the same time of the cell in every run, however slow the machine is. No timer is ever more than
-    one tick late. Where the simulator dies, time runs on with the wall, so that time-outs still end.
+    The simulator waits until each tick is answered. A tick is answered when everything that the simulator
+    wrote has been read, every due timer has run, no computation runs, and the loop is about to block. So every run does
+    the same at the same cell time, on slow machines too. No timer is more than one tick late. If the simulator ends,
+    time continues with wall time, so that time-outs still end.
     """
 
     def __init__(self, time_file: str) -> None:
@@ -136,7 +136,7 @@ class LockstepClock(Clock):
 
     @classmethod
     async def attach(cls, time_file: str, host: str, port: int) -> Self:
-        """Attach to a simulated cell's control port; from here on the cell's time waits for this loop."""
+        """Attach to a simulated cell's control port; from now on the cell's time waits for this loop."""
         clock = cls(time_file)
         clock._reader, clock._writer = await asyncio.open_connection(host, port)
         clock._send({"op": "attach", "name": "engine"})
@@ -196,7 +196,7 @@ class LockstepClock(Clock):
         return expiry
 
     async def _answer_ticks(self, reader: asyncio.StreamReader) -> None:
-        with suppress(OSError, ValueError):  # a line that is no JSON, or has no end, is a simulator gone wrong
+        with suppress(OSError, ValueError):  # invalid JSON or a line without end: the simulator is faulty
             while line := await reader.readline():
                 await self._answer(json.loads(line))
         self._lost_at = (self._read(), time.monotonic_ns())
@@ -216,14 +216,14 @@ class LockstepClock(Clock):
         self._send({"tock": tick, "wires": {name: wire.written for name, wire in self._wires.items()}})
 
     async def _nothing_left_to_do(self, tick: int) -> None:
-        """Wait until the loop is about to block, with everything read that the cell wrote, and nothing at work."""
-        while not (self._reader and self._reader.at_eof()):  # the simulator has ended: time runs on with the wall
+        """Wait until the loop is about to block, all the cell's bytes are read, and no work is in progress."""
+        while not (self._reader and self._reader.at_eof()):  # the simulator has ended: continue with wall time
             await _loop_about_to_block()
             self._changed.clear()
             if not self._standing and self._all_read():
                 return
             if self._standing:
-                self._send({"busy": tick})  # before the work can keep this loop from running
+                self._send({"busy": tick})  # before the work can block this loop
             try:
                 async with asyncio.timeout(_BUSY_EVERY_S):  # not wait_for, which may swallow a cancellation (3.11)
                     await self._changed.wait()
@@ -245,7 +245,7 @@ class LockstepClock(Clock):
 async def _loop_about_to_block() -> None:
     """Wait until nothing but the caller is ready to run: another turn of the loop would wait for files or timers.
 
-    asyncio has no public word for that; `_ready` is where every loop of the standard library keeps what is to run.
+    asyncio has no public function for that; every loop of the standard library keeps ready callbacks in `_ready`.
     """
     ready = asyncio.get_running_loop()._ready  # type: ignore[attr-defined]
     await asyncio.sleep(0)
@@ -254,7 +254,7 @@ async def _loop_about_to_block() -> None:
 
 
 class _Expiry:
-    """The end of a `timeout`, at `due_ns` of the cell's time; while that stands still, by the wall."""
+    """The end of a `timeout`, at `due_ns` of the cell's time; in wall time while the cell's time is stopped."""
 
     def __init__(self, scope: asyncio.Timeout, due_ns: int, timer: Timer) -> None:
         self.when_over: Callable[[], object] = lambda: None
@@ -286,6 +286,6 @@ class _HeapTimer:
             return
         try:
             callback()
-        except Exception as error:  # as a loop's own timer: told, and time goes on
+        except Exception as error:  # as a loop's own timer: reported, and time continues
             context = {"message": f"a timer of the cell's clock failed: {callback!r}", "exception": error}
             asyncio.get_running_loop().call_exception_handler(context)

@@ -1,4 +1,4 @@
-"""A device's clock mapped to the cell's by the messages that travelled fastest.
+"""Maps a device's clock to the cell's by the messages with the least delay.
 
 A message stamped at device time x arrives at the cell's time x + offset + drift·x + delay with delay ≥ 0: adapters and
 schedulers only ever add. The line under all points that lies closest to them (the edge of their lower convex hull below
@@ -13,12 +13,12 @@ from itertools import pairwise
 from typing import final
 
 MAX_DRIFT = 3e-4
-"""Clocks that drift further than this (300 ppm) are taken for wrongly fitted; the fit then keeps to the bound."""
+"""Largest plausible drift (300 ppm); the fit is limited to it."""
 
 _SHORTEST_SPAN_NS = 500_000_000
-"""Below this span the drift cannot be told from the delays' scatter, and is taken as zero."""
+"""Below this span the drift is indistinguishable from the delays' scatter, and is taken as zero."""
 _ON_THE_LINE = 2
-"""So many messages lie on the line whatever their delays, and so say nothing about it."""
+"""This many messages lie on the line for any delays, and carry no information about it."""
 
 
 @final
@@ -27,7 +27,7 @@ class DelayFit:
     """Cell time = device time + offset + drift × (device time − reference); nanoseconds.
 
     `sigma_ns`: how far the fastest tenth of the messages (three at least) lies above the line, a measure of how well
-    the envelope is supported. A constant part of the delay that every message shares cannot be seen; it is in the
+    the envelope is supported. A constant delay common to all messages is unobservable; it is in the
     offset.
     """
 
@@ -58,14 +58,14 @@ class MinimumDelayFit:
             points.popleft()
 
     def clear(self) -> None:
-        """Forget everything: the device's clock began anew."""
+        """Discard all messages: the device's clock restarted."""
         self._points.clear()
 
     def __len__(self) -> int:
         return len(self._points)
 
     def fit(self) -> DelayFit:
-        """The map from the messages so far. Raises ValueError where there are none."""
+        """The map from the messages so far. Raises ValueError without messages."""
         if not self._points:
             raise ValueError("no message to fit the device's clock to")
         reference = self._points[0][0]

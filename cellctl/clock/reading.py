@@ -1,4 +1,4 @@
-"""The cell's time as any process of this host reads it, from a short description that fits a command line."""
+"""Reads the cell's time in any process of this host, from a source text short enough for a command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def reader_of(source: str) -> TimeReader:
     `wall:EPOCH`: CLOCK_MONOTONIC minus EPOCH nanoseconds, the same in every process of a host.
     `file:PATH`: the 8-byte little-endian integer that a simulated cell keeps up to date in a memory-mapped file.
 
-    Raises ValueError for another kind of source, OSError where the file cannot be mapped.
+    Raises ValueError for another kind of source, OSError if the file cannot be mapped.
     """
     kind, _, value = source.partition(":")
     if kind == "wall":

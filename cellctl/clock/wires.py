@@ -1,4 +1,4 @@
-"""Bytes that a driver reads and writes, counted, so that a simulated cell's time waits for them."""
+"""Counts the bytes that a driver reads and writes, so that a simulated cell's time waits for them."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import Protocol, final
 
 
 class Wire(Protocol):
-    """What went over one device's wire since it was opened. Safe from any thread; never blocks."""
+    """Byte counts of one device's wire since it was opened. Safe from any thread; never blocks."""
 
     def wrote(self, count: int) -> None:
-        """So many bytes were given to the operating system."""
+        """Add this number of bytes passed to the operating system."""
 
     def read(self, count: int) -> None:
-        """So many bytes were read, and whoever they concern has been told or is next on the loop."""
+        """Add this number of bytes read; their receiver was called or is scheduled on the loop."""
 
     def close(self) -> None:
-        """Nothing more will be read or written."""
+        """The wire is closed: no more reads or writes."""
 
 
 @final
 class UncountedWire:
-    """The wire of a real device, or of one in real time: its time waits for nobody."""
+    """The wire of a real device, or of a simulated one in real time: counts nothing."""
 
     def wrote(self, count: int) -> None:
         """Nothing."""
@@ -49,18 +49,18 @@ class CountedWire:
         self._counting = threading.Lock()
 
     def wrote(self, count: int) -> None:
-        """So many bytes were given to the operating system."""
+        """Add this number of bytes passed to the operating system."""
         with self._counting:
             self.written += count
 
     def read(self, count: int) -> None:
-        """So many bytes were read."""
+        """Add this number of bytes read."""
         with self._counting:
             self._read += count
         self._on_change()
 
     def close(self) -> None:
-        """What the cell wrote and nobody has read is awaited no more."""
+        """Stop waiting for unread bytes of the cell."""
         self._closed = True
         self.written = 0
         self._on_change()

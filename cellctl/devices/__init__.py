@@ -1,4 +1,4 @@
-"""What a device can do, where it is, and what can go wrong: the seam between campaigns and drivers."""
+"""Protocols, addresses and errors of devices: the interface between campaigns and drivers."""
 
 from cellctl.devices.addresses import Address
 from cellctl.devices.conditions import Conditions

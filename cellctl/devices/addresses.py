@@ -23,7 +23,7 @@ class Address:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read an address. Raises ValueError with what is wrong with it."""
+        """Read an address. Raises ValueError that describes the error."""
         try:
             parts = urlsplit(text)
             port = parts.port

@@ -1,4 +1,4 @@
-"""The cell file: which devices there are and where, the robot's file, limits, the artefact, how to simulate them."""
+"""The cell file: devices and addresses, robot file, limits, artefact, and simulation settings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from cellctl.files.validated import validated
 ClockMode = Literal["realtime", "lockstep"]
 
 TABLE = "table"
-"""The name in `limits:` that stands for compensation tables and not for a device."""
+"""The name in `limits:` for compensation tables; it is not a device."""
 
 TABLE_CORRECTION_DEG = 2.0
-"""The most that a table may correct a joint by, deg, where the cell file does not say: a robot of this class is within
-half a degree, and a row beside a singularity is not."""
+"""Default limit of a table's correction of a joint, deg: a robot of this class is within half a degree; rows near a
+singularity are not."""
 
 _RESERVED = {
     TABLE: f"'{TABLE}' in `limits:` stands for compensation tables",
@@ -55,9 +55,9 @@ class Cell:
     """A cell file as loaded.
 
     `addresses`: device name → address; `robot_file`: the nominal robot; `limits`: device name → limits of its lowest
-    layer; `reach_mm`: how far the robot reaches at most, None where its file does not say; `table_correction_deg`: the
-    most that a compensation table may correct a joint by, deg; `simulated`: the file says how to simulate its devices,
-    with `seed` and `clock` as it says. `warnings`: what is allowed and probably not meant.
+    layer; `reach_mm`: the robot's maximum reach, None if its file lacks it; `table_correction_deg`: the
+    largest correction of a joint by a compensation table, deg; `simulated`: the file has simulation settings,
+    with `seed` and `clock` from it. `warnings`: allowed but probably unintended values.
     """
 
     document: Document
@@ -109,12 +109,12 @@ class Cell:
         )
 
     def surroundings(self, device: str, clock: Clock) -> Surroundings:
-        """What the driver of `device` is given besides its address."""
+        """The data for the driver of `device` besides its address."""
         return Surroundings(clock, self.path.parent, self.limits.get(device, {}), self.reach_mm)
 
 
 def _read(document: Document, content: dict[str, Any]) -> _CellModel:
-    """The file's content. Raises InputError; the cure of an address at top level names its new place."""
+    """The file's content. Raises InputError; for an address at top level, the cure names its new place."""
     misplaced = {key for key, value in content.items() if isinstance(value, str) and "://" in value} - {"devices"}
     cure = "write it under `devices:`, as `devices: {NAME: ADDRESS}`"
     moved = [document.problem((key,), f"'{key}' is an address at top level", cure, key=True) for key in misplaced]
@@ -135,13 +135,13 @@ def _read(document: Document, content: dict[str, Any]) -> _CellModel:
 
 
 def _kind(value: Any) -> str:
-    """What a value of a YAML file is, in words."""
+    """The kind of a YAML value, as text."""
     words = {list: "a list", str: "text", type(None): "empty"}
     return words.get(type(value), f"a single value ({value})")
 
 
 def table_correction_deg(document: Document) -> float:
-    """The most that a compensation table may correct a joint by, deg, as the cell file says: `limits: {table: …}`."""
+    """The largest correction of a joint by a compensation table, deg, from the cell file: `limits: {table: …}`."""
     stated = (document.data.get("limits") or {}).get(TABLE) or {}
     return float(stated.get("correction_deg", TABLE_CORRECTION_DEG))
 
@@ -186,7 +186,7 @@ def _findings(
     folder: Path,
     reach_mm: float | None,
 ) -> tuple[list[Problem], list[Problem]]:
-    """What the drivers find in their devices' addresses and limits: errors, and warnings."""
+    """The drivers' errors and warnings about their devices' addresses and limits."""
     problems: list[Problem] = []
     warnings: list[Problem] = []
     for name, address in addresses.items():

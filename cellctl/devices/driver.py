@@ -1,4 +1,4 @@
-"""The description of a driver: what is known before any device is opened."""
+"""The description of a driver, available before any device is opened."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class DriverDescription:
 
     `open(name, address, surroundings)`: makes the device of that name at that address; opens nothing; raises ValueError
     for an error in the address or the limits. `abilities`: the Protocol of `cellctl.devices`, or the driver's own
-    class, that says what its devices can do. The other fields are for drivers that offer more:
+    class, with the abilities of its devices. The other fields are optional:
 
     `check_address(address, folder)`: errors in the files that the address names, paths read against `folder`.
     `check_setup(address, surroundings)`: findings about limits and address; `open` is then tried without the limits.
-    `controller_files(cell, address, surroundings)`: file name → text of what a person loads on the device's controller
-    for the cell of that name; raises ValueError with what is wrong with the address or the limits.
+    `controller_files(cell, address, surroundings)`: file name → text of the files to load on the device's controller
+    for the cell of that name; raises ValueError for errors in the address or the limits.
     """
 
     open: Callable[[str, Address, Surroundings], Device]

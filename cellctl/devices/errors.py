@@ -1,10 +1,10 @@
-"""What can go wrong with a device, named by what the caller can do about it."""
+"""Errors of devices, named by what the caller can do about them."""
 
 from __future__ import annotations
 
 
 class DeviceError(Exception):
-    """A device did not do what it was asked. `device` names it, `cure` says what to do; exit code 3."""
+    """A device did not do what was requested. `device`: its name; `cure`: what to do. Exit code 3."""
 
     def __init__(self, device: str, what: str, cure: str = "") -> None:
         self.device = device
@@ -17,32 +17,32 @@ class DeviceError(Exception):
 
 
 class DeviceUnreachable(DeviceError):
-    """It could not be connected to; nothing has moved."""
+    """The connection failed; nothing has moved."""
 
 
 class DeviceLost(DeviceError):
-    """It was connected and is gone, or silent for too long; what it did last is uncertain."""
+    """The connection was lost, or the device was silent too long; its last action is uncertain."""
 
 
 class DeviceUncertain(DeviceLost):
-    """Something that moves or writes was cut off and nobody knows how far it got; a person has to look. Exit code 4."""
+    """A motion or write was interrupted and its extent is unknown; a person must check the cell. Exit code 4."""
 
 
 class DeviceRefused(DeviceError):
-    """It answered, and said no; nothing has moved because of this request."""
+    """The device refused the request; nothing has moved because of it."""
 
 
 class DeviceFault(DeviceError):
-    """It reports a fault of its own (a controller message, a broken wire); a person has to look."""
+    """The device reports a fault (a controller message, a broken wire); a person must check it."""
 
 
 class LimitExceeded(DeviceError):
-    """What was asked would pass a limit of the lowest layer; it was not sent."""
+    """The request exceeds a limit of the lowest layer; it was not sent."""
 
 
 class NoContact(DeviceError):
-    """The search went to its end without contact; the robot is held there. Trying again can be worth it."""
+    """The search reached its end without contact; the robot is held there. A retry can succeed."""
 
 
 class ProbeNotOpen(DeviceRefused):
-    """The probe's loop is closed when it should be armed: it touches something, or is stuck."""
+    """The probe's loop is closed at arming: the probe touches something, or is stuck."""

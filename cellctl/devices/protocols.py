@@ -1,4 +1,4 @@
-"""What a device can do, as its callers need it. A driver implements these; nothing above a driver knows its bytes.
+"""The protocols of devices, by their callers' needs. Drivers implement them; only drivers handle wire formats.
 
 All waiting is in the cell's time. Joint readings are the controller's own A1…An in degrees.
 """
@@ -21,7 +21,7 @@ JointReadings = tuple[float, ...]
 @final
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who a device says it is. `simulated` is true where its serial or name says so."""
+    """The identity that a device reports. `simulated`: its serial or name marks it as simulated."""
 
     device: str
     serial: str
@@ -33,7 +33,7 @@ class Identity:
 @final
 @dataclass(frozen=True, slots=True)
 class Health:
-    """One look at a device: is it well, and the figures worth showing (`{"late": 0, "loop_mV": 1650}`)."""
+    """The health of a device: whether it is in order, and its figures (`{"late": 0, "loop_mV": 1650}`)."""
 
     ok: bool
     text: str
@@ -42,29 +42,29 @@ class Health:
 
 @runtime_checkable
 class Device(Protocol):
-    """What every device can do."""
+    """The methods of every device."""
 
     name: str
 
     async def connect(self) -> Identity:
-        """Open the line and ask who is there. Raises DeviceUnreachable; nothing moves."""
+        """Open the line and read the identity. Raises DeviceUnreachable; nothing moves."""
 
     async def health(self) -> Health:
-        """How it is. Raises DeviceLost."""
+        """The device's health. Raises DeviceLost."""
 
     async def stop(self) -> None:
-        """Bring it to its safe state (robot held, probe disarmed). Never raises for a device that is already there."""
+        """Bring it to its safe state (robot held, probe disarmed). Never raises if it is already safe."""
 
     async def close(self) -> None:
-        """Stop, and let go of the line. Never raises."""
+        """Stop, and close the line. Never raises."""
 
 
 @runtime_checkable
 class Listener(Protocol):
-    """A device that waits for the other side to call, on a port that it bound itself."""
+    """A device whose driver binds a port and waits for the controller to connect."""
 
     def listening(self) -> tuple[str, int]:
-        """Host and port on which it waits, once connected to its own process: `("127.0.0.1", 49152)`."""
+        """Host and port that it listens on, once its own process is connected: `("127.0.0.1", 49152)`."""
 
 
 class SearchEnd(StrEnum):
@@ -79,11 +79,11 @@ class SearchEnd(StrEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """A search as it went, sampled every interpolation cycle.
+    """The record of a search, sampled every interpolation cycle.
 
     `times_ns`: the cell's time of each sample, through the IPOC → cell clock fit; `ipoc`: the controller's own count;
     `joints`: A1…An actual (AIPos) in degrees, a row per sample; `resting`: the joints after the stop.
-    `stop_cycles`: telegrams from the first one answered with the stop known to the first whose set-point stood still;
+    `stop_cycles`: telegrams from the first one answered with the stop known to the first with a constant set-point;
     `late`, `lost`, `skipped`: telegrams so counted during this search.
     """
 
@@ -100,7 +100,7 @@ class SearchResult:
     def joints_at(self, time_ns: int) -> JointReadings:
         """Actual joints at `time_ns`, interpolated linearly between the samples around it.
 
-        Raises ValueError where `time_ns` lies outside the samples.
+        Raises ValueError if `time_ns` is outside the samples.
         """
         times = self.times_ns
         if len(times) < 2 or not times[0] <= time_ns <= times[-1]:
@@ -145,29 +145,29 @@ class SearchingRobot(Device, Protocol):
         `speed_deg_s`: rate of the Euclidean norm of the joint vector, deg/s. `guards`: name → oldest allowed beat in
         seconds; the robot holds by itself when one is older. Raises LimitExceeded (nothing moved), DeviceFault
         (controller fault, late count), DeviceLost (no telegram, a guard too old). The robot is held in every case.
-        Cancelling it stops and holds the robot. While a stop stands it ends STOPPED where it began.
+        Cancelling it stops and holds the robot. While a stop is set it ends STOPPED at its start.
         """
 
     def stop_now(self) -> None:
         """Stop the running search within the next cycle, and every later one before it moves, until `clear_stop`.
 
-        Safe from any thread; never blocks. A stop that was said before the search began is thus never lost.
+        Safe from any thread; never blocks. So a stop that was set before the search began is never lost.
         """
 
     def clear_stop(self) -> None:
-        """Forget the stop that stands, whoever said it; call it *before* what may say the next one is armed."""
+        """Clear any stop; call it *before* arming the device that may set the next one."""
 
     def guard(self, name: str) -> Guard:
-        """The slot in which another device's proof of life is left for the cyclic process."""
+        """The slot that passes another device's proof of life to the cyclic process."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A contact as the probe saw it.
+    """A contact as the probe reported it.
 
     `time_ns`: the cell's time of the first edge, through the tick → cell clock fit, with its 1 σ; `tick`: the raw
-    hardware count; `confirmed`: the level held, or None where the probe never said; `bounces`: further edges within the
+    hardware count; `confirmed`: the level held, or None if not reported; `bounces`: further edges within the
     debounce time.
     """
 
@@ -194,9 +194,9 @@ class ContactProbe(Device, Protocol):
         """Wait for the contact after `arm`, confirmed, refuted or neither. Raises DeviceFault, DeviceLost."""
 
     async def touching(self) -> bool:
-        """Whether the loop is closed, as the probe saw it after this call.
+        """Whether the loop is closed, as the probe measured it after this call.
 
-        Raises DeviceFault where the probe is at fault, or the search since `arm` has ended with a fault; DeviceLost.
+        Raises DeviceFault if the probe has a fault, or the search since `arm` ended with one; DeviceLost.
         """
 
     async def disarm(self) -> None:
@@ -206,11 +206,11 @@ class ContactProbe(Device, Protocol):
 @final
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a driver is given besides its address.
+    """The data for a driver besides its address.
 
     `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
     `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
-    defaults, which are low. `reach_mm`: how far the cell's robot reaches at most, None where it is not known.
+    defaults, which are low. `reach_mm`: the maximum reach of the cell's robot, None if unknown.
     """
 
     clock: Clock
@@ -222,10 +222,10 @@ class Surroundings:
 @final
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a driver finds in a device's part of the cell file, without opening anything.
+    """A driver's finding in a device's part of the cell file, without opening the device.
 
-    `what` is wrong, or allowed and probably not meant (`warning`); `cure`: what to do. `limit`: the name of the limit
-    that it is about; empty where it is about the address.
+    `what`: the error, or an allowed but probably unintended value (`warning`); `cure`: what to do. `limit`: the name
+    of the limit concerned; empty if the address is concerned.
     """
 
     what: str

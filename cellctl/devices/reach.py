@@ -1,4 +1,4 @@
-"""How far a robot reaches, from the lengths in its file: what a driver's ceiling for speeds follows from."""
+"""A robot's reach from the lengths in its file; a driver derives its speed limit from it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cellctl.files import InputError, load_yaml
 def reach_of(robot_file: Path) -> float | None:
     """The TCP's greatest distance from the first axis, mm: all links and the tool in one straight line, at most.
 
-    Never less than the true reach. None where the file cannot be read or has no such lengths; whoever loads it as a
-    robot file says what is wrong with it.
+    Never less than the true reach. None if the file cannot be read or has no such lengths; loading it as a
+    robot file reports its errors.
     """
     try:
         data = load_yaml(robot_file).data

@@ -24,7 +24,7 @@ class DriverRegistry:
         return sorted(self._entries)
 
     def driver(self, scheme: str) -> DriverDescription:
-        """The driver for `scheme`. Raises ValueError where there is none, or where it cannot be loaded."""
+        """The driver for `scheme`. Raises ValueError if there is none, or if it cannot be loaded."""
         entry = self._entries.get(scheme)
         if entry is None:
             near = difflib.get_close_matches(scheme, self.schemes(), n=1)
@@ -39,7 +39,7 @@ class DriverRegistry:
         return driver
 
     def abilities(self, scheme: str) -> type:
-        """The Protocol or class that says what the devices of `scheme` can do. Raises ValueError."""
+        """The Protocol or class with the abilities of the devices of `scheme`. Raises ValueError."""
         return self.driver(scheme).abilities
 
     def open(self, name: str, address: Address, surroundings: Surroundings) -> Device:
@@ -58,9 +58,9 @@ class DriverRegistry:
         return [*map(Finding, errors), *found]
 
     def controller_files(self, cell: str, address: Address, surroundings: Surroundings) -> dict[str, str] | None:
-        """File name → text of what has to be loaded on the device's controller; None where its driver has none.
+        """File name → text of the files to load on the device's controller; None if its driver has none.
 
-        Raises ValueError with what is wrong with the address or the limits.
+        Raises ValueError for errors in the address or the limits.
         """
         generate = self.driver(address.scheme).controller_files
         return generate(cell, address, surroundings) if generate else None

@@ -11,7 +11,7 @@ from cellctl.devices.protocols import Device, JointReadings, SearchingRobot
 @final
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """A target's joints, degrees: as the nominal model gives them, and compensated."""
+    """A target's joints, degrees: from the nominal model, and compensated."""
 
     nominal: JointReadings
     compensated: JointReadings
@@ -20,7 +20,7 @@ class TableRow:
 @final
 @dataclass(frozen=True, slots=True)
 class ControllerTable:
-    """A table as a controller takes it: `id` is the table file's, `serial` the controller's that it was made for."""
+    """A table in the controller's form: `id` of the table file, `serial` of the controller that it was made for."""
 
     id: str
     serial: str
@@ -32,7 +32,7 @@ class ControllerTable:
 class TableInfo:
     """A table that a controller has: its id, how many of its rows are there, and the check sum over them.
 
-    The check sum is empty for a staged table: not all of it need have arrived.
+    The check sum is empty for a staged table, which may be incomplete.
     """
 
     id: str
@@ -43,7 +43,7 @@ class TableInfo:
 @final
 @dataclass(frozen=True, slots=True)
 class TableState:
-    """What tables a controller has: in force, in force before, and how many rows of a staged one have arrived."""
+    """The tables of a controller: active, previous, and the number of rows received of a staged one."""
 
     active: TableInfo | None
     previous: TableInfo | None
@@ -55,27 +55,27 @@ class TableStore(Device, Protocol):
     """A controller that keeps compensation tables and moves to their rows."""
 
     async def push_table(self, table: ControllerTable) -> TableState:
-        """Stage in blocks, read every row back, compare, activate at once; the old table is in force until then.
+        """Stage in blocks, read every row back, compare, activate in one step; the old table is active until then.
 
-        Raises DeviceRefused (another serial or check sum, too many rows), DeviceFault (what was read back differs),
-        DeviceLost (before the activation: the old table is in force), DeviceUncertain (lost at the activation itself:
-        either table may be in force, whole, until `table_state` has been asked).
+        Raises DeviceRefused (another serial or check sum, too many rows), DeviceFault (rows read back differ),
+        DeviceLost (before the activation: the old table is active), DeviceUncertain (lost during the activation:
+        either complete table may be active; `table_state` reports which).
         """
 
     async def table_state(self) -> TableState:
-        """What tables there are. Raises DeviceRefused, DeviceLost."""
+        """The controller's tables. Raises DeviceRefused, DeviceLost."""
 
     async def read_table(self) -> ControllerTable | None:
-        """The active table, row by row as the controller holds it; None where none is.
+        """The active table, row by row as the controller stores it; None without one.
 
-        Raises DeviceRefused (a table staged and never activated is in the way), DeviceFault (its rows do not fit its
+        Raises DeviceRefused (blocked by a staged, never activated table), DeviceFault (its rows do not match its
         check sum), DeviceLost.
         """
 
     async def rollback_table(self) -> TableState:
-        """Put the table before into force again.
+        """Activate the previous table again.
 
-        Raises DeviceRefused where there is none to roll back, DeviceLost, DeviceUncertain (lost once it was asked for).
+        Raises DeviceRefused if there is no table to roll back, DeviceLost, DeviceUncertain (lost after the request).
         """
 
     async def move_to_row(self, row: int, speed_percent: float) -> JointReadings:

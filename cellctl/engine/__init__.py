@@ -1,4 +1,4 @@
-"""The engine: runs a procedure once, step by step, cleans up, keeps the journal."""
+"""The engine runs a procedure once, step by step, cleans up and writes the journal."""
 
 from cellctl.engine.context import Context, Surround
 from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator

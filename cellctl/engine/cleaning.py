@@ -1,4 +1,4 @@
-"""The clean-up: every clean-up step, and every device stopped and closed, whatever fails in it."""
+"""The clean-up: runs every clean-up step, stops and closes every device, even after failures."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from cellctl.clock import Clock
 from cellctl.devices import Device
 
 _STOP_SECONDS = 10.0
-"""How long one device may take to come to its safe state, in the cell's time."""
+"""Time limit for one device to reach its safe state, s, in the cell's time."""
 
 _CLOSE_WALL_SECONDS = 30.0
-"""How long letting go of a device may take. Wall time: ports and processes of this host know no other."""
+"""Time limit for closing a device, s. Wall time: ports and processes of this host use it."""
 
 CLEANUP_SECONDS = 30.0
-"""How long a clean-up step may take that does not say so itself."""
+"""Time limit, s, of a clean-up step that sets none."""
 
 
 async def stop_and_close(devices: Sequence[Device], clock: Clock, stopped: set[str]) -> list[str]:
-    """Stop and close each device; what failed, in words. `stopped` gains the names of those that confirmed it."""
+    """Stop and close each device; returns the failures as text. Adds devices that confirmed the stop to `stopped`."""
     troubles: list[str] = []
     for device in devices:
         safe = f"{device.name} could not be brought to its safe state"
@@ -36,7 +36,7 @@ async def stop_and_close(devices: Sequence[Device], clock: Clock, stopped: set[s
 async def _tried(
     action: Callable[[], Awaitable[None]], bound: AbstractAsyncContextManager[object], otherwise: str
 ) -> list[str]:
-    """Do one action of the clean-up within `bound`; what came of it where it failed, begun by `otherwise`."""
+    """Do one clean-up action within `bound`; returns the failure as text that begins with `otherwise`."""
     try:
         async with bound:
             await action()

@@ -17,7 +17,7 @@ from cellctl.records import AnyRow, ArtefactRow, Row
 @final
 @dataclass(slots=True)
 class Surround:
-    """What is the same for every step of a run."""
+    """The data that all steps of a run share."""
 
     clock: Clock
     seed: int
@@ -32,7 +32,7 @@ class Surround:
 class Context:
     """One attempt at one step: implements `cellctl.procedure.StepContext`.
 
-    journal: what it holds so far; append: commits an event to it.
+    journal: its state so far; append: commits an event to it.
     """
 
     step: str
@@ -59,7 +59,7 @@ class Context:
 
     @property
     def run_name(self) -> str:
-        """The name that the run began with, wherever its folder is now."""
+        """The run's name at its start, also after its folder moved."""
         return self.journal.name or self.run.run_folder.name
 
     @property
@@ -84,7 +84,7 @@ class Context:
         return self.run.devices[name]
 
     def identity(self, name: str) -> Identity:
-        """Who the device `name` said it is. Raises InputError where the run has connected no such device."""
+        """The identity that device `name` reported. Raises InputError if the run has not connected it."""
         identity = self.journal.identities.get(name)
         if identity is None:
             what = f"step {self.step} asks who '{name}' is, and the cell has no such device"
@@ -92,7 +92,7 @@ class Context:
         return Identity(**identity)
 
     async def record(self, row: Row) -> None:
-        """Commit a row; when this returns it survives a crash."""
+        """Commit a row; once this returns, the row survives a crash."""
         self.append(Recorded.of(row, self.step, self.attempt))
 
     async def write_artefact(self, name: str, content: str | bytes) -> str:
@@ -108,7 +108,7 @@ class Context:
         return self.journal.recorded(kind)
 
     def all_recorded(self, *kinds: type[AnyRow]) -> Sequence[AnyRow]:
-        """The rows of these classes of every attempt, failed and cut-off ones too, in order: what was done."""
+        """The rows of these classes of every attempt, failed and interrupted ones included, in order."""
         return self.journal.all_recorded(*kinds)
 
     def say(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""What keeps a run from going on, or ends it: operators' actions and broken interlocks."""
+"""Operators' actions and broken interlocks: they pause, continue or end a run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cellctl.journal import InterlockChanged, OperatorAction
 from cellctl.procedure import Interlock, OnBreak, Resume
 
 BY_OPERATOR = "by the operator"
-"""Why a run pauses or goes on, where the operator asked for it."""
+"""Reason for a pause or resumption that the operator requested."""
 
 
 @final
 class Control:
-    """Takes actions, records each with who and when, and does it, or says why not.
+    """Takes actions, records each with operator and time, and does it or reports why it is refused.
 
-    `aborted`: why the run is aborted, None where it is not. `cancel`: ends the work; None where none is under way.
-    `ending`: the steps are over and the run cleans up, so that nothing more can be asked of it.
+    `aborted`: why the run is aborted, else None. `cancel`: ends the work; None while no work is in progress.
+    `ending`: the steps are over and the run cleans up; it accepts no further action.
     """
 
     def __init__(self, mailbox: Mailbox, recorder: Recorder) -> None:
@@ -72,16 +72,16 @@ class Control:
             self.cancel()
 
     def held_by(self) -> str:
-        """What keeps the next step from beginning, in words; empty where nothing does."""
+        """Why the next step cannot begin, as text; empty if it can."""
         return self._broken() or self._paused
 
     async def change(self) -> None:
-        """Wait until something is asked for, or an interlock changes."""
+        """Wait for an operator's action or a change of an interlock."""
         self._changed.clear()
         await self._changed.wait()
 
     async def confirmation(self) -> Operator:
-        """Wait until an operator confirms; who did."""
+        """Wait until an operator confirms; returns the operator."""
         self._asked = asyncio.get_running_loop().create_future()
         if self._mailbox.confirm_all:
             self.take(Action("confirm", self._mailbox.confirm_all))
@@ -91,7 +91,7 @@ class Control:
             self._asked = None
 
     def interlock_changed(self, interlock: Interlock, holds: bool, text: str) -> None:
-        """Record it, and do what the procedure says for a break."""
+        """Record the change; at a break, do what the procedure specifies."""
         self._recorder.append(
             InterlockChanged(interlock.id, interlock.device, interlock.condition, holds, text), final=True
         )

@@ -1,6 +1,6 @@
-"""Interlocks: conditions of devices that have to hold while the steps run. They look at levels, not at changes.
+"""Interlocks: conditions of devices that have to hold while the steps run. They are level-triggered.
 
-They are a convenience and protect nobody: the safety controller does that.
+They are a convenience and give no protection to persons: that is the safety controller's task.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from cellctl.files import InputError
 from cellctl.procedure import Interlock, OnBreak, Procedure
 
 _LOOK_EVERY_S = 0.1
-"""In the cell's time: how long a break may go unseen while a step runs."""
+"""Longest delay until a break is detected while a step runs, in the cell's time."""
 
 _ANSWER_S = 2.0
-"""In the cell's time: a device that does not answer so long counts as one whose condition does not hold."""
+"""In the cell's time: if a device does not answer within this limit, its condition counts as broken."""
 
 
 class StoppedByInterlock(Exception):
-    """An interlock cancelled the step; it is done again when the run goes on."""
+    """An interlock cancelled the step; it is repeated when the run continues."""
 
 
 @final
 class Interlocks:
-    """The interlocks of a run. `broken`: those that do not hold, each with its text.
+    """The interlocks of a run. `broken`: the broken ones, each with its text.
 
     `changed(interlock, holds, text)` is called at each change.
     """
@@ -45,7 +45,7 @@ class Interlocks:
         self._step: asyncio.Timeout | None = None
 
     def install(self) -> None:
-        """Raises InputError where a device of the cell has no such condition."""
+        """Raises InputError if the device does not have the condition."""
         problems = []
         for interlock in self._procedure.interlocks:
             device = self._devices.get(interlock.device)
@@ -57,7 +57,7 @@ class Interlocks:
             raise InputError(problems)
 
     async def look(self) -> None:
-        """Look at all conditions now."""
+        """Check all conditions now."""
         for interlock in self._procedure.interlocks:
             holds, text = await self._answer(interlock)
             if holds is (interlock not in self.broken):
@@ -69,18 +69,18 @@ class Interlocks:
             self._changed(interlock, holds, text)
 
     async def watch(self) -> None:
-        """Look at all conditions again and again, until cancelled."""
+        """Check all conditions periodically, until cancelled."""
         while self._procedure.interlocks:
             await self._clock.sleep(_LOOK_EVERY_S)
             await self.look()
 
     def holding(self) -> str:
-        """The first broken interlock that keeps the run from going on, in words; empty where none does."""
+        """The first broken interlock that blocks the run, as text; empty if there is none."""
         texts = (text for interlock, text in self.broken.items() if interlock.on_break is not OnBreak.ABORT)
         return next(texts, "")
 
     def stop_step(self) -> None:
-        """Cancel the step under way, where there is one."""
+        """Cancel the step in progress, if any."""
         if self._step and not self._step.expired():
             self._step.reschedule(asyncio.get_running_loop().time())
 
@@ -100,7 +100,7 @@ class Interlocks:
             raise
 
     async def _answer(self, interlock: Interlock) -> tuple[bool, str]:
-        """Whether the condition holds, and in words which; a device that cannot say so breaks it."""
+        """Whether the condition holds, and its text; it counts as broken if the device cannot report it."""
         device = self._devices[interlock.device]
         assert isinstance(device, Conditions)
         name = f"interlock '{interlock.id}'"
@@ -112,6 +112,6 @@ class Interlocks:
             return False, f"{name}: {error.device}: {error.what}"
         except TimeoutError:
             return False, f"{name}: {interlock.device} did not answer within {_ANSWER_S:g} s"
-        except Exception as error:  # a driver's own error must not make an interlock silent
+        except Exception as error:  # an error in a driver must not disable an interlock
             return False, f"{name}: {interlock.device} cannot answer: {type(error).__name__}: {error}"
         return holds, text if holds else f"{name} does not hold ({interlock.device}: {interlock.condition})"

@@ -1,4 +1,4 @@
-"""What operators ask of a running campaign, on its way to the engine."""
+"""Operators' actions on a running campaign, queued for the engine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ActionName = Literal["pause", "resume", "abort", "confirm"]
 @final
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Who acts: a user, on a host, by means of `via` (`cli`, `terminal`, `SIGINT`, `console`)."""
+    """An operator: a user on a host, and the interface used, `via` (`cli`, `terminal`, `SIGINT`, `console`)."""
 
     name: str
     host: str
@@ -29,7 +29,7 @@ class Operator:
 @final
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One thing that an operator asks for. `text`: the reason; `id`: of the file that brought it, empty without one."""
+    """One action that an operator requests. `text`: the reason; `id`: of the file that brought it, else empty."""
 
     name: ActionName
     operator: Operator
@@ -54,26 +54,26 @@ class Mailbox:
         self.post(Action("pause", operator or Operator.here("program")))
 
     def resume(self, operator: Operator | None = None) -> None:
-        """Go on after a pause."""
+        """Continue after a pause."""
         self.post(Action("resume", operator or Operator.here("program")))
 
     def abort(self, why: str = "aborted by the operator", operator: Operator | None = None) -> None:
-        """End the campaign: cancel what runs, clean up; `why`, for who reads of it. A second abort changes nothing."""
+        """End the campaign: cancel the work and clean up. `why`: the recorded reason. A second abort has no effect."""
         self.post(Action("abort", operator or Operator.here("program"), why))
 
     def confirm(self, operator: Operator | None = None) -> None:
-        """Confirm what the run waits for."""
+        """Confirm the step that the run waits for."""
         self.post(Action("confirm", operator or Operator.here("program")))
 
     def post(self, action: Action) -> None:
-        """Hand an action to the engine, or keep it until one asks."""
+        """Pass an action to the engine, or keep it until an engine takes it."""
         if self._take:
             self._take(action)
         else:
             self._waiting.append(action)
 
     def taken_by(self, take: Callable[[Action], object]) -> None:
-        """From here on `take` gets every action; those that waited, at once."""
+        """Pass every action to `take` from now on; waiting ones at once."""
         self._take = take
         waiting, self._waiting = self._waiting, []
         for action in waiting:

@@ -1,6 +1,6 @@
 """Actions from other processes: one file each in the run's `mailbox/`, written whole and deleted when it is taken.
 
-Files need no port and no signal, so that this works on every system and over a shared folder.
+Files need neither port nor signal: this works on every system and over a shared folder.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
 from cellctl.files import write_atomically
 
 _LOOK_EVERY_S = 0.2
-"""Wall time: the cell's time may stand still while a person is waited for."""
+"""Wall time: the cell's time may be stopped while the run waits for a person."""
 
 
 @final
 class MailboxFolder:
-    """The folder `mailbox/` of a run folder; it is there while somebody's action waits in it."""
+    """The folder `mailbox/` of a run folder; it exists while actions wait in it."""
 
     def __init__(self, run_folder: Path) -> None:
         self._folder = run_folder / "mailbox"
 
     def put(self, action: ActionName, operator: Operator, text: str = "") -> str:
-        """Leave an action for the engine; its id, which the journal will name. Raises OSError."""
+        """Write an action for the engine; returns its id, which the journal will contain. Raises OSError."""
         self._folder.mkdir(exist_ok=True)
         number = secrets.token_hex(8)
         data = {
@@ -44,7 +44,7 @@ class MailboxFolder:
         return number
 
     def withdraw(self, number: str) -> bool:
-        """Take an action back; whether it still waited."""
+        """Withdraw an action; returns whether it was still waiting."""
         try:
             (self._folder / f"{number}.json").unlink()
         except OSError:
@@ -53,7 +53,7 @@ class MailboxFolder:
 
     @asynccontextmanager
     async def emptied_into(self, mailbox: Mailbox) -> AsyncIterator[None]:
-        """While this lasts, hand each action to `mailbox`; those that waited before it began are deleted."""
+        """Inside this context, pass each action to `mailbox`; actions that were waiting before are deleted."""
         self._take()
         looking = asyncio.create_task(self._look(mailbox), name="mailbox folder")
         try:
@@ -73,7 +73,7 @@ class MailboxFolder:
             await asyncio.sleep(_LOOK_EVERY_S)
 
     def _take(self) -> list[Action]:
-        """The actions that wait, oldest first; their files are deleted, those that hold no action too."""
+        """The waiting actions, oldest first; deletes their files, and files without a valid action."""
         found: list[tuple[str, Action]] = []
         for path in self._folder.glob("*.json"):
             with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
@@ -84,7 +84,7 @@ class MailboxFolder:
 
 
 def _read(data: dict[str, Any]) -> tuple[str, Action]:
-    """When it was written, and the action. Raises KeyError, TypeError, ValueError."""
+    """The time of writing, and the action. Raises KeyError, TypeError, ValueError."""
     name = data["action"]
     json.dumps(data, ensure_ascii=False).encode()  # the journal is UTF-8
     if name not in get_args(ActionName):

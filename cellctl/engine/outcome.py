@@ -12,10 +12,10 @@ from cellctl.records import VerdictRow
 @final
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The end of a run: its state, the error that ended it (None where it finished), what was recorded last as verdict.
+    """The end of a run: its state, the error that ended it (None if it finished), the last recorded verdict.
 
-    `seconds`: of the cell's time, from connecting to the end. `moved`: a step that moves or writes was begun by this
-    process. `held`: the cell has a robot, and each one's driver confirmed after the last step that it stands still.
+    `seconds`: of the cell's time, from connecting to the end. `moved`: a step that moves or writes was begun in this
+    process. `held`: the cell has a robot, and each one's driver confirmed standstill after the last step.
     """
 
     state: State
@@ -28,7 +28,7 @@ class Outcome:
 
 
 class Aborted(Exception):
-    """The operator ended the run, or what started it is gone; the text says which."""
+    """The operator ended the run, or its parent process ended; the text gives the reason."""
 
 
 @final

@@ -1,4 +1,4 @@
-"""How much of a run is done, and how long the rest takes: counted in passes of its loops."""
+"""Progress of a run and the time left, counted in passes of its loops."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import final
 
 @final
 class Passes:
-    """Passes through all loops of a run: how many are done of how many, and how long the others take at this pace.
+    """Passes through all loops of a run: done, total, and the time left at the present rate.
 
-    expected: what the steps said before the run; more where the loops turn out to have more. clock: seconds.
+    expected: the steps' estimate before the run; raised if the loops have more passes. clock: seconds.
     """
 
     def __init__(self, expected: int, clock: Callable[[], float] = time.monotonic) -> None:
@@ -21,7 +21,7 @@ class Passes:
         self._began: tuple[float, int] | None = None
 
     def loop(self, path: str, index: int, count: int) -> None:
-        """As `Watcher.loop`; a loop that holds loops is left out once they are seen."""
+        """As `Watcher.loop`; a loop that contains loops is not counted once those have begun."""
         around = path.rpartition("[")[0]
         self._index.pop(around, None)
         self._count.pop(around, None)
@@ -29,22 +29,22 @@ class Passes:
             self._index[path], self._count[path] = index, count
 
     def step_begins(self) -> None:
-        """A step is carried out, and not skipped as one that was finished before: time counts from the first."""
+        """A step is executed, not skipped as already finished: time counts from the first one."""
         self._began = self._began or (self._clock(), self.done)
 
     @property
     def done(self) -> int:
-        """Passes that are finished."""
+        """Finished passes."""
         return sum(self._index.values())
 
     @property
     def total(self) -> int:
-        """All passes, as far as that is known."""
+        """All passes known so far."""
         return max(self._expected, sum(self._count.values()))
 
     @property
     def left_s(self) -> float | None:
-        """Seconds that the other passes take; None where that is not known yet."""
+        """Seconds for the remaining passes; None if not known yet."""
         if self._began is None or not self._began[1] < self.done < self.total:
             return None
         began, before = self._began

@@ -1,4 +1,4 @@
-"""What the engine is to run."""
+"""The engine's input: a procedure that is ready to run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.procedure import Procedure, StepRegistry
 @final
 @dataclass(slots=True)
 class Plan:
-    """What to run: the procedure with its parameters' values, the kinds of steps, and the devices by name."""
+    """The procedure with its parameters' values, the step kinds, and the devices by name."""
 
     procedure: Procedure
     parameters: Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""What happens in a run, into its journal, its folded state and the display at once."""
+"""Passes each event of a run to its journal, its folded state and the display."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cellctl.journal import (
 
 @final
 class Recorder:
-    """Commits events. `state`: what the journal holds; `error`: why nothing more can be written, else None."""
+    """Commits events. `state`: the journal's content; `error`: why the journal is no longer writable, else None."""
 
     def __init__(self, journal: Journal, state: RunState, watcher: Watcher, clock: Clock) -> None:
         self.state = state
@@ -34,9 +34,9 @@ class Recorder:
         self._clock = clock
 
     def append(self, event: KnownEvent, *, final: bool = False) -> None:
-        """Commit an event. A journal that cannot be written ends the run: nothing more is done that it would not hold.
+        """Commit an event. A journal that cannot be written ends the run: no step runs unrecorded.
 
-        With `final`, or once that has happened, the failure is kept in `error` instead of raised.
+        With `final`, or after the first failure, the failure is stored in `error` and not raised.
         """
         if self.error is None:
             try:
@@ -52,7 +52,7 @@ class Recorder:
         self.append(Said(text, path))
 
     def show(self, tell: Callable[[Watcher], None]) -> None:
-        """Tell who looks on. A display that fails (its terminal is gone) is not asked again, and ends no campaign."""
+        """Notify the watcher. A display that fails (terminal closed) is not called again; the campaign continues."""
         try:
             tell(self.watcher)
         except Exception:

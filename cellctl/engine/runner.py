@@ -1,4 +1,4 @@
-"""The runner: connects, has the steps done, cleans up whatever happened, and keeps the journal."""
+"""The runner connects the devices, runs the steps, always cleans up, and writes the journal."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from cellctl.records import VerdictRow
 
 @final
 class Engine:
-    """Runs one procedure once, or goes on with it: `record` is what its journal holds already.
+    """Runs one procedure once, or continues it: `record` is the content of its journal so far.
 
-    Steps that are done in `record` are not done again, unless they say `on_resume: always`.
+    Steps that are done in `record` are not repeated, unless they have `on_resume: always`.
     """
 
     def __init__(
@@ -59,10 +59,10 @@ class Engine:
         self.state = State.IDLE
 
     async def run(self, after_connect: AfterConnect | None = None) -> Outcome:
-        """Connect, run the steps, clean up. What went wrong is in the outcome.
+        """Connect, run the steps, clean up. The outcome contains the errors.
 
-        `after_connect` is awaited once every device answers, before the first step. Raises CancelledError, after the
-        clean-up and the journal's last event, where the caller was cancelled; nothing else.
+        `after_connect` is awaited once every device answers, before the first step. Raises only CancelledError, after
+        the clean-up and the journal's last event, if the caller was cancelled.
         """
         began = self._clock.now()
         self._enter(State.CHECKING, "")
@@ -81,7 +81,7 @@ class Engine:
         return Outcome(end, error, tuple(troubles), verdict, seconds, self._steps.moved, self._held())
 
     async def _worked(self, after_connect: AfterConnect | None) -> tuple[BaseException | None, list[str], bool]:
-        """The work and its clean-up: what ended the work, what failed in the clean-up, was the caller cancelled."""
+        """Work and clean-up; returns the work's error, the clean-up's failures, and if the caller was cancelled."""
         work = asyncio.create_task(self._work(after_connect), name="campaign")
         self._control.cancel = work.cancel
         if self._control.aborted:
@@ -132,7 +132,7 @@ class Engine:
         return tuple(result for result in results if isinstance(result, Identity))
 
     async def _clean_up(self, error: BaseException | None) -> list[str]:
-        """Try every clean-up step and stop and close every device; what failed, in words."""
+        """Try every clean-up step, stop and close every device; returns the failures as text."""
         self._enter(State.CLEANING, str(error) if error else "")
         troubles: list[str] = []
         reached = self._run.devices.keys() if self._connected else set()
@@ -153,7 +153,7 @@ class Engine:
         return []
 
     def _held(self) -> bool:
-        """Whether every robot of the cell answered, and confirmed in the clean-up that it stands still."""
+        """Whether every robot of the cell answered, and confirmed standstill in the clean-up."""
         robots = {device.name for device in self._plan.devices.values() if isinstance(device, SearchingRobot)}
         return bool(robots) and robots <= self._answered & self._stopped
 

@@ -1,4 +1,4 @@
-"""The engine's states and the one table of how they follow each other."""
+"""The engine's states and the table of allowed transitions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import final
 
 @final
 class State(StrEnum):
-    """Where a run is. Finished, aborted, failed and uncertain are ends; uncertain needs a person."""
+    """State of a run. Finished, aborted, failed and uncertain are final; uncertain requires a person's check."""
 
     IDLE = "idle"
     CHECKING = "checking"
@@ -39,11 +39,11 @@ TRANSITIONS: dict[State, frozenset[State]] = {
 
 
 class IllegalTransition(RuntimeError):
-    """The engine tried to go from one state to another that the table does not allow: an error of ours."""
+    """The engine attempted a transition that the table does not allow: an internal error."""
 
 
 def checked(current: State, following: State) -> State:
-    """`following`, where the table allows it after `current`. Raises IllegalTransition."""
+    """`following`, if the table allows it after `current`. Raises IllegalTransition."""
     if following not in TRANSITIONS[current]:
         raise IllegalTransition(f"{current} → {following}")
     return following

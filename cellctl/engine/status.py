@@ -1,4 +1,4 @@
-"""Where a run is, from its journal alone, while another process runs it."""
+"""Status of a run that another process executes, from its journal alone."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from cellctl.procedure import (
 @final
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Where a run is.
+    """Status of a run.
 
-    `state`: the engine's word, or `cut off while …`. `process`: who runs it, None where nobody does. `step`: the step
-    under way, `phase`: its title. `done` of `total` steps, as far as the loops' lists are known yet. `left_s`: of the
-    whole run, in seconds of wall time, None where that is not known yet. `message`: the last line for the operator.
+    `state`: the engine's, or `cut off while …`. `process`: the one that runs it, else None. `step`: the step in
+    progress, `phase`: its title. `done` of `total` steps, as far as the loops' lists are known yet. `left_s`: of the
+    whole run, in seconds of wall time, None if not known yet. `message`: the last line for the operator.
     `confirm`: the text that waits to be confirmed. `held_by`: why the run is paused. `broken`: interlocks that do not
     hold.
     """
@@ -57,7 +57,7 @@ class Status:
 
 
 def status_of(run_folder: Path, registry: StepRegistry) -> Status:
-    """Where the run in `run_folder` is. Raises JournalError."""
+    """Status of the run in `run_folder`. Raises JournalError."""
     writer = writer_of(run_folder)
     entries = list(read_journal(run_folder))
     state, now = fold(entries), _Now()
@@ -65,7 +65,7 @@ def status_of(run_folder: Path, registry: StepRegistry) -> Status:
         now.apply(entry)
     steps, titles, left_s = StepCount(state.finished), dict[str, str](), None
     if state.started:
-        # a run of a version with other rules, or with other packages: the count is not known
+        # written by a version with other rules or packages: the count is unknown
         with suppress(InputError, UnknownStep, BrokenSteps):
             procedure = read_procedure(parse_yaml(state.started.procedure.text, state.started.procedure.path))
             steps.count(procedure.steps, dict(state.parameters), "")
@@ -90,14 +90,14 @@ def status_of(run_folder: Path, registry: StepRegistry) -> Status:
 
 
 def running_in(runs: Iterable[Path]) -> list[Path]:
-    """Those of the run folders that a process writes now."""
+    """The run folders that a process is writing now."""
     return [folder for folder in runs if writer_of(folder)]
 
 
 @final
 @dataclass(slots=True)
 class _Now:
-    """What the events say beside the run's state."""
+    """Further facts from the events that the run's state does not contain."""
 
     message: str = ""
     held_by: str = ""

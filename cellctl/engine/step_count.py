@@ -1,4 +1,4 @@
-"""What is done of a run and the time left, from its journal alone."""
+"""Finished steps of a run and the time left, from its journal alone."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class StepCount:
     def _loop(self, loop: Loop, scope: dict[str, Any], outer: str) -> None:
         try:
             values = resolve(loop.for_each, scope)
-        except UnresolvedReference:  # the step that gives the list is not done yet
+        except UnresolvedReference:  # the step that returns the list is not done yet
             return
         path, passes = step_path(outer, loop.id), 0
         if self.done == self.total:  # all before it is done

@@ -1,4 +1,4 @@
-"""Does the steps of a procedure one after another: loops, branches, confirmations, attempts and retries."""
+"""Executes the steps of a procedure in order: loops, branches, confirmations, attempts and retries."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from cellctl.procedure import (
 
 @final
 class StepExecution:
-    """Does steps and records each attempt. `moved`: a step that moves or writes was begun.
+    """Executes steps and records each attempt. `moved`: a step that moves or writes was begun.
 
     `enter(state, reason)` changes the run's state: to paused and back.
     """
@@ -60,7 +60,7 @@ class StepExecution:
         self._done = dict(self._record.finished)
 
     async def actions(self, actions: tuple[Action, ...], scope: dict[str, Any], outer: str) -> None:
-        """Do `actions`, which stand inside `outer`; `scope`: parameters, loop variables and results by name."""
+        """Do the `actions` inside `outer`; `scope`: parameters, loop variables and results by name."""
         for action in actions:
             path = step_path(outer, action.id)
             match action:
@@ -84,7 +84,7 @@ class StepExecution:
         self._recorder.show(partial(_pass_begins, path, len(values), len(values)))
 
     def _decided(self, action: If, scope: Mapping[str, Any], path: str) -> bool:
-        """What the `if` is decided to, once for the whole run: a resumed run takes the branch that it took before."""
+        """The decision of the `if`, made once for the whole run: a resumed run takes the same branch."""
         if path in self._done:
             return bool(self._done[path]["value"])
         assert action.expression is not None
@@ -114,7 +114,7 @@ class StepExecution:
                 return
 
     async def _step(self, step: Step, scope: Mapping[str, Any], path: str) -> dict[str, Any] | None:
-        """Do one step, with its retries; or take its result where it is done. Raises what its last attempt raised."""
+        """Do one step with its retries, or return its result if done. Raises the error of the last attempt."""
         if path in self._done and step.on_resume is OnResume.SKIP:
             result: dict[str, Any] | None = self._done[path]
             return result
@@ -132,14 +132,14 @@ class StepExecution:
                 self._recorder.said(path, "stopped by an interlock; it is done again when the run goes on")
             except retryable as error:
                 failed += 1
-                if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person has to look first
+                if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person checks first
                     raise
                 self._recorder.said(path, f"attempt {failed} of {step.retry.attempts} failed, trying again: {error}")
 
     async def attempt(
         self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None
     ) -> dict[str, Any] | None:
-        """One attempt at a step, within `limit` seconds (None: no limit). Raises what the step raises, TimeoutError."""
+        """One attempt at a step, within `limit` seconds (None: no limit). Raises the step's errors, TimeoutError."""
         attempt = self._record.next_attempt(path)
         context = Context(
             step=path,
@@ -156,7 +156,7 @@ class StepExecution:
         return await self._recorder.attempt(StepStarted(path, attempt, kind.moves, step.do), limit, done)
 
     async def _at_border(self) -> None:
-        """Between two steps: look at the interlocks, and wait while something keeps the run from going on."""
+        """Between two steps: check the interlocks, and wait while the run is blocked."""
         await self._interlocks.look()
         if self._control.aborted:
             await asyncio.sleep(0)  # the cancellation arrives here, before the next step begins
@@ -165,7 +165,7 @@ class StepExecution:
             return
         self._enter(State.PAUSED, reason)
         while self._control.held_by():
-            # Waiting for a person alone, a simulated cell's time stands still; broken interlocks need it to go on.
+            # A simulated cell's time is stopped while only a person is awaited; broken interlocks need it to run.
             with nullcontext() if self._interlocks.broken else self._clock.standing():
                 await self._control.change()
             await self._interlocks.look()

@@ -1,4 +1,4 @@
-"""Waiting that a cancellation does not cut short, and waiting with a time limit that is named when it passes."""
+"""Waiting that a cancellation does not shorten, and waiting with a time limit that the error names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellctl.clock import Clock
 
 
 async def ended(task: asyncio.Task[Any], on_cancel: Callable[[], object] | None = None) -> bool:
-    """Wait until `task` has ended; its error stays in it. Whether the waiter was cancelled meanwhile.
+    """Wait until `task` has ended; its error stays in it. Returns whether the waiter was cancelled.
 
     The waiter's cancellation calls `on_cancel` and does not end the waiting: the caller raises it afterwards.
     """
@@ -27,7 +27,7 @@ async def ended(task: asyncio.Task[Any], on_cancel: Callable[[], object] | None 
 
 
 def error_of(task: asyncio.Task[Any]) -> BaseException | None:
-    """What ended a task that has ended: its error, a CancelledError where it was cancelled, None where it is done."""
+    """The error of an ended task: a CancelledError if it was cancelled, None if it succeeded."""
     return asyncio.CancelledError() if task.cancelled() else task.exception()
 
 

@@ -1,4 +1,4 @@
-"""Who looks on while a campaign runs."""
+"""The interface for displays of a running campaign."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cellctl.journal import KnownEvent
 
 
 class Watcher(Protocol):
-    """Told of everything that goes into the journal, and of what a progress display needs besides."""
+    """Receives every event of the journal, and what a progress display needs besides."""
 
     def event(self, event: KnownEvent) -> None:
         """An event was committed."""

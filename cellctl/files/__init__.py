@@ -1,4 +1,4 @@
-"""Files as people write them and machines keep them: strict YAML with positions, canonical JSON, atomic writes."""
+"""Files: strict YAML with positions, canonical JSON, atomic writes."""
 
 from cellctl.files.atomic import is_stream, write_atomically
 from cellctl.files.canonical import canonical_json, sha256_of

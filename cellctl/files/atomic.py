@@ -1,4 +1,4 @@
-"""A file is either the old one or the new one, whole, whatever happens in between."""
+"""Atomic writes: after any interruption a file is either the complete old or the complete new one."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import secrets
 from pathlib import Path
 
 LINKS = 40
-"""So many links are followed, one after another, as the kernel does."""
+"""Maximum number of links followed in a chain, as in the kernel."""
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write `content` (text as UTF-8) to `path` so that a reader, or a crash, never sees half of it.
+    """Write `content` (text as UTF-8) to `path` so that no reader or crash leaves a partial file.
 
-    A link is followed. A file that is replaced keeps its permissions, a new one has those that the umask leaves. What
-    is a stream (`is_stream`) is written to as it is. Raises OSError (full disk, no permission), with
+    A link is followed. A file that is replaced keeps its permissions, a new one has those that the umask leaves. A
+    stream (`is_stream`) is written directly. Raises OSError (full disk, no permission), with
     `path` as its file; the old file is then still in place and no temporary file is left.
     """
     data = content.encode() if isinstance(content, str) else content
@@ -32,7 +32,7 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 
 
 def is_stream(path: Path) -> bool:
-    """Whether `path` takes what it is given and adds it to what it had: a device, a FIFO, or a file that some process
+    """Whether `path` is an appending stream: a device, a FIFO, or a file that a process
     has open under another name (`/dev/stdout`, `/dev/fd/3`).
     """
     if path.exists() and not path.is_file():
@@ -59,8 +59,8 @@ def _replace(path: Path, data: bytes) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    if hasattr(os, "O_DIRECTORY"):  # elsewhere (Windows) a folder cannot be opened
-        with contextlib.suppress(OSError):  # the file is there; not every file system can make sure of its name
+    if hasattr(os, "O_DIRECTORY"):  # other systems (Windows) cannot open a folder
+        with contextlib.suppress(OSError):  # the file exists; not every file system can sync its name
             _settle(path.parent)
 
 

@@ -1,4 +1,4 @@
-"""One text for one value, so that a hash means something."""
+"""Canonical JSON: equal values have equal text and an equal hash."""
 
 from __future__ import annotations
 

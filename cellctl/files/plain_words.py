@@ -1,4 +1,4 @@
-"""What is wrong with a value, in our own words: the user reads nothing of the library that found it."""
+"""Error messages for values in our own words, without the validating library's terms."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _EXACT = {
 
 
 def plain_words(detail: Mapping[str, Any]) -> str:
-    """What one of the details of a pydantic.ValidationError says: `has to be at least 10`, `is missing`."""
+    """The message for one detail of a pydantic.ValidationError: `has to be at least 10`, `is missing`."""
     kind = str(detail["type"])
     words = _EXACT.get(kind) or _WORDS.get(kind.partition("_")[0], "is not what belongs here")
     return words.format(**detail.get("ctx", {}))
@@ -55,7 +55,7 @@ def plain_words(detail: Mapping[str, Any]) -> str:
 def read_json(path: Path, what: str, cure: str) -> Any:
     """The content of a JSON file that is to be a `what` (`model file`).
 
-    Raises InputError where it cannot be read or is no JSON, with `cure`.
+    Raises InputError with `cure` if it cannot be read or is not JSON.
     """
     try:
         return json.loads(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Errors in what a person wrote, as data: all at once, each with its place and its cure."""
+"""Input errors as data: all at once, each with its place and its cure."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import final
 @final
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One error: where it stands, what is wrong, what to do about it.
+    """One error: its place, what is wrong, and what to do.
 
-    `line` and `column` count from 1; 0 says that the error is the whole file's (or the whole line's).
+    `line` and `column` count from 1; 0: the error concerns the whole file (or the whole line).
     """
 
     file: str
@@ -33,9 +33,9 @@ class Problem:
 
 @final
 class InputError(Exception):
-    """What the user gave cannot be used; nothing was written. The command line ends with exit code 2.
+    """The user's input is invalid; nothing was written. The command line ends with exit code 2.
 
-    note: what is to be said once of all problems together.
+    note: one remark for all problems together.
     """
 
     def __init__(self, problems: Iterable[Problem] | Problem, note: str = "") -> None:

@@ -1,4 +1,4 @@
-"""YAML that means what it says: no duplicate keys, no tags, no aliases, `on` is a word; every value knows its place."""
+"""Strict YAML: no duplicate keys, no tags, no aliases, `on` is text; every value has its position."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cellctl.files.problems import InputError, Problem
 from cellctl.files.yaml_words import yaml_words
 
 Path = tuple[str | int, ...]
-"""Where a value stands in a document: keys and list indices from the root, `("steps", 3, "speed")`."""
+"""The place of a value in a document: keys and list indices from the root, `("steps", 3, "speed")`."""
 
 _PLAIN = (
     ("null", re.compile(r"~|null|Null|NULL|")),
@@ -22,7 +22,7 @@ _PLAIN = (
     ("int", re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")),
     ("float", re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")),
 )
-"""YAML 1.2 core schema: what an unquoted scalar is, the first that matches whole."""
+"""YAML 1.2 core schema: the type of an unquoted scalar is the first full match."""
 _LONGEST_INTEGER = 300
 
 
@@ -38,7 +38,7 @@ class Document:
     keys: dict[Path, tuple[int, int]]
 
     def place(self, path: Path, *, key: bool = False) -> tuple[int, int]:
-        """Line and column (from 1) of the value at `path`, or of its key; of the nearest parent where it is missing."""
+        """Line and column (from 1) of the value at `path`, or of its key; of the nearest parent if it is missing."""
         table = self.keys if key else self.marks
         while path and path not in table:
             path = path[:-1]
@@ -52,7 +52,7 @@ class Document:
 
 
 def load_yaml(path: pathlib.Path) -> Document:
-    """Load a YAML file strictly. Raises InputError where it cannot be read, decoded or parsed, with all duplicates."""
+    """Load a YAML file strictly. Raises InputError if it cannot be read, decoded or parsed, with all duplicates."""
     try:
         data = path.read_bytes()
         text = data.decode("utf-8-sig")
@@ -84,7 +84,7 @@ def parse_yaml(text: str, file: str) -> Document:
 
 
 class _Loader(yaml.SafeLoader):
-    """Composes, and notes the aliases and tags, which cannot be told from the nodes afterwards."""
+    """Composes, and notes the aliases and tags, which the nodes do not contain."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)

@@ -1,4 +1,4 @@
-"""From a YAML document to a typed model: every error at once, each where it stands."""
+"""Validates a YAML document as a typed model: every error at once, each with its place."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ def problems_of(
 
 
 def _known_part(document: Document, path: tuple[Any, ...], *, named: bool) -> Path:
-    """`path` without the parts that only pydantic knows (names of union members and validators).
+    """`path` without pydantic's internal parts (names of union members and validators).
 
-    Where the error is a name that is missing or not known, the last part is that name.
+    For a missing or unknown name, the last part is that name.
     """
     known: Path = ()
     for index, part in enumerate(path):

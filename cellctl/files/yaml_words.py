@@ -1,4 +1,4 @@
-"""What is wrong with text that is not YAML, in our own words: the user reads nothing of the library that found it."""
+"""Error messages for invalid YAML in our own words, without the parser's terms."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ _WORDS: tuple[tuple[str, str, str], ...] = (
 """The beginning of a text of PyYAML (6.0: its scanner, parser and composer), what is wrong, and the cure."""
 
 _OPENED = ("found unexpected end of stream",)
-"""Texts that belong where something was opened, and not where the file ended."""
+"""Texts that are reported at the opening place, not at the end of the file."""
 
 
 def yaml_words(error: yaml.MarkedYAMLError) -> tuple[int, int, str, str]:
-    """Line and column (from 1; 0: not known), what is wrong, and the cure."""
+    """Line and column (from 1; 0: unknown), what is wrong, and the cure."""
     text = f"{error.problem}; {error.context}"
     opened = error.context_mark if error.problem in _OPENED else None
     mark = opened or error.problem_mark or error.context_mark
@@ -61,6 +61,6 @@ def yaml_words(error: yaml.MarkedYAMLError) -> tuple[int, int, str, str]:
 
 
 def _with_beginning(what: str, error: yaml.MarkedYAMLError, line: int) -> str:
-    """`what`, with the line on which the list or mapping began, where that is another one."""
+    """`what`, with the first line of the list or mapping if that differs."""
     began = error.context_mark.line + 1 if error.context_mark and "is not closed" in what else line
     return what if began == line else f"{what} (it begins on line {began})"

@@ -1,4 +1,4 @@
-"""The only truth about a run: an append-only journal, committed event by event, and what it folds to."""
+"""The only record of a run: an append-only journal, committed event by event, and its folded state."""
 
 from cellctl.journal.errors import JournalError
 from cellctl.journal.events import (

@@ -1,4 +1,4 @@
-"""Events to rows of the journal and back."""
+"""Conversion between events and rows of the journal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Columns = tuple[str, str, int, str]
 
 
 def encode(event: KnownEvent) -> Columns:
-    """The row of `event`. Raises ValueError, naming event and step, for NaN and whatever else JSON cannot hold."""
+    """The row of `event`. Raises ValueError, naming event and step, for NaN and other values that JSON cannot hold."""
     fields = asdict(event)
     step, attempt = fields.pop("step", ""), fields.pop("attempt", 0)
     try:
@@ -31,9 +31,9 @@ def encode(event: KnownEvent) -> Columns:
 
 
 def decode(columns: Columns) -> Event:
-    """The event in a row. A kind not known here gives a RawEvent; fields not known here are passed over.
+    """The event in a row. An unknown kind gives a RawEvent; unknown fields are ignored.
 
-    Raises ValueError where the row does not hold what its kind has.
+    Raises ValueError if the row does not match its kind.
     """
     kind, step, attempt, text = columns
     try:

@@ -1,4 +1,4 @@
-"""What can go wrong with a journal."""
+"""Errors of a journal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CURES = {
 
 
 class JournalError(Exception):
-    """A journal cannot be written or read. `path` names it, `cure` says what to do; what was committed is kept."""
+    """A journal cannot be written or read. `path`: its file; `cure`: what to do. Committed events are kept."""
 
     def __init__(self, path: Path, what: str, cure: str = "") -> None:
         self.path = path

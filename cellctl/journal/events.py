@@ -1,4 +1,4 @@
-"""What happens in a run, as typed events. A kind may gain fields with defaults; nothing is renamed or taken away."""
+"""The typed events of a run. A kind may gain fields with defaults; fields are never renamed or removed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.records import Json, Row
 @final
 @dataclass(frozen=True, slots=True)
 class SourceFile:
-    """A file as it was when the run began: its path, its text, SHA-256 (hex) of the text."""
+    """A file at the start of the run: its path, its text, SHA-256 (hex) of the text."""
 
     path: str
     text: str
@@ -23,12 +23,12 @@ class SourceFile:
 @final
 @dataclass(frozen=True, slots=True)
 class RunStarted:
-    """The first event: all that is needed to know what was run, and to tell whether it has changed since.
+    """The first event: everything that identifies what was run and shows later changes.
 
     `versions`: package → version, `python` among them. `clock`: `realtime` or `lockstep`. `calendar`: UTC, ISO 8601.
     `robot`: the robot file; the artefact is in the cell file. `sources`: Python files of cellctl, drivers and steps, by
-    name, with the SHA-256 of each. `name`: of the run, whatever its folder is called later. `section`: the fields of a
-    verdict that are of this kind of campaign alone; None in journals that did not say so yet.
+    name, with the SHA-256 of each. `name`: of the run; its folder may be renamed later. `section`: the fields of a
+    verdict that only this kind of campaign has; None in older journals.
     """
 
     kind: ClassVar[str] = "run_started"
@@ -50,7 +50,7 @@ class RunStarted:
 @final
 @dataclass(frozen=True, slots=True)
 class RunResumed:
-    """A new process goes on with the run; the cell's time may begin anew. `acknowledged`: a person saw to the cell."""
+    """A new process continues the run; the cell's time may restart. `acknowledged`: a person checked the cell."""
 
     kind: ClassVar[str] = "run_resumed"
     operator: str
@@ -63,7 +63,7 @@ class RunResumed:
 @final
 @dataclass(frozen=True, slots=True)
 class DevicesConnected:
-    """Who the devices say they are: name in the cell → serial, model, firmware, simulated."""
+    """The identities that the devices reported: name in the cell → serial, model, firmware, simulated."""
 
     kind: ClassVar[str] = "devices_connected"
     identities: Mapping[str, Mapping[str, Json]]
@@ -72,7 +72,7 @@ class DevicesConnected:
 @final
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """The engine went from one state to another. `before` and `after` are its words (`running`, `paused`)."""
+    """The engine went from one state to another. `before` and `after` are state names (`running`, `paused`)."""
 
     kind: ClassVar[str] = "state_changed"
     before: str
@@ -83,7 +83,7 @@ class StateChanged:
 @final
 @dataclass(frozen=True, slots=True)
 class StepStarted:
-    """An attempt (from 1) at a step begins. `moves`: cut off in it, the cell is in an uncertain state."""
+    """An attempt (from 1) at a step begins. `moves`: an interruption leaves the cell in an uncertain state."""
 
     kind: ClassVar[str] = "step_started"
     step: str
@@ -93,7 +93,7 @@ class StepStarted:
 
 
 class Outcome(StrEnum):
-    """How an attempt at a step ended. `interrupted`: it never did, since the process died; said by `fold` alone."""
+    """How an attempt at a step ended. `interrupted`: the process died first; only `fold` sets it."""
 
     DONE = "done"
     FAILED = "failed"
@@ -113,14 +113,14 @@ class StepFailure:
 
     @classmethod
     def of(cls, error: BaseException) -> StepFailure:
-        """The failure that `error` is."""
+        """The failure that describes `error`."""
         return cls(type(error).__name__, str(error), getattr(error, "cure", ""))
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class StepEnded:
-    """The attempt ended; `result` (JSON) where it is done, `failure` where it is not."""
+    """The attempt ended; `result` (JSON) if it is done, else `failure`."""
 
     kind: ClassVar[str] = "step_ended"
     step: str
@@ -135,7 +135,7 @@ class StepEnded:
 class Recorded:
     """A row of the given `row_kind` (`touch`), by a step's attempt, or by the engine (empty, 0).
 
-    `version`: of its class. `measurement`: it is a measured point of the run; None in journals that did not say so yet.
+    `version`: of its class. `measurement`: it is a measured point of the run; None in older journals.
     """
 
     kind: ClassVar[str] = "recorded"
@@ -165,11 +165,11 @@ class Said:
 @final
 @dataclass(frozen=True, slots=True)
 class OperatorAction:
-    """What an operator did to the run: `pause`, `resume`, `abort`, `confirm`, `acknowledge`.
+    """An operator's action on the run: `pause`, `resume`, `abort`, `confirm`, `acknowledge`.
 
-    `operator` on `host`, by means of `via` (`cli`, `terminal`, `SIGINT`, `console`), at `calendar` (UTC, ISO 8601).
-    `text`: the reason, or the step that is confirmed. `refused`: why nothing came of it; empty where it was done.
-    `id`: of the file that brought it, where one did.
+    `operator` on `host`, through `via` (`cli`, `terminal`, `SIGINT`, `console`), at `calendar` (UTC, ISO 8601).
+    `text`: the reason, or the step that is confirmed. `refused`: why it was refused; empty if it was done.
+    `id`: of the file that brought it, if any.
     """
 
     kind: ClassVar[str] = "operator_action"
@@ -186,7 +186,7 @@ class OperatorAction:
 @final
 @dataclass(frozen=True, slots=True)
 class InterlockChanged:
-    """An interlock broke (`holds` false), or its condition holds again; `text`: the condition and why, in words."""
+    """An interlock broke (`holds` false), or its condition holds again; `text`: the condition and the reason."""
 
     kind: ClassVar[str] = "interlock_changed"
     interlock: str
@@ -199,7 +199,7 @@ class InterlockChanged:
 @final
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The run came to its end, in `state`; `verdict` empty where it never got to one, `result` as `--json` gives it."""
+    """The run ended in `state`; `verdict` is empty if there is none, `result` as `--json` prints it."""
 
     kind: ClassVar[str] = "run_ended"
     state: str
@@ -211,7 +211,7 @@ class RunEnded:
 @final
 @dataclass(frozen=True, slots=True)
 class RawEvent:
-    """An event of a kind that this version does not know; kept, shown, and otherwise passed over."""
+    """An event of a kind unknown to this version; kept, shown, and otherwise ignored."""
 
     kind: str
     data: Mapping[str, Json]

@@ -1,6 +1,6 @@
-"""One writer for a run: a lock that the kernel drops when its holder dies, however it dies.
+"""One writer for a run: a lock that the kernel releases whenever its holder ends.
 
-Writing needs POSIX locks; reading, and asking who writes, work without them: nobody writes where there are none.
+Writing needs POSIX locks. Reading and finding the writer work without them: on such systems no process writes.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from cellctl.journal.errors import JournalError
 
 try:
     import fcntl
-except ImportError:  # Windows: runs are read there, and written elsewhere
+except ImportError:  # Windows: runs can only be read there
     HAS_LOCKS = False
 else:
     HAS_LOCKS = True
 
 _LONGEST = 4096
-"""Bytes of a lock file that are read: more than a process writes about itself."""
+"""Number of bytes read from a lock file: more than a process writes to it."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Writer:
-    """The process that writes a run: its id, since when (UTC, ISO 8601), its command line. `?` for what is unknown."""
+    """The process that writes a run: its id, since when (UTC, ISO 8601), its command line. `?`: unknown."""
 
     pid: str
     since: str
@@ -38,12 +38,12 @@ class Writer:
 
     @classmethod
     def this_process(cls) -> Self:
-        """The process that calls this, from now on."""
+        """The calling process, since now."""
         return cls(str(os.getpid()), calendar_time(), " ".join(shlex.join(sys.orig_argv).split()))
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From the text of a lock file, of which older versions of cellctl wrote the first line alone."""
+        """From the text of a lock file; older versions of cellctl wrote only its first line."""
         lines = [line or "?" for line in text.split("\n")]
         return cls(*[*lines, "?", "?"][:3])
 
@@ -52,7 +52,7 @@ class Writer:
         return "".join(f"{line}\n" for line in (self.pid, self.since, self.command))
 
     def error(self, run_folder: Path) -> JournalError:
-        """What another process is told that wants to write the run in `run_folder`."""
+        """Error message for another process that tries to write the run in `run_folder`."""
         cure = f"wait for its end, or end it (kill {self.pid}: it cleans up and ends); then try again"
         what = f"process {self.pid} writes this run, since {self.since}: {self.command}"
         return JournalError(run_folder, what, cure)
@@ -60,16 +60,16 @@ class Writer:
 
 @final
 class WriterLock:
-    """The right to write one journal. Held from taking it until `release`."""
+    """The right to write one journal, held until `release`."""
 
     def __init__(self, stream: io.FileIO) -> None:
         self._stream = stream
 
     @classmethod
     def take(cls, path: Path) -> Self:
-        """Lock `path`, which is made if need be.
+        """Lock `path`; creates the file if it is missing.
 
-        Raises JournalError where somebody holds it, or where this system has no such locks; OSError.
+        Raises JournalError if another process holds it or the system has no such locks; OSError.
         """
         if not HAS_LOCKS:
             raise JournalError(path.parent, "a run cannot be written on this system", "run it on Linux")
@@ -88,12 +88,12 @@ class WriterLock:
         return cls(stream)
 
     def release(self) -> None:
-        """Let go of it; doing so twice does no harm."""
+        """Release the lock; a second call has no effect."""
         self._stream.close()
 
 
 def lock_holder(path: Path) -> Writer | None:
-    """Who holds the lock at `path` now; None where nobody does."""
+    """The process that holds the lock at `path` now, else None."""
     if not HAS_LOCKS:
         return None
     try:

@@ -1,4 +1,4 @@
-"""What became of the compensation table that a run pushed, as its journal tells it."""
+"""State of the compensation table that a run pushed, from its journal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class PushedTable:
 
     @classmethod
     def of(cls, run: Rows) -> Self | None:
-        """From the rows of a run, those of failed attempts too; None where nothing was pushed."""
+        """From the rows of a run, including failed attempts; None if no table was pushed."""
         rows = run.all_recorded(TablePushRow, TableStateRow)
         if not rows:
             return None
@@ -39,7 +39,7 @@ class PushedTable:
         return not self.proved and self.row.active is not False
 
     def words(self) -> str:
-        """What became of it, in a sentence without a full stop."""
+        """Its state, as a sentence without a full stop."""
         table = f"table {self.row.short}"
         if self.row.active is False:
             return f"{table} was rolled back: the table before it is in force again"

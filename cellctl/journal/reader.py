@@ -1,4 +1,4 @@
-"""Reading a journal, while it is written, after a crash, or years later. Reading changes nothing."""
+"""Reads a journal: while it is written, after a crash, or years later. Reading does not change it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def journal_in(run: Path) -> Path:
 def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
     """The committed events of a run (its folder or its journal) with numbers above `after`, in order.
 
-    What is committed while this reads may be missing at the end; ask again with the last number seen.
-    Raises JournalError where there is none, where it is damaged, of another program or of a newer version.
+    Events committed during the read may be missing at the end; call again with the last number received.
+    Raises JournalError if the journal is missing, damaged, of another program or of a newer version.
     """
     path = journal_in(run)
     with closing(_opened(path)) as connection:
@@ -38,7 +38,7 @@ def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
 
 
 def is_being_written(run: Path) -> bool:
-    """Whether a process writes this run now; without one, a run without its end has been cut off."""
+    """Whether a process is writing this run now; if not, a run without an end event was interrupted."""
     return writer_of(run) is not None
 
 
@@ -48,7 +48,7 @@ def writer_of(run: Path) -> Writer | None:
 
 
 def refuse_foreign(path: Path) -> None:
-    """Raise JournalError where `path` is no journal that this version reads."""
+    """Raise JournalError unless `path` is a journal that this version reads."""
     with closing(_opened(path)) as connection:
         _refuse(path, connection)
 

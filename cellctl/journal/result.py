@@ -1,4 +1,4 @@
-"""What a run came to, from its journal."""
+"""The result of a run, from its journal."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cellctl.records import Figures, Json, VerdictRow
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunResult:
-    """The result of a run: what every kind of campaign has in common, and the section of this kind.
+    """The result of a run: the fields common to all campaigns, and the section of this kind.
 
-    verdict, sentence, before, after, model: of the last verdict, None where there is none (see `VerdictRow`). points:
+    verdict, sentence, before, after, model: of the last verdict, None if there is none (see `VerdictRow`). points:
     measurements that count. table: the one that the run pushed. section: the fields of the campaign's own kind, each
-    None where the run did not come that far. lines: for the operator, below the sentence. simulated_s: of the cell's
-    time; wall_s: 0 where nobody took it.
+    None if the run did not get that far. lines: for the operator, below the sentence. simulated_s: of the cell's
+    time; wall_s: 0 if not measured.
     """
 
     run: str
@@ -39,7 +39,7 @@ class RunResult:
 
     @classmethod
     def of(cls, run: str, journal: RunState, **known: Any) -> Self:
-        """The result of `run` (its name) by its `journal`; `known`: fields that the caller knows better."""
+        """The result of `run` (its name) by its `journal`; `known`: fields that the caller overrides."""
         verdict = journal.last(VerdictRow)
         content: Mapping[str, Json] = next(reversed(journal.data_of(VerdictRow.KIND)), {})
         common = ("verdict", "sentence", "before", "after", "model", "lines")
@@ -55,7 +55,7 @@ class RunResult:
         return cls(**(found | known))
 
     def to_json(self) -> dict[str, Json]:
-        """As `cellctl run --json` gives it: the fields of the section stand behind the table."""
+        """As `cellctl run --json` prints it: the fields of the section follow the table."""
         content: dict[str, Json] = asdict(self)
         section, _ = content.pop("section"), content.pop("lines")
         content["table"] = self.table and {**self.table.row.data(), "state": self.table.state}

@@ -1,4 +1,4 @@
-"""The journal's file: one SQLite database with one table, to which rows are added and nothing else is done."""
+"""The journal's file: one SQLite database with one append-only table."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ FILE_NAME: Final = "journal.sqlite"
 """In every run folder."""
 
 LOCK_NAME: Final = "journal.lock"
-"""Beside it: whoever writes holds it (flock), and has left its process id in it, the time and its command line."""
+"""Beside it: the writer locks it (flock) and writes its process id, the time and its command line into it."""
 
 APPLICATION_ID: Final = 0x43454C4C
-"""`CELL`: says that an SQLite file is a journal of ours."""
+"""`CELL`: marks an SQLite file as a cellctl journal."""
 
 VERSION: Final = 1
-"""Counts changes that an older program would misread; new kinds of events and new fields are none."""
+"""Counts changes that an older program would misread; new event kinds and new fields do not count."""
 
 CREATE: Final = f"""
 CREATE TABLE events (

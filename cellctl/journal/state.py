@@ -1,4 +1,4 @@
-"""What a run has come to, folded from its events: the basis of resume, show and runs."""
+"""The state of a run, folded from its events: the basis of resume, show and runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from cellctl.records import AnyRow, BadRow, Row
 @final
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """A step's latest attempt: its number, whether it moves, and how it ended (`outcome` None: it is in flight)."""
+    """A step's latest attempt: its number, whether it moves, and how it ended (`outcome` None: in progress)."""
 
     step: str
     attempt: int
@@ -57,10 +57,10 @@ class RecordedRow:
 @final
 @dataclass(slots=True)
 class RunState:
-    """A run so far. `apply` takes it one event further; an engine may keep one beside its journal.
+    """A run so far. `apply` adds one event; an engine may keep a state beside its journal.
 
-    Of each step the latest attempt counts, and of its rows those of that attempt, if it is done or in flight: a row of
-    an attempt that failed or was cut off stays in the journal and is not counted twice.
+    Of each step only the latest attempt counts, with its rows, if it is done or in progress: a row of
+    a failed or interrupted attempt stays in the journal and is not counted.
     """
 
     started: RunStarted | None = None
@@ -78,17 +78,17 @@ class RunState:
 
     @property
     def parameters(self) -> Mapping[str, Any]:
-        """The run's parameters; empty before it began."""
+        """The run's parameters; empty before its start."""
         return self.started.parameters if self.started else {}
 
     @property
     def name(self) -> str:
-        """The name that the run began with; empty in journals that did not say so yet."""
+        """The run's name at its start; empty in older journals."""
         return self.started.name if self.started else ""
 
     @property
     def section(self) -> tuple[str, ...]:
-        """The fields of a verdict that are of this kind of campaign alone."""
+        """The verdict's fields that only this kind of campaign has."""
         said = self.started.section if self.started else ()
         return SECTION if said is None else said
 
@@ -99,14 +99,14 @@ class RunState:
 
     @property
     def in_flight(self) -> tuple[StepState, ...]:
-        """The steps that have begun and not ended."""
+        """The steps in progress."""
         return tuple(step for step in self.steps.values() if step.outcome is None)
 
     @property
     def uncertain(self) -> bool:
-        """Whether the engine said so, or a step that moves has begun and not ended.
+        """Whether the engine recorded it, or a step that moves has begun and not ended.
 
-        While a process writes the run that is its daily work; where none does, a person has to look at the cell.
+        This is normal while a process writes the run; otherwise a person has to check the cell.
         """
         return self.state == "uncertain" or any(step.moves for step in self.in_flight)
 
@@ -122,13 +122,13 @@ class RunState:
     def recorded(self, kind: type[AnyRow]) -> list[AnyRow]:
         """The rows of this class that count, in the order of recording.
 
-        Raises InputError, naming event, kind and field, where the journal holds something else.
+        Raises InputError, naming event, kind and field, if the journal's data do not fit the class.
         """
         mine = (row for row in self.rows if row.event.row_kind == kind.KIND and self.counts(row))
         return [self._as(kind, row) for row in mine]
 
     def all_recorded(self, *kinds: type[AnyRow]) -> list[AnyRow]:
-        """The rows of these classes of every attempt, failed and cut-off ones too, in order: what was done.
+        """The rows of these classes of every attempt, failed and interrupted ones included, in order.
 
         Raises InputError as `recorded`.
         """
@@ -136,7 +136,7 @@ class RunState:
         return [self._as(of[row.event.row_kind], row) for row in self.rows if row.event.row_kind in of]
 
     def last(self, kind: type[AnyRow]) -> AnyRow | None:
-        """The last row of this class that counts; None where there is none. Raises InputError as `recorded`."""
+        """The last row of this class that counts; None if there is none. Raises InputError as `recorded`."""
         return next(reversed(self.recorded(kind)), None)
 
     def data_of(self, kind: str) -> list[Mapping[str, Any]]:
@@ -144,7 +144,7 @@ class RunState:
         return [row.event.data for row in self.rows if row.event.row_kind == kind and self.counts(row)]
 
     def counts(self, row: RecordedRow) -> bool:
-        """Whether `row` counts: the engine's own always, a step's if it is of the latest attempt, done or in flight."""
+        """Whether `row` counts: the engine's own always, a step's if of the latest attempt, done or in progress."""
         step = self.steps.get(row.event.step)
         if step is None:
             return not row.event.step
@@ -164,7 +164,7 @@ class RunState:
         return read
 
     def apply(self, entry: Entry) -> None:
-        """Take in the next event."""
+        """Apply the next event."""
         self.first_ns = self.first_ns if self.last_seq else entry.time_ns
         self.last_seq, self.last_ns = entry.seq, entry.time_ns
         if isinstance(entry.event, Recorded):
@@ -188,7 +188,7 @@ class RunState:
                 self._end(event)
             case RunEnded(state):
                 self.ended, self.state = event, state
-            case _:  # said, operator actions and what newer versions write change nothing here
+            case _:  # messages, operator actions and events of newer versions do not change the state
                 pass
 
     def _end(self, event: StepEnded) -> None:
@@ -204,7 +204,7 @@ class RunState:
 
 
 def fold(entries: Iterable[Entry]) -> RunState:
-    """The state that `entries`, a whole journal or the beginning of one, lead to."""
+    """The state after `entries`: a whole journal or its beginning."""
     state = RunState()
     for entry in entries:
         state.apply(entry)

@@ -17,14 +17,14 @@ from cellctl.journal.reader import refuse_foreign
 from cellctl.journal.schema import CREATE, FILE_NAME, INSERT, LOCK_NAME
 
 _BUSY_S = 0.5
-"""How long a commit waits for a foreign program that has locked the file; the engine's loop stands still meanwhile."""
+"""Longest wait of a commit while another program locks the file; it blocks the engine's loop."""
 
 
 @final
 class Journal:
     """The journal of one run, open for writing by this process alone.
 
-    One transaction an event, synchronous FULL: what `append` returned from survives a crash and a power cut.
+    One transaction per event, synchronous FULL: an appended event survives a crash and a power cut.
     Use it from one thread. It is a context manager: leaving it closes the journal.
     """
 
@@ -36,9 +36,9 @@ class Journal:
 
     @classmethod
     def create(cls, run_folder: Path, now_ns: Callable[[], int]) -> Self:
-        """Begin the journal of a new run in `run_folder`, made if need be; `now_ns` gives the cell's time.
+        """Begin the journal of a new run in `run_folder`, created if missing; `now_ns` gives the cell's time.
 
-        Raises JournalError where there is one already, where it cannot be written, or on a full disk.
+        Raises JournalError if there is one already, if it cannot be written, or if the disk is full.
         """
         path = run_folder / FILE_NAME
         with named_errors(run_folder):
@@ -54,9 +54,9 @@ class Journal:
 
     @classmethod
     def reopen(cls, run_folder: Path, now_ns: Callable[[], int]) -> Self:
-        """Go on with the journal in `run_folder`, to resume its run.
+        """Continue the journal in `run_folder`, to resume its run.
 
-        Raises JournalError where there is none, where another process writes it, or where it cannot be written.
+        Raises JournalError if it is missing, if another process writes it, or if it cannot be written.
         """
         path = run_folder / FILE_NAME
         refuse_foreign(path)
@@ -71,7 +71,7 @@ class Journal:
     def append(self, event: KnownEvent) -> Entry:
         """Commit `event`; it is on the disk when this returns. Takes a few milliseconds on a common disk.
 
-        Raises JournalError (nothing of the event is kept then, all before it is), ValueError for what JSON cannot hold.
+        Raises JournalError (the event is not kept, all earlier ones are), ValueError for values outside JSON.
         """
         kind, step, attempt, data = encode(event)
         time_ns = self._now_ns()
@@ -80,8 +80,8 @@ class Journal:
         return Entry(cursor.lastrowid or 0, time_ns, event)
 
     def close(self) -> None:
-        """Fold the write-ahead log into the file, so that a finished run is one file; let go of it. Never raises."""
-        with suppress(sqlite3.Error):  # a reader may hold it, the disk may be full: the log then stays beside it
+        """Merge the write-ahead log into the file, so that a finished run is one file; close it. Never raises."""
+        with suppress(sqlite3.Error):  # with a reader or a full disk, the log stays beside it
             self._connection.execute("PRAGMA busy_timeout = 0")
             self._connection.execute("PRAGMA journal_mode = DELETE")
         with suppress(sqlite3.Error):
@@ -96,7 +96,7 @@ class Journal:
 
 
 def _created(path: Path) -> sqlite3.Connection:
-    """A new journal, under its name only once it is one: nobody meets half of it, in passing or after a crash."""
+    """A new journal, renamed only once complete: no reader gets a partial file, not even after a crash."""
     with closing(sqlite3.connect(":memory:")) as unborn:
         unborn.executescript(CREATE)
         empty_journal = unborn.serialize()
@@ -105,7 +105,7 @@ def _created(path: Path) -> sqlite3.Connection:
     try:
         return _connected(path)
     except JournalError:
-        path.unlink(missing_ok=True)  # a journal that cannot be written would only be in the way of the next try
+        path.unlink(missing_ok=True)  # an unwritable journal would block the next attempt
         raise
 
 

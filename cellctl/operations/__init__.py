@@ -1,1 +1,1 @@
-"""What people and programs do with cells, runs and tables; returns values and raises, prints nothing."""
+"""Operations on cells, runs and tables, for people and programs; returns values and raises, prints nothing."""

@@ -1,4 +1,4 @@
-"""A campaign put together from its files: procedure, parameters, cell; every error in them at once."""
+"""Loads a campaign from its files: procedure, parameters, cell; reports every error in them at once."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from cellctl.procedure import (
 @final
 @dataclass(frozen=True)
 class Campaign:
-    """A procedure and a cell without an error that can be found without opening a device."""
+    """A procedure and a cell that passed all checks that need no open device."""
 
     procedure: Procedure
     parameters: dict[str, Any]
@@ -39,7 +39,7 @@ class Campaign:
 
     @property
     def expected_passes(self) -> int:
-        """How many passes the loops will have together, as far as that is known before the run."""
+        """Total number of passes of the loops, as far as known before the run."""
         return expected_passes(self.procedure, self.parameters, self.registry)
 
 
@@ -53,8 +53,8 @@ def load_campaign(
 ) -> Campaign:
     """Load and check a procedure and its cell (or another one), robot file and artefact included. Opens no device.
 
-    seed: the run's, None: the cell file's. resumed: the steps found nothing to refuse when the run began, and are not
-    asked again. Raises InputError with all errors in the files and in the settings.
+    seed: the run's, None: the cell file's. resumed: the steps checked the cell when the run began, and do not
+    check it again. Raises InputError with all errors in the files and in the settings.
     """
     require_cells()
     drivers, registry = DriverRegistry(), StepRegistry.installed()
@@ -76,7 +76,7 @@ def load_campaign(
 
 
 def _conditions(procedure: Procedure, cell: Cell | None, drivers: DriverRegistry) -> DeviceConditions:
-    """The conditions of the devices that interlocks name; a driver's device knows them before it is connected."""
+    """The conditions of the devices that interlocks name; drivers provide them before connecting."""
     found = {}
     for name in {interlock.device for interlock in procedure.interlocks} & (cell.addresses.keys() if cell else set()):
         assert cell is not None
@@ -104,7 +104,7 @@ def _cell(
 
 
 def _robot_and_artefact(cell: Cell) -> list[Problem]:
-    """Errors in the robot file that the cell names, and in its artefact where it has one."""
+    """Errors in the robot file that the cell names, and in its artefact, if any."""
     problems: list[Problem] = []
     artefact = (lambda: artefact_of(cell.document, ("artefact",)),) if "artefact" in cell.document.data else ()
     for load in (lambda: RobotFile.load(cell.robot_file), *artefact):

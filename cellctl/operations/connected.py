@@ -1,4 +1,4 @@
-"""Devices of a cell, opened and connected: with simulators where it is simulated, without a campaign if need be."""
+"""Opens and connects devices of a cell, with simulators if it is simulated; usable without a campaign."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cellctl.operations.simulated import SimulatedCell
 @final
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """A connected device and who it says it is."""
+    """A connected device and its reported identity."""
 
     device: Any
     identity: Identity
@@ -39,7 +39,7 @@ def open_devices(
 
 
 async def tell_targets(simulated: SimulatedCell | None, devices: dict[str, Device], clock: Clock) -> None:
-    """Tell a simulated cell where each connected driver listens; a real controller has it in its configuration."""
+    """Send a simulated cell the address of each listening driver; a real controller's configuration has it."""
     if simulated is None:
         return
     for name, device in devices.items():
@@ -59,7 +59,7 @@ async def connected(
     clock: ClockMode | None = None,
     extra: tuple[str, ...] = (),
 ) -> AsyncIterator[dict[str, Connected]]:
-    """The devices `names` of a cell, connected, for as long as the context lasts; all closed at its end.
+    """The devices `names` of a cell, connected inside this context, closed at its end.
 
     seed, clock, extra: for the simulators of a simulated cell, which run as long. Raises InputError, DeviceError.
     """

@@ -1,4 +1,4 @@
-"""A campaign's run: its folder and journal, the simulators where the cell is simulated, the devices, the engine."""
+"""Runs a campaign: its folder and journal, the simulators of a simulated cell, the devices, the engine."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from cellctl.procedure import section_of
 @final
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to run: seed and clock instead of the cell file's, what the simulators are told besides.
+    """How to run: seed and clock that replace the cell file's, and further simulator settings.
 
-    `resumed`: what the run's journal holds already, where it is gone on with; `acknowledged`: a person saw to the cell.
-    `parent`: the process without which the run does not go on; None: there is none. `confirm_all`: every `confirm` step
-    is confirmed at once. `asking`: what stands between engine and watcher to ask the operator at a terminal.
+    `resumed`: the journal's content so far of a resumed run; `acknowledged`: a person checked the cell.
+    `parent`: the run is aborted when this process ends; None: no such process. `confirm_all`: every `confirm` step
+    is confirmed at once. `asking`: the layer between engine and watcher that asks the operator at a terminal.
     """
 
     seed: int | None
@@ -46,10 +46,10 @@ class Options:
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
-    """Run a campaign into `folder`, with simulators where the cell is simulated.
+    """Run a campaign into `folder`, with simulators if the cell is simulated.
 
     SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
-    Raises InputError, DeviceError where the simulators do not start, JournalError where the folder cannot be written.
+    Raises InputError, DeviceError if the simulators do not start, JournalError if the folder cannot be written.
     """
     mailbox = Mailbox(Operator.here("--confirm-all") if options.confirm_all else None)
     if options.asking:
@@ -100,7 +100,7 @@ async def run_on(
 
 
 def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, seed: int, record: RunState) -> Journal:
-    """The run's journal, begun or gone on with; its first event is written and in `record`. Raises JournalError."""
+    """The run's journal, new or continued; its first event is written and in `record`. Raises JournalError."""
     event: RunStarted | RunResumed
     if options.resumed is None:
         journal, event = Journal.create(folder, clock.now_ns), _started(campaign, options, folder.name, seed)

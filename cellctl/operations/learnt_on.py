@@ -1,4 +1,4 @@
-"""On whose controller a model was learnt: as the run beside it says, or a person."""
+"""The controller on which a model was identified: from the run beside it, or stated by a person."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
 
 SIMULATED_SERIAL = "SIM-"
-"""How a simulated controller's serial begins (docs/reference/eki-channel.md)."""
+"""Prefix of a simulated controller's serial (docs/reference/eki-channel.md)."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class LearntOn:
-    """The controller that a table is for, whether what it holds was learnt on a simulator, and in which run."""
+    """The controller that a table is for, whether its model was identified on a simulator, and in which run."""
 
     serial: str
     simulated: bool
@@ -25,10 +25,10 @@ class LearntOn:
 
 
 def learnt_on(path: Path, model: ModelFile, serial: str | None) -> LearntOn:
-    """Whose the model in file `path` is: as its provenance says, else the journal in its folder, else `serial`.
+    """The controller of the model in file `path`: from its provenance, else the journal in its folder, else `serial`.
 
-    Raises InputError where nobody says it, or `serial` is not the one that the model was learnt on: what was learnt on
-    one robot is no other's, and a simulator's least of all.
+    Raises InputError if none of these states it, or if `serial` differs from the model's controller: a model is valid
+    only for the robot, or simulator, on which it was identified.
     """
     found = _by_provenance(model, path) or _by_journal(path.parent)
     if found is None and serial is None:
@@ -51,7 +51,7 @@ def _by_provenance(model: ModelFile, path: Path) -> LearntOn | None:
 
 
 def _by_journal(folder: Path) -> LearntOn | None:
-    """The one device with axes of the run in `folder` is called robot in every step."""
+    """The only device with axes of the run in `folder`; every step calls it robot."""
     if not (folder / "journal.sqlite").exists():
         return None
     identity = fold(read_journal(folder)).identities.get("robot")

@@ -1,4 +1,4 @@
-"""A run ends with the process that started it, however that one ends, unless it was started detached."""
+"""Aborts a run when its parent process ends in any way, unless the run was started detached."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _LOOK_S = 0.5
-"""Wall time between two looks: processes know no other."""
+"""Wall time between two checks, s: processes use wall time."""
 
 
 def parent_of_run(*, detached: bool) -> int | None:
-    """The process without which a run that begins now does not go on; None where it was started detached.
+    """The process whose end aborts a run that begins now; None if the run was started detached.
 
     That is: with `--detached`, by nohup (SIGHUP is ignored), or in a session of its own (setsid, a service manager).
     """
@@ -28,7 +28,7 @@ def under_nohup() -> bool:
 
 @contextmanager
 def aborting_without(parent: int | None, abort: Callable[[str], object]) -> Iterator[None]:
-    """While this lasts, call `abort` once with the reason where `parent` has ended, from a thread of its own."""
+    """Inside this context, call `abort` once with the reason if `parent` ends, from a separate thread."""
     if parent is None:
         yield
         return
@@ -44,7 +44,7 @@ def aborting_without(parent: int | None, abort: Callable[[str], object]) -> Iter
 
 def _watch(parent: int, name: str, abort: Callable[[str], object], over: threading.Event) -> None:
     while not over.wait(_LOOK_S):
-        if os.getppid() != parent:  # an orphan gets another parent
+        if os.getppid() != parent:  # the parent id changes when the parent ends
             abort(
                 f"aborted: process {parent}{name}, which started this run, has ended "
                 "(start with --detached if the run is to continue without it)"

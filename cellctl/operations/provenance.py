@@ -1,4 +1,4 @@
-"""What a run was made with: versions of the main libraries, the computer, and hashes of the code."""
+"""Provenance of a run: versions of the main libraries, the computer, and hashes of the code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.files import sha256_of
 
 _GROUPS = ("cellctl.devices", "cellctl.steps")
 _NAMED = 5
-"""So many changed files are named."""
+"""Maximum number of changed files that are listed."""
 
 _LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
 
@@ -39,7 +39,7 @@ def sources() -> dict[str, str]:
 
 
 def changed_sources(before: Mapping[str, str]) -> str:
-    """`: a.py, b.py and 3 more`: the files that are not as they were `before`; empty where nothing is known of that."""
+    """`: a.py, b.py and 3 more`: the files that differ from `before`; empty if unknown."""
     now = sources() if before else {}
     names = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
@@ -52,7 +52,7 @@ def code_hash() -> str:
 
 
 def _processor() -> str:
-    """The processor's model: libraries of linear algebra choose their code, and so the last digits, by it."""
+    """The processor's model: linear algebra libraries choose their code by it, which affects the last digits."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""What a run came to: its folder, its result, what became of its table."""
+"""The result of a run: its folder, its result, the state of its table."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from cellctl.files import InputError, Problem
 from cellctl.journal import PushedTable, RunResult, RunState, fold, read_journal
 
 SIMULATOR_MEMORY = "simulated_cell.json"
-"""Where in the run folder a simulated cell remembers where its robot stands, so that a resumed run finds it there."""
+"""File in the run folder that stores a simulated robot's position for a resumed run."""
 
 
 def new_run_folder(runs: Path, procedure: str) -> Path:
-    """Make a folder for a new run, `sphere_selfcal-20261121T192433Z`, numbered where that is taken.
+    """Make a folder for a new run, `sphere_selfcal-20261121T192433Z`, numbered if that exists.
 
-    Raises InputError where it cannot be made.
+    Raises InputError if it cannot be made.
     """
     stem = f"{procedure}-{calendar_time().replace('-', '').replace(':', '')}"
     try:
@@ -42,7 +42,7 @@ def result_of(folder: Path, outcome: Outcome, wall_s: float) -> RunResult:
 
 
 def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) -> str:
-    """What became of the table that the run pushed, and what to do where it may be in force unproved; may be empty."""
+    """State of the table that the run pushed, and what to do if it may be active but not proved; may be empty."""
     table = PushedTable.of(state)
     if table is None or (only_unproved and not table.unproved_in_force):
         return ""

@@ -1,4 +1,4 @@
-"""Going on with a run: only what it was, on what it was; where its state is uncertain, only with a person's word."""
+"""Resumes a run: only with unchanged files and cell; from an uncertain state only after a person's acknowledgement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cellctl.operations.results import SIMULATOR_MEMORY, table_line
 @final
 @dataclass(frozen=True, slots=True)
 class ResumedRun:
-    """A run to go on with: its folder, the campaign with the parameters that it had, and what it has come to."""
+    """A run to resume: its folder, the campaign with its parameters, and its state."""
 
     folder: Path
     campaign: Campaign
@@ -29,11 +29,11 @@ class ResumedRun:
 
 
 def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], *, acknowledged: bool) -> ResumedRun:
-    """The run in folder `run` (or `runs`/`run`), if it may be gone on with.
+    """The run in folder `run` (or `runs`/`run`), if it may be resumed.
 
-    Raises InputError where there is nothing to go on with, or procedure, cell, code or settings have changed;
-    DeviceUncertain where a step that moves or writes was cut off and nobody has `acknowledged` it; JournalError, also
-    where a process still runs it.
+    Raises InputError if there is nothing to resume, or procedure, cell, code or settings have changed;
+    DeviceUncertain if a step that moves or writes was interrupted and not `acknowledged`; JournalError, also
+    if a process still runs it.
     """
     folder = run if run.is_dir() else runs / run
     if writer := writer_of(folder):

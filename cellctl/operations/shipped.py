@@ -15,11 +15,10 @@ _FOLDERS: dict[Kind, str] = {"procedure": ".", "cell": "cells", "robot": "robots
 
 
 def shipped_file(kind: Kind, given: Path) -> Path:
-    """`given` itself where it is a path, else the shipped file of that name.
+    """`given` itself if it is a path, else the shipped file of that name.
 
-    A file that is there comes first; what has a folder or a suffix in it is a path. The result is relative where the
-    shipped files are below the working folder. Raises InputError for a name that
-    is neither a file nor shipped.
+    An existing file has priority; a text with a folder or a suffix is a path. The result is relative if the shipped
+    files are below the working folder. Raises InputError for a name that is neither a file nor shipped.
     """
     if given.is_file() or given.suffix or len(given.parts) != 1:
         return given
@@ -32,7 +31,7 @@ def shipped_file(kind: Kind, given: Path) -> Path:
 
 
 def shipped_names(kind: Kind) -> dict[str, Path]:
-    """Name → file of every shipped one of that kind, by name."""
+    """Name → file of all shipped files of that kind, sorted by name."""
     spec = find_spec(_PACKAGE)
     folders = (
         [Path(folder) / _FOLDERS[kind] for folder in (spec.submodule_search_locations or ()) if spec] if spec else []

@@ -1,4 +1,4 @@
-"""A simulated cell in a process of its own: started, waited for, told where the drivers listen, ended."""
+"""A simulated cell in a separate process: start, wait until ready, send the drivers' addresses, end."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from cellctl.files import Document, InputError, Problem
 _START_SECONDS = 60.0
 _END_SECONDS = 20.0
 _ANSWER_SECONDS = 20.0
-"""Wall time: whether a program starts and ends is no matter of the cell's. One that dies is not waited for."""
+"""Wall time limit for a program to start and end. If it dies, the wait ends at once."""
 
 
 @final
 @dataclass(frozen=True)
 class SimulatedCell:
-    """A running simulator process and what its ready file says."""
+    """A running simulator process and the content of its ready file."""
 
     process: subprocess.Popen[bytes]
     folder: tempfile.TemporaryDirectory[str]
@@ -37,7 +37,7 @@ class SimulatedCell:
     async def start(cls, cell: Cell, seed: int | None, clock: ClockMode | None, extra: tuple[str, ...] = ()) -> Self:
         """Start the simulators of `cell` and wait until they listen.
 
-        Raises InputError where the simulators refuse the cell file, DeviceUnreachable where they do not start.
+        Raises InputError if the simulators refuse the cell file, DeviceUnreachable if they do not start.
         """
         folder = tempfile.TemporaryDirectory(prefix="cellctl-")
         ready = Path(folder.name) / "ready.json"
@@ -57,11 +57,11 @@ class SimulatedCell:
         return cls(process, folder, json.loads(ready.read_text()))
 
     def address(self, device: str) -> Address:
-        """Where `device` is to be found."""
+        """The address of `device`."""
         return Address.parse(self.ready[device])
 
     async def clock(self) -> Clock:
-        """The cell's clock; in lockstep its time waits for this loop from here on."""
+        """The cell's clock; in lockstep its time waits for this loop from now on."""
         kind, _, value = str(self.ready["time"]["source"]).partition(":")
         if kind == "wall":
             return WallClock(int(value))
@@ -69,7 +69,7 @@ class SimulatedCell:
         return await LockstepClock.attach(value, host, port)
 
     async def tell(self, message: dict[str, Any]) -> dict[str, Any]:
-        """Say something on the control port. Raises DeviceError where the simulator refuses or is gone."""
+        """Send a request to the control port. Raises DeviceError if the simulator refuses it or has ended."""
         try:
             reader, writer = await asyncio.open_connection(*self._control())
             writer.write(json.dumps(message).encode() + b"\n")
@@ -99,7 +99,7 @@ class SimulatedCell:
 def simulator_command(
     cell: Path, seed: int | None, clock: ClockMode | None, ready: Path | None, extra: tuple[str, ...] = ()
 ) -> list[str]:
-    """The command that runs the simulators of the cell file `cell`, to die with this process."""
+    """The command that runs the simulators of the cell file `cell`; they end with this process."""
     command = [sys.executable, "-P", "-m", "sims", "run", str(cell), "--parent", str(os.getpid()), *extra]
     if ready:
         command += ["--ready", str(ready)]
@@ -111,7 +111,7 @@ def simulator_command(
 
 
 def simulation_errors(document: Document, path: Path) -> list[Problem]:
-    """What the simulators find wrong with a cell file, each placed in it. They start nothing for that."""
+    """The simulators' errors in a cell file, each with its place. Starts no simulation."""
     command = [sys.executable, "-P", "-m", "sims", "check", str(path)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 2) or not done.stdout:

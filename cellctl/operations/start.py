@@ -1,4 +1,4 @@
-"""A run from its beginning to its end: begun in a new folder or gone on with, then carried out."""
+"""A complete run: started in a new folder or resumed, then executed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cellctl.operations.resume import resumed_run
 @final
 @dataclass(frozen=True, slots=True)
 class PreparedRun:
-    """A run that may begin: what is run, into which folder, and how."""
+    """A run that is ready to begin: its campaign, its folder, and its settings."""
 
     campaign: Campaign
     folder: Path
@@ -27,23 +27,23 @@ class PreparedRun:
 
     @property
     def table(self) -> str:
-        """What became of the table that a resumed run pushed before; empty where it pushed none."""
+        """State of the table that a resumed run pushed before; empty if it pushed none."""
         return table_line(self.options.resumed, self.folder) if self.options.resumed else ""
 
     def carry_out(self, watcher: Watcher) -> tuple[Outcome, RunResult]:
-        """Run it to its end; how it ended, and its result. Raises what `run_campaign` raises."""
+        """Run it to its end; returns its outcome and its result. Raises what `run_campaign` raises."""
         began = time.monotonic()
         outcome = asyncio.run(run_campaign(self.campaign, self.options, self.folder, watcher))
         return outcome, result_of(self.folder, outcome, time.monotonic() - began)
 
 
 def new_run(campaign: Campaign, runs: Path, options: Options) -> PreparedRun:
-    """A new run of `campaign`, its folder made in `runs`. Raises InputError where it cannot be made."""
+    """A new run of `campaign`, its folder made in `runs`. Raises InputError if it cannot be made."""
     return PreparedRun(campaign, new_run_folder(runs, campaign.procedure.name), options)
 
 
 def run_to_resume(campaign: Campaign, runs: Path, run: Path, settings: list[str], options: Options) -> PreparedRun:
-    """The run in folder `run` (or `runs`/`run`), to go on with as it was begun. Raises what `resumed_run` raises."""
+    """The run in folder `run` (or `runs`/`run`), to resume as it was begun. Raises what `resumed_run` raises."""
     found = resumed_run(campaign, runs, run, settings, acknowledged=options.acknowledged)
     options = replace(options, seed=found.seed, clock=found.clock, resumed=found.state)
     return PreparedRun(found.campaign, found.folder, options)

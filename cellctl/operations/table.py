@@ -1,4 +1,4 @@
-"""A compensation table into a controller's force: what refuses it, the push, and the comparison of what is in force.
+"""Activates a compensation table on a controller: the checks, the push, and the comparison of the active table.
 
 Commands and the steps of procedures push tables through this module alone.
 """
@@ -17,11 +17,11 @@ _SHOWN = 5
 
 
 async def _nothing() -> None:
-    """Nothing is to be done before the push."""
+    """No action before the push."""
 
 
 def controller_table(table: TableFile) -> ControllerTable:
-    """`table` as a controller takes it."""
+    """`table` in the controller's form."""
     return ControllerTable(table.id, table.robot.serial, tuple(TableRow(*pair) for pair in table.pairs()))
 
 
@@ -36,7 +36,7 @@ def refuse_table(
 ) -> None:
     """Raise InputError with every reason why `table`, of `file`, must not go to the controller `identity` of `robot`.
 
-    correction_deg: the most that it may correct a joint by; made: the id that it must have, None: any.
+    correction_deg: the largest allowed correction of a joint; made: the id that it must have, None: any.
     """
     serial, simulated = identity.serial, identity.simulated
     found = table_problems(table, serial=serial, simulated=simulated, robot=robot, correction_deg=correction_deg)
@@ -49,11 +49,11 @@ def refuse_table(
 async def push_verified(
     store: TableStore, serial: str, wanted: ControllerTable, before: Callable[[], Awaitable[None]] = _nothing
 ) -> None:
-    """Put `wanted` into force on the controller `serial`, read the table in force and compare it, digit by digit.
+    """Activate `wanted` on the controller `serial`, read the active table and compare it, digit by digit.
 
-    A table that is in force already is not pushed again, as a rollback would then lead from the table to itself.
-    `before` is awaited before a push. Raises DeviceFault where another table is in force afterwards, DeviceLost where
-    the connection ends after the push, and what the store raises.
+    A table that is already active is not pushed again, as a rollback would then restore the same table.
+    `before` is awaited before a push. Raises DeviceFault if another table is active afterwards, DeviceLost if
+    the connection ends after the push, and the store's errors.
     """
     state = await store.table_state()
     if state.staged or not in_force(state, wanted.id):
@@ -75,7 +75,7 @@ def in_force(state: TableState, table_id: str) -> bool:
 
 
 def differences(wanted: ControllerTable, serial: str, found: ControllerTable | None) -> list[str]:
-    """How the table in force on controller `serial` differs from `wanted`, in words; empty: all digits are the same."""
+    """The difference of the active table on controller `serial` from `wanted`, as text; empty: all digits are equal."""
     if found is None:
         return ["no table is in force"]
     listed = []
@@ -94,5 +94,5 @@ def differences(wanted: ControllerTable, serial: str, found: ControllerTable | N
 
 
 def _digits(row: TableRow) -> tuple[str, ...]:
-    """A row as the wire writes it."""
+    """A row in wire format."""
     return tuple(f"{value + 0.0:.{JOINT_DECIMALS}f}" for value in (*row.nominal, *row.compensated))

@@ -1,4 +1,4 @@
-"""The controller that keeps a cell's tables: which device it is, and what it holds."""
+"""The controller that stores a cell's tables: the device and its content."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cellctl.procedure.abilities import missing_abilities
 @final
 @dataclass(frozen=True)
 class TableCell:
-    """A cell with one device that keeps tables; seed and memory are for its simulators."""
+    """A cell with one device that stores tables; seed and memory are for its simulators."""
 
     cell: Cell
     robot: RobotFile
@@ -55,9 +55,9 @@ class TableCell:
 async def push_checked(
     store: TableStore, identity: Identity, table: TableFile, file: Path, place: TableCell
 ) -> dict[str, Any]:
-    """Push `table`, of `file`, to the connected controller `identity`, and read it once more after it came into force.
+    """Push `table`, of `file`, to the connected controller `identity`, and read it back after its activation.
 
-    Raises InputError with every reason why it is not for this controller (nothing is written then), DeviceError.
+    Raises InputError with every reason against this controller (nothing is written then), DeviceError.
     """
     refuse_table(table, file, identity, place.robot, place.cell.table_correction_deg)
     await push_verified(store, identity.serial, controller_table(table))
@@ -66,13 +66,13 @@ async def push_checked(
 
 
 def state_of(state: TableState) -> dict[str, Any]:
-    """What tables a controller has, as JSON."""
+    """The tables of a controller, as JSON."""
     named = {"active": state.active, "previous": state.previous, "staged": state.staged}
     return {name: _info(info) for name, info in named.items()}
 
 
 def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
-    """The one device of the cell that keeps tables. Raises InputError."""
+    """The only device of the cell that stores tables. Raises InputError."""
     kinds = {name: drivers.abilities(address.scheme) for name, address in cell.addresses.items()}
     names = [name for name, kind in kinds.items() if not missing_abilities(kind, TableStore)]
     if len(names) == 1:

@@ -1,4 +1,4 @@
-"""Procedures: what a campaign does, read from a file, checked as a whole before anything moves."""
+"""Procedures: the steps of a campaign, read from a file and checked completely before any motion."""
 
 from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell, expected_passes
 from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters

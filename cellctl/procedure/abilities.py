@@ -1,4 +1,4 @@
-"""Whether a driver's class can do what a step needs, said before it is opened."""
+"""Checks whether a driver's class provides what a step needs, before the device is opened."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def missing_abilities(driver: type, protocol: type) -> list[str]:
-    """Methods and properties of `protocol` that `driver` has not, sorted.
+    """Methods and properties of `protocol` that `driver` lacks, sorted.
 
     Plain attributes are left out: a driver may set them when it is made.
     """

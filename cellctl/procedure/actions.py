@@ -18,7 +18,7 @@ _CONFIRM = ("id", "confirm", "timeout", "on_resume")
 
 
 def read_actions(findings: Findings, value: Any, at: Path) -> tuple[Action, ...]:
-    """The list of actions `value`, which stands at `at`; empty where it is none, which is reported."""
+    """The list of actions `value`, found at `at`; if it is not a list, reports that and returns an empty one."""
     if not isinstance(value, list) or not value:
         what = "there is no step here" if value is None or value == [] else "steps have to be a list"
         findings.report(at, what, "write at least one '- {id: …, do: …}'")
@@ -27,7 +27,7 @@ def read_actions(findings: Findings, value: Any, at: Path) -> tuple[Action, ...]
 
 
 def read_cleanup(findings: Findings, fields: Fields) -> tuple[Step, ...]:
-    """Steps only: each is bounded and tried, whatever the others did, so that no list has to be there."""
+    """Steps only: each has a time limit and runs even if others failed, so none may depend on a list."""
     actions = read_actions(findings, fields.raw("cleanup"), ("cleanup",)) if "cleanup" in fields else ()
     for action in actions:
         if not isinstance(action, Step):

@@ -1,4 +1,4 @@
-"""What a step refuses of the cell, found before the run: with the inputs that follow from the parameters alone."""
+"""Finds the cell errors of each step before the run, from the inputs set by parameters alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class CellContext(Protocol):
-    """What is known of the cell before a run, and in a step: its file, its robot file, the run's seed."""
+    """The cell's data before a run and in a step: its file, its robot file, the run's seed."""
 
     @property
     def cell(self) -> Document:
@@ -35,7 +35,7 @@ class CellContext(Protocol):
 @final
 @dataclass(frozen=True, slots=True)
 class CellFiles:
-    """A cell as its files tell it, no device opened."""
+    """A cell from its files, without opening a device."""
 
     cell: Document
     robot_file: pathlib.Path
@@ -43,16 +43,16 @@ class CellFiles:
 
 
 CheckCell = Callable[[CellContext, Mapping[str, Any]], None]
-"""`check(context, known)`: raises InputError for what the step would refuse in the run. `known`: inputs by name, as far
-as they follow from the parameters and defaults; each is of its type only where the step's model is satisfied."""
+"""`check(context, known)`: raises InputError for what the step would refuse in the run. `known`: inputs by name that
+follow from the parameters and defaults; each is of its type only where the step's model is satisfied."""
 
 
 ExpectedPasses = Callable[[Mapping[str, Any]], int]
-"""`expects(known)`: how many passes of later loops the step's result leads to, for the time left; 0: not known."""
+"""`expects(known)`: number of passes of later loops from the step's result; 0: unknown."""
 
 
 def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry) -> int:
-    """How many passes the loops of `procedure` will have together, as far as its steps can say it before the run."""
+    """Total number of passes of the loops of `procedure`, predicted by its steps before the run."""
     total = 0
     for action in procedure.actions():
         kind = registry.find(action.do) if isinstance(action, Step) else None
@@ -64,7 +64,7 @@ def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registr
 def check_cell(
     procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry, context: CellContext
 ) -> list[Problem]:
-    """What the steps of `procedure`, which has no other error, refuse of the cell. Opens nothing."""
+    """The cell errors that the steps of `procedure` find; it must have no other error. Opens no device."""
     found: dict[Problem, None] = {}
     for action in procedure.actions():
         kind = registry.find(action.do) if isinstance(action, Step) else None

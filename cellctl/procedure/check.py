@@ -1,4 +1,4 @@
-"""All errors of a procedure before anything moves: structure, names, references, steps, inputs, devices, settings."""
+"""All errors of a procedure, before any motion: structure, names, references, steps, inputs, devices, settings."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from cellctl.procedure.steps import AnyStepKind
 from cellctl.procedure.suggest import did_you_mean
 
 Devices = Mapping[str, type | None]
-"""The cell's devices: name → the driver's class, or None where it is not known before opening."""
+"""The cell's devices: name → the driver's class, or None if unknown before opening."""
 
 DeviceConditions = Mapping[str, Mapping[str, str]]
-"""Device → the names of its conditions, each with its text; a device that has none is not there."""
+"""Device → the names of its conditions, each with its text; only devices that have conditions."""
 
 
 def check(
@@ -35,10 +35,10 @@ def check(
     devices: Devices | None,
     conditions: DeviceConditions | None = None,
 ) -> list[Problem]:
-    """Every error in `procedure`, those of reading it included, sorted by place; empty where it can be run.
+    """Every error in `procedure`, reading errors included, sorted by place; empty if it can be run.
 
-    `parameters`: name → value; one that is missing is taken as not known yet. `devices` None: the cell is not known
-    (its file has errors of its own), and nothing is said about devices. `conditions` None: those of the devices are
+    `parameters`: name → value; a missing one counts as not known yet. `devices` None: the cell is not known
+    (its file has errors itself), and devices are not checked. `conditions` None: those of the devices are
     not known. Opens nothing.
     """
     checker = _Checker(procedure, registry, devices)
@@ -57,7 +57,7 @@ def checked_parameters(
     devices: Devices | None,
     conditions: DeviceConditions | None = None,
 ) -> dict[str, Any]:
-    """The parameters of a procedure that is good to run, `settings` (`name=value`) included.
+    """The parameters of a procedure without errors, `settings` (`name=value`) included.
 
     Raises InputError with every error in settings and procedure at once.
     """
@@ -187,7 +187,7 @@ class _Checker:
         at = (*step.at, "with")
         known, unknown = known_part(step.inputs, lambda reference: scope.value_of(reference, at))
         strangers = step.inputs.keys() - kind.input_names()
-        known |= dict.fromkeys(strangers)  # whatever their value will be, there is no place for it
+        known |= dict.fromkeys(strangers)  # there is no such place for any value
         unknown = [path for path in unknown if path[0] not in strangers]
         try:
             kind.read_inputs(known)
@@ -199,7 +199,7 @@ class _Checker:
             return
         for name, protocol in kind.needs.items():
             what = _lacking(name, protocol, self._devices)
-            if what and name not in self._devices_named:  # once is enough: every touch needs the probe
+            if what and name not in self._devices_named:  # report it once: every touch needs the probe
                 self._devices_named.add(name)
                 cure = f"add '{name}: <address>' under `devices:`, with a driver that is a {protocol.__name__}"
                 self.findings.report((*step.at, "do"), f"step {kind.name} needs {what}", cure)

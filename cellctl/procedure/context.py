@@ -1,4 +1,4 @@
-"""What a step is given to work with."""
+"""The interface through which a step works."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class StepContext(Protocol):
 
     @property
     def run_name(self) -> str:
-        """The name that the run began with, wherever its folder is now."""
+        """The run's name at its start, also after its folder moved."""
 
     @property
     def calendar(self) -> str:
-        """When the run began or was last resumed, UTC, ISO 8601: a label, as the journal has it."""
+        """When the run began or was last resumed, UTC, ISO 8601: a label, from the journal."""
 
     @property
     def cell(self) -> Document:
@@ -58,12 +58,12 @@ class StepContext(Protocol):
         """
 
     def identity(self, name: str) -> Identity:
-        """Who the device `name` said it is when this run connected it. It needs no device. Raises InputError."""
+        """The identity that device `name` reported when this run connected it. Needs no device. Raises InputError."""
 
     async def record(self, row: Row) -> None:
-        """Commit a row to the journal; when this returns it survives a crash.
+        """Commit a row to the journal; once this returns, the row survives a crash.
 
-        Raises ValueError for what JSON cannot hold (NaN among it), and the journal's own error where it cannot write.
+        Raises ValueError for values outside JSON (NaN included), and the journal's error if it cannot write.
         """
 
     async def write_artefact(self, name: str, content: str | bytes) -> str:
@@ -75,11 +75,11 @@ class StepContext(Protocol):
     def recorded(self, kind: type[AnyRow]) -> Sequence[AnyRow]:
         """The rows of this class that count: those of finished steps, and of this attempt, in the order of recording.
 
-        Raises InputError, naming event, kind and field, where the journal holds something else.
+        Raises InputError, naming event, kind and field, if the journal's data do not fit the class.
         """
 
     def all_recorded(self, *kinds: type[AnyRow]) -> Sequence[AnyRow]:
-        """The rows of these classes of every attempt, failed and cut-off ones too, in order: what was done."""
+        """The rows of these classes of every attempt, failed and interrupted ones included, in order."""
 
     def say(self, text: str) -> None:
         """One line of progress for the operator."""

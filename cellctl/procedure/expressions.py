@@ -1,4 +1,4 @@
-"""Expressions of `if:`: a reference, `not` a reference, or a reference compared with a literal. Nothing else."""
+"""Expressions of `if:`: a reference, `not` a reference, or a reference compared with a literal."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ class Expression:
 
     @property
     def takes(self) -> str:
-        """What the reference has to be: `a flag`, `a number` or `text`."""
+        """The required kind of the reference: `a flag`, `a number` or `text`."""
         return kind_of(True if not self.compare else self.literal)
 
     def value(self, scope: Mapping[str, Any]) -> bool:
         """Whether it is true, with `scope` (name → JSON).
 
-        Raises UnresolvedReference, ValueError where the reference names something that it cannot compare.
+        Raises UnresolvedReference; ValueError if the referenced value cannot be compared.
         """
         found = resolve(self.reference, scope)
         if kind_of(found) != self.takes:
@@ -71,7 +71,7 @@ class Expression:
 
 
 def kind_of(value: Any) -> str:
-    """What a value is, in words: `a flag`, `a number`, `text`, or `neither flag, number nor text`."""
+    """The kind of a value, as text: `a flag`, `a number`, `text`, or `neither flag, number nor text`."""
     if isinstance(value, bool):
         return "a flag"
     if is_number(value):

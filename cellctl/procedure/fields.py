@@ -1,4 +1,4 @@
-"""Reading one mapping of a document key by key: errors are collected, and reading goes on."""
+"""Reads one mapping of a document key by key, collects errors, and continues after each."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ class Fields:
         self._findings.report((*self.at, key), what, cure)
 
     def raw(self, key: str, *, needed: bool = False) -> Any:
-        """The value as it stands; None where it is missing, which is reported where it is `needed`."""
+        """The unchanged value; None if it is missing, which is reported if it is `needed`."""
         if needed and self._is_mapping and key not in self._value:
             self._findings.report(self.at, f"'{key}' is missing in {self._what}", f"add '{key}:'")
         return self._value.get(key)
 
     def text(self, key: str, *, needed: bool = False) -> str:
-        """Text; empty where it is missing or wrong."""
+        """Text; empty if it is missing or wrong."""
         return self._read(key, needed, "", lambda v: isinstance(v, str), "write text here, in quotes if need be")
 
     def name(self, key: str, *, needed: bool = True) -> str:
-        """A name: small letters, digits, underscores. Empty where it is missing or wrong."""
+        """A name: small letters, digits, underscores. Empty if it is missing or wrong."""
         return self._read(key, needed, "", is_name, NAME_RULE)
 
     def number(self, key: str, *, above: float = -math.inf) -> float | None:
@@ -101,7 +101,7 @@ class Fields:
 
 
 def is_number(value: Any) -> bool:
-    """Whether `value` is a finite number (a flag is none), and an integer one of 64 bits."""
+    """Whether `value` is a finite number, not a flag; an integer must fit in 64 bits."""
     if isinstance(value, int):
         return not isinstance(value, bool) and abs(value) < 2**63
     return isinstance(value, float) and math.isfinite(value)

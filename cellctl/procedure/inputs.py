@@ -1,4 +1,4 @@
-"""A step's inputs against its model: what is missing, unknown, of the wrong type or out of range, and the cure."""
+"""Checks a step's inputs against its model: missing, unknown, wrong type or out of range, each with its cure."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def inputs_of(procedure: Procedure, step: Step, kind: AnyStepKind, scope: Mappin
 def input_problems(
     error: ValidationError, document: Document, at: Path, kind: AnyStepKind, unknown: Iterable[Path] = ()
 ) -> list[Problem]:
-    """The errors in `error`, each placed under `at`; nothing is said about what depends on `unknown` inputs."""
+    """The errors in `error`, each placed under `at`; values that depend on `unknown` inputs are not checked."""
     skipped = tuple(unknown)
     found: dict[tuple[Path, str], Problem] = {}
     for detail in error.errors(include_url=False):

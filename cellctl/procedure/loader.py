@@ -1,4 +1,4 @@
-"""From a procedure file to the model of it. Errors do not end the reading; they are all in `Procedure.problems`."""
+"""Reads a procedure file into its model. Errors do not stop the reading; `Procedure.problems` lists all."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _INTERLOCK = ("id", "device", "condition", "on_break", "resume")
 
 
 def load_procedure(path: pathlib.Path) -> Procedure:
-    """Read a procedure file. Raises InputError only where it is no readable YAML; see `Procedure.problems`."""
+    """Read a procedure file. Raises InputError only if it is not readable YAML; see `Procedure.problems`."""
     return read_procedure(load_yaml(path))
 
 
 def read_procedure(document: Document) -> Procedure:
-    """The procedure in `document`, whose file names the folder against which its cell is read."""
+    """The procedure in `document`; the path of its cell is relative to the document's folder."""
     findings = Findings(document)
     fields = Fields(findings, document.data, (), _PROCEDURE, "a procedure")
     cell = fields.text("cell")
@@ -67,7 +67,7 @@ def _parameter(findings: Findings, name: str, value: Any, at: Path) -> Parameter
         help=fields.text("help"),
         at=at,
     )
-    if len(findings.problems) > before:  # what follows from an error is not another one
+    if len(findings.problems) > before:  # do not report consequences of an error
         return parameter
     _bounds_make_sense(fields, parameter)
     if "default" not in fields or len(findings.problems) > before:

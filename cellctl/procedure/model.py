@@ -1,4 +1,4 @@
-"""A procedure as data: what is done, in which order, with what; nothing of it has been run or looked up."""
+"""A procedure as data: actions, their order and inputs; nothing is run or resolved here."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.procedure.expressions import Expression
 from cellctl.procedure.references import Reference
 
 Value = Any
-"""JSON with `Reference`s as leaves, as it stands under `with:`."""
+"""JSON with `Reference`s as leaves, as written under `with:`."""
 
 
 class ParameterType(StrEnum):
@@ -28,7 +28,7 @@ class ParameterType(StrEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A value that the operator may set. `default` None: it has to be given. `at`: its place in the document."""
+    """A value that the operator may set. `default` None: it is required. `at`: its place in the document."""
 
     name: str
     type: ParameterType
@@ -42,7 +42,7 @@ class Parameter:
 
 
 class OnResume(StrEnum):
-    """What becomes of a finished step when its run is resumed."""
+    """How a resumed run treats a finished step."""
 
     SKIP = "skip"
     ALWAYS = "always"
@@ -51,7 +51,7 @@ class OnResume(StrEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class Retry:
-    """How often a step is tried in all (`attempts` ≥ 1), and after which errors (their class names)."""
+    """Total number of attempts at a step (`attempts` ≥ 1), and the errors that are retried (class names)."""
 
     attempts: int = 1
     on: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ class Retry:
 class Step:
     """One step: `do` names its kind, `inputs` are the values under `with:`, references unresolved.
 
-    `timeout_s` in seconds of the cell's time, None for none. `at`, `line`, `column`: where it stands in the file.
+    `timeout_s` in seconds of the cell's time, None for none. `at`, `line`, `column`: its place in the file.
     """
 
     id: str
@@ -81,7 +81,7 @@ class Step:
 class Loop:
     """Steps done once for each element of a list (`for_each`: a reference or the list), named `variable` inside.
 
-    `title`: what the operator reads while its steps run; empty: the titles of the steps.
+    `title`: shown to the operator while its steps run; empty: the titles of the steps.
     """
 
     id: str
@@ -111,7 +111,7 @@ class Confirm:
 @final
 @dataclass(frozen=True, slots=True)
 class If:
-    """Steps done where `expression` is true (`then`), or where it is not (`otherwise`). None: it could not be read."""
+    """Steps done where `expression` is true (`then`), or where it is not (`otherwise`). None: unreadable."""
 
     id: str
     expression: Expression | None
@@ -126,10 +126,10 @@ Action = Step | Loop | Confirm | If
 
 
 class OnBreak(StrEnum):
-    """What an interlock does when its condition no longer holds."""
+    """The reaction of an interlock when its condition no longer holds."""
 
     STOP = "stop"
-    """Stop the step under way and pause; the step is done again afterwards."""
+    """Stop the step in progress and pause; the step is repeated afterwards."""
     PAUSE = "pause"
     """Pause before the next step."""
     ABORT = "abort"
@@ -146,7 +146,7 @@ class Resume(StrEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class Interlock:
-    """A condition of a device that has to hold while the steps run, and what is done when it does not."""
+    """A condition of a device that must hold while the steps run, and the reaction when it does not."""
 
     id: str
     device: str
@@ -161,8 +161,8 @@ class Interlock:
 class Procedure:
     """A procedure file. `cell` is its default cell's path, joined to the procedure's folder.
 
-    `problems` are the errors that reading it met; the part that could be read is here all the same, so that `check`
-    can name the other errors with them. A procedure with problems must not be run.
+    `problems`: the errors from reading it. The readable part is kept, so that `check`
+    can report the other errors with them. A procedure with problems must not be run.
     """
 
     document: Document
@@ -186,7 +186,7 @@ class Procedure:
 
 
 def walk(actions: tuple[Action, ...]) -> Iterator[Action]:
-    """`actions` and all that stand inside their loops and branches, depth first."""
+    """`actions` and all actions inside their loops and branches, depth first."""
     for action in actions:
         yield action
         if isinstance(action, Loop):

@@ -1,4 +1,4 @@
-"""Parameters: what the operator may set, read from the file and from `--set name=value`."""
+"""Parameters that the operator may set, from the file and from `--set name=value`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CALLED = {
 
 
 def resolve_parameters(procedure: Procedure, settings: Sequence[str] = ()) -> dict[str, Any]:
-    """Every parameter's value: its default, or what `settings` (`name=value` each) say.
+    """Every parameter's value: from `settings` (`name=value` each), else its default.
 
     Raises InputError with all errors in the settings.
     """
@@ -32,7 +32,7 @@ def resolve_parameters(procedure: Procedure, settings: Sequence[str] = ()) -> di
 
 
 def read_settings(procedure: Procedure, settings: Sequence[str]) -> tuple[dict[str, Any], list[Problem]]:
-    """The values that are good, and the errors; a parameter without a good value is not among the values."""
+    """The valid values, and the errors; only parameters with a valid value are included."""
     given: dict[str, str] = {}
     problems: list[Problem] = []
     for setting in settings:
@@ -52,7 +52,7 @@ def read_settings(procedure: Procedure, settings: Sequence[str]) -> tuple[dict[s
 
 
 def misfit(parameter: Parameter, value: Any) -> tuple[str, str] | None:
-    """What is wrong with `value` for `parameter`, and the cure; None where it is good."""
+    """The error of `value` for `parameter`, and the cure; None if it is valid."""
     if not _of_type(parameter.type, value):
         return f"'{parameter.name}' takes {_CALLED[parameter.type]} (here: {value!r})", _allowed(parameter)
     if parameter.choices and value not in parameter.choices:
@@ -64,7 +64,7 @@ def misfit(parameter: Parameter, value: Any) -> tuple[str, str] | None:
 
 
 def as_typed(parameter: Parameter, value: Any) -> Any:
-    """`value`, a number's as a float, so that 5 and 5.0 are one."""
+    """`value`, a number as a float, so that 5 and 5.0 are equal."""
     return float(value) if parameter.type is ParameterType.NUMBER else value
 
 
@@ -93,7 +93,7 @@ def _misuse(procedure: Procedure, name: str, equals: str, given: dict[str, str])
 
 
 def _from_text(kind: ParameterType, text: str) -> Any:
-    """The value that `text` stands for; the text itself where it stands for none of this kind."""
+    """The value that `text` represents; the text itself if it is not of this kind."""
     if kind is ParameterType.INTEGER and _INTEGER.fullmatch(text):
         return int(text)
     if kind is ParameterType.NUMBER:

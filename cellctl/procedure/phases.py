@@ -1,4 +1,4 @@
-"""The phases of a procedure in words: what the operator reads while a step is under way."""
+"""The phase titles of a procedure, shown to the operator while a step runs."""
 
 from __future__ import annotations
 

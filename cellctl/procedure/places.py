@@ -1,4 +1,4 @@
-"""Where a step of a run is in its procedure, and what it could refer to."""
+"""The place of a run's step in its procedure, and the values that it can refer to."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cellctl.procedure.references import resolve
 def step_at(
     procedure: Procedure, path: str, parameters: Mapping[str, Any], finished: Mapping[str, Any]
 ) -> tuple[Step, dict[str, Any]]:
-    """The step at `path` (`points[17].touch`), and what it can refer to: name → JSON.
+    """The step at `path` (`points[17].touch`), and the values that it can refer to: name → JSON.
 
     parameters: their values; finished: path → result of the steps that are done, and of the `if`s that are decided.
-    Raises LookupError where the procedure has no such step, or an `if` around it is not decided.
+    Raises LookupError if the procedure has no such step, or an `if` around it is not decided.
     """
     scope, outer = dict(parameters), ""
     actions: tuple[Action, ...] = procedure.steps

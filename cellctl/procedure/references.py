@@ -12,17 +12,17 @@ _PART = re.compile(r"\.([A-Za-z_][A-Za-z0-9_]*)|\[([0-9]+)\]")
 
 
 UNKNOWN: Final = object()
-"""A value that only the run will know."""
+"""A value that is known only during the run."""
 
 
 class UnresolvedReference(Exception):
-    """A reference leads nowhere: the name is not known here, or what it names has no such part."""
+    """A reference cannot be resolved: the name is unknown here, or its value has no such part."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """`${name.part[3]}`: the name that it begins with, and the way from there (fields and list indices)."""
+    """`${name.part[3]}`: the first name, and the path after it (fields and list indices)."""
 
     name: str
     way: tuple[str | int, ...] = ()
@@ -42,7 +42,7 @@ class Reference:
 
 
 def resolve(value: Any, scope: Mapping[str, Any]) -> Any:
-    """`value` with every reference in it replaced by what `scope` (name → JSON) holds for it.
+    """`value` with every reference replaced by its value in `scope` (name → JSON).
 
     Raises UnresolvedReference.
     """
@@ -73,9 +73,9 @@ def references_in(value: Any, at: tuple[str | int, ...] = ()) -> Iterator[tuple[
 def known_part(
     value: dict[str, Any], look_up: Callable[[Reference], Any]
 ) -> tuple[dict[str, Any], list[tuple[str | int, ...]]]:
-    """`value` with the references that `look_up` knows replaced, without the others; and where those were.
+    """`value` with the references that `look_up` resolves replaced, the others removed; and their places.
 
-    A list with an unknown element is left out whole, since what follows it would change places.
+    A list with an unknown element is left out completely, since later indices would change.
     """
     unknown: list[tuple[str | int, ...]] = []
     return _prune(value, look_up, (), unknown), unknown

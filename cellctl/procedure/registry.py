@@ -1,4 +1,4 @@
-"""Where kinds of steps are found: in modules named by entry points, each loaded when first asked for."""
+"""Finds step kinds in modules named by entry points; loads each at its first use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GROUP = "cellctl.steps"
 
 
 class UnknownStep(LookupError):
-    """No kind of step has that name. `cure` says which one may be meant."""
+    """No step kind has that name. `cure` suggests a similar one."""
 
     def __init__(self, name: str, cure: str) -> None:
         self.name = name
@@ -24,7 +24,7 @@ class UnknownStep(LookupError):
 
 
 class BrokenSteps(Exception):
-    """A module of steps cannot be used: it does not import, or says something else than its entry point."""
+    """A module of steps is unusable: its import fails, or it does not match its entry point."""
 
     def __init__(self, source: str, why: str) -> None:
         self.source = source
@@ -49,7 +49,7 @@ class StepRegistry:
         points: dict[str, list[EntryPoint]] = {}
         for point in entry_points(group=GROUP):
             rivals = points.setdefault(point.name, [])
-            if all(rival.value != point.value for rival in rivals):  # the same one may be seen through two paths
+            if all(rival.value != point.value for rival in rivals):  # two paths may lead to the same one
                 rivals.append(point)
         return cls(families={name: _loader(*rivals) for name, rivals in points.items()})
 
@@ -93,7 +93,7 @@ def _loader(point: EntryPoint, *rivals: EntryPoint) -> Callable[[], ModuleType]:
             raise BrokenSteps(_source(point), f"the family '{point.name}' is also claimed by {_source(rivals[0])}")
         try:
             module = point.load()
-        except Exception as error:  # whatever a plug-in's import raises, the operator has to hear whose it was
+        except Exception as error:  # a plug-in's import may raise anything: name the plug-in
             raise BrokenSteps(_source(point), f"{type(error).__name__}: {error}") from error
         if not isinstance(module, ModuleType):
             raise BrokenSteps(_source(point), f"'{point.value}' is no module")

@@ -1,4 +1,4 @@
-"""Which names a step can refer to, and what is known of them before the run."""
+"""The names that a step can refer to, and their types and values known before the run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHAPES = {
 
 
 class Unreachable(Exception):
-    """A reference that cannot hold. `cure` says what to do."""
+    """A reference that can never be resolved. `cure`: what to do."""
 
     def __init__(self, what: str, cure: str = "") -> None:
         self.what = what
@@ -32,7 +32,7 @@ class Unreachable(Exception):
 @final
 @dataclass(frozen=True, slots=True)
 class Name:
-    """What a name stands for: its type, its value where that is known, and what kind of thing it is."""
+    """The meaning of a name: its type, its value if known, and its kind."""
 
     shape: Shape
     what: str
@@ -41,7 +41,7 @@ class Name:
 
 @final
 class Scope:
-    """The names known at one place of a procedure. `within` gives a loop or a branch its own, which end with it."""
+    """The names known at one place of a procedure. `within` creates the inner scope of a loop or branch."""
 
     def __init__(self, procedure: Procedure, names: Mapping[str, Name]) -> None:
         self._procedure = procedure
@@ -49,7 +49,7 @@ class Scope:
 
     @classmethod
     def of_parameters(cls, procedure: Procedure, values: Mapping[str, Any]) -> Scope:
-        """The scope in which a procedure, and its clean-up, begins."""
+        """The scope at the beginning of a procedure, and of its clean-up."""
         return cls(procedure, {p.name: _parameter(p, values) for p in procedure.parameters.values()})
 
     def within(self) -> Scope:
@@ -60,21 +60,21 @@ class Scope:
         return name in self._names
 
     def what(self, name: str) -> str:
-        """What kind of thing `name` is: `parameter`, `step`, `variable of loop 'points'`."""
+        """The kind of `name`: `parameter`, `step`, `variable of loop 'points'`."""
         return self._names[name].what
 
     def add_variable(self, loop: Loop, shape: Shape) -> None:
-        """From here on the loop's variable is known."""
+        """Add the loop's variable."""
         self._names[loop.variable] = Name(shape, f"variable of loop '{loop.id}'")
 
     def add_step(self, step: Step, result: Shape) -> None:
-        """From here on the step's result is known. Where a loop variable has its name, the name means neither."""
+        """Add the step's result. If a loop variable has the same name, the name resolves to neither."""
         before = self._names.get(step.id)
         doubtful = before is not None and before.what.startswith("variable")
         self._names[step.id] = Name(result, "ambiguous" if doubtful else "step")
 
     def look_up(self, reference: Reference, at: Path) -> Name:
-        """What `reference`, standing at `at`, stands for. Raises Unreachable."""
+        """The meaning of `reference`, which is at `at`. Raises Unreachable."""
         name = self._names.get(reference.name)
         if name is None:
             raise self._why_not(reference, at)

@@ -1,4 +1,4 @@
-"""Which fields the result of a procedure has besides the common ones."""
+"""The fields of a procedure's result besides the common ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be said before the run about a value that only the run will know: the parts that its type has."""
+"""The parts of a value by its type, for checks before the run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pydantic import BaseModel
 from cellctl.procedure.suggest import did_you_mean
 
 Shape = Any
-"""A type annotation; `Any` where nothing is known."""
+"""A type annotation; `Any` if unknown."""
 
 
 class NoSuchPart(Exception):
-    """A value of this type never has such a part. `cure` says what it has."""
+    """A value of this type never has such a part. `cure` lists its parts."""
 
     def __init__(self, what: str, cure: str = "") -> None:
         self.what = what
@@ -25,7 +25,7 @@ class NoSuchPart(Exception):
 
 
 def part_of(shape: Shape, part: str | int) -> Shape:
-    """The type of a field or element of a value of type `shape`. Raises NoSuchPart where there can be none."""
+    """The type of a field or element of a value of type `shape`. Raises NoSuchPart if it has none."""
     shape = _plain(shape)
     if shape is Any or _is_mapping(shape):
         return _argument(shape, -1)
@@ -37,7 +37,7 @@ def part_of(shape: Shape, part: str | int) -> Shape:
 
 
 def element_of(shape: Shape) -> Shape:
-    """The type of the elements of a list of type `shape`. Raises NoSuchPart where it is no list."""
+    """The type of the elements of a list of type `shape`. Raises NoSuchPart if it is not a list."""
     shape = _plain(shape)
     if shape is Any:
         return Any
@@ -51,7 +51,7 @@ def element_of(shape: Shape) -> Shape:
 
 
 def kind_of_shape(shape: Shape) -> str | None:
-    """What a value of type `shape` is, in the words of `expressions.kind_of`; None where that is not known."""
+    """The kind of a value of type `shape`, as `expressions.kind_of` names it; None if unknown."""
     shape = _plain(shape)
     origin = typing.get_origin(shape) or shape
     if shape in _KINDS:
@@ -71,7 +71,7 @@ def _field(model: type[BaseModel], name: str) -> Shape:
 
 
 def _plain(shape: Shape) -> Shape:
-    """Without `Annotated` and `| None`; any other union is not looked into."""
+    """The type without `Annotated` and `| None`; other unions stay unchanged."""
     origin: Any = typing.get_origin(shape)
     if origin is Annotated:
         return _plain(typing.get_args(shape)[0])

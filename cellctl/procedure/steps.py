@@ -1,4 +1,4 @@
-"""Kinds of steps: an async function, with what it takes, gives and needs, known before it runs."""
+"""Step kinds: an async function with its inputs, result and devices, known before it runs."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _KIND = re.compile(r"[a-z][a-z0-9_]*\.[a-z][a-z0-9_]*")
 
 
 class StepInputs(BaseModel):
-    """The base of what a step takes: unknown inputs are errors, nothing is guessed from text."""
+    """Base class of a step's inputs: unknown inputs are errors, text is never converted."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 @final
 class NoInputs(StepInputs):
-    """A step that takes nothing."""
+    """The inputs of a step without inputs."""
 
 
 class StepResult(BaseModel):
-    """The base of what a step gives to later ones; kept in the journal as JSON."""
+    """Base class of a step's result for later steps; stored in the journal as JSON."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -45,12 +45,12 @@ class StepResult(BaseModel):
 @final
 @dataclass(frozen=True, slots=True)
 class StepKind(Generic[Inputs, Result]):
-    """A kind of step, callable as the function that it was made of.
+    """A step kind, callable as its function.
 
-    `needs`: device name → the Protocol that it has to follow. `moves`: it moves or writes, so that a crash in it leaves
+    `needs`: device name → the Protocol required of it. `moves`: it moves or writes, so that a crash in it leaves
     an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name. `check`: raises what the
-    step would refuse of the cell, before the run. `verdict`: the row that it records, where it records the verdict of a
-    campaign. `title`: what the operator reads while it runs. `expects`: see `ExpectedPasses`.
+    step would refuse of the cell, before the run. `verdict`: the row that it records, if it records the verdict of a
+    campaign. `title`: shown to the operator while it runs. `expects`: see `ExpectedPasses`.
     """
 
     name: str
@@ -68,7 +68,7 @@ class StepKind(Generic[Inputs, Result]):
 
     @property
     def computes(self) -> bool:
-        """Whether it needs no device: then its result follows from the journal alone, and can be replayed."""
+        """Whether it uses no device: its result then depends on the journal alone, and can be replayed."""
         return not self.needs and not self.moves
 
     async def __call__(self, context: StepContext, inputs: Inputs) -> Result:
@@ -76,13 +76,13 @@ class StepKind(Generic[Inputs, Result]):
         return await self.function(context, inputs)
 
     def input_names(self) -> set[str]:
-        """The names that may stand under `with:`."""
+        """The names allowed under `with:`."""
         return {field.alias or name for name, field in self.inputs.model_fields.items()}
 
     def read_inputs(self, values: Mapping[str, Any]) -> Inputs:
         """The step's inputs from JSON values, strictly. Raises pydantic.ValidationError.
 
-        They go through JSON, so that a value computed in this run and one read back from the journal are the same.
+        They pass through JSON, so that values computed in this run and values from the journal are equal.
         """
         return self.inputs.model_validate_json(canonical_json(dict(values)), strict=True)
 
@@ -93,7 +93,7 @@ class StepKind(Generic[Inputs, Result]):
     def retryable(self) -> dict[str, type[Exception]]:
         """Every error that `retry.on` may name, by name: the devices' errors, a time-out, and the step's own.
 
-        `DeviceUncertain` is none of them: a person has to look before anything moves again.
+        `DeviceUncertain` is not included: a person must check the cell before any further motion.
         """
         errors = {name: error for name, error in self.errors.items() if not issubclass(error, DeviceUncertain)}
         return {**_DEVICE_ERRORS, "TimeoutError": TimeoutError, **errors}
@@ -121,11 +121,11 @@ def step(
     expects: ExpectedPasses | None = None,
     verdict: type[VerdictRow] | None = None,
 ) -> Callable[[Callable[[StepContext, Inputs], Awaitable[Result]]], StepKind[Inputs, Result]]:
-    """Make a kind of step of `async def name(context, inputs: Model) -> Result | None`.
+    """Make a step kind from `async def name(context, inputs: Model) -> Result | None`.
 
-    `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of the module it stands in.
+    `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of its module.
     The docstring's first line is its summary. `check`, `title`, `expects`: see
-    `StepKind`. Raises TypeError where the function does not fit.
+    `StepKind`. Raises TypeError if the function does not fit.
     """
 
     def make(function: Callable[[StepContext, Inputs], Awaitable[Result]]) -> StepKind[Inputs, Result]:

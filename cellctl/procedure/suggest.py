@@ -1,4 +1,4 @@
-"""Did you mean …?"""
+"""Suggests known words for an unknown one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows about an identification: the residuals of its rows of measurement, and what else its report draws and lists."""
+"""Rows about an identification: the residuals of its measurements, and the other data of its report."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Vectors = tuple[tuple[Number, ...], ...]
 @final
 @dataclass(frozen=True, kw_only=True)
 class ResidualsRow(Row):
-    """N rows of measurement by the nominal robot, registered on them, and by the identified one; in their order.
+    """N measurement rows: residuals of the registered nominal robot and of the identified one, in row order.
 
     line (N,): of the data set. number (N,): of the touch, "" where it has none. row (N,): of the identification, from
     0. session (N,): number. point (N,): sphere or socket, "" where there is none; on_sphere (N,): whether a sphere was
-    touched. held_out (N,): the fit did not use it. outlier (N,): left out of the fit, or held out and far from what was
-    predicted. readings (N, n): of the controller, deg.
+    touched. held_out (N,): the fit did not use it. outlier (N,): left out of the fit, or held out and far from its
+    prediction. readings (N, n): of the controller, deg.
 
     tip (N, 3): TCP by the identified robot, mm, in the measuring frame; tip_base (N, 3): in the robot's base frame.
     before, after (N, 3): model less measurement by the nominal and by the identified robot, mm, measuring frame; of a
     distance, along the line to the TCP. signed_before, signed_after (N,), normal (N, 3): such a distance, mm, positive
-    outside a sphere, and that line; None for other rows. turn (N, 3): after, of the orientation, rad; None where it was
+    outside a sphere, and that line; None for other rows. turn (N, 3): after, of the orientation, rad; None if it was
     not measured. joint_before, joint_after (N, n): the part along the way on which each joint moves the TCP, mm.
-    scaled (N, 6): each number after, in its predicted σ; None where a row has fewer, or nothing was predicted.
+    scaled (N, 6): each number after, in its predicted σ; None if a row has fewer, or without a prediction.
     p_value (N,): of a held-out row; None for others.
     """
 
@@ -61,7 +61,7 @@ class ResidualsRow(Row):
 @final
 @dataclass(frozen=True, kw_only=True)
 class IdentificationRow(Row):
-    """What the report of an identification shows besides its residuals. Texts are as the report shows them.
+    """The report data of an identification besides its residuals. Texts are as the report shows them.
 
     head: verdict, figures and set-up. joints, sessions: names. one_frame: whether all sessions measured in one frame;
     base_turns (S, 3, 3): rotation of the robot's base in each session's frame. before, after (M,): errors that the

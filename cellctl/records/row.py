@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from cellctl.files import canonical_json
 
 Json = Any
-"""What JSON can hold; NaN and infinities it cannot."""
+"""A JSON value; NaN and infinities are not allowed."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Row:
 
     @classmethod
     def read(cls, data: Mapping[str, Json], version: int = 1) -> Self:
-        """The row that `data` of `version` holds; fields that are not known here are passed over.
+        """The row from `data` of `version`; unknown fields are ignored.
 
-        Raises BadRow where a field is missing or of another type, or where the row is of a newer version.
+        Raises BadRow if a field is missing or has another type, or if the row has a newer version.
         """
         if version > cls.VERSION:
             raise BadRow(f"is of version {version}, and this program reads versions up to {cls.VERSION}")
@@ -56,7 +56,7 @@ AnyRow = TypeVar("AnyRow", bound=Row)
 
 @final
 class BadRow(ValueError):
-    """A row in the journal is not what its class says; the text names the fields."""
+    """A row in the journal does not match its class; the text names the fields."""
 
 
 class Rows(Protocol):

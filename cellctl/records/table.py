@@ -10,9 +10,9 @@ from cellctl.records.row import Row
 
 @dataclass(frozen=True)
 class TableStateRow(Row):
-    """What became of a table: its id, number of rows, largest correction of a joint (deg).
+    """State of a table: its id, number of rows, largest correction of a joint (deg).
 
-    active: whether it is in force; None where a push or a rollback was begun and its end is not known.
+    active: whether it is in force; None if a push or a rollback was begun and its end is unknown.
     """
 
     KIND: ClassVar[str] = "table"
@@ -32,6 +32,6 @@ class TableStateRow(Row):
 @final
 @dataclass(frozen=True)
 class TablePushRow(TableStateRow):
-    """A push begins. Until a `TableStateRow` follows, this table or the one before may be in force."""
+    """A push begins. Until a `TableStateRow` follows, this table or the previous one may be active."""
 
     KIND: ClassVar[str] = "push"

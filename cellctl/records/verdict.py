@@ -1,4 +1,4 @@
-"""The row of a verdict: what every kind of campaign has in common."""
+"""The row of a verdict: the fields common to all kinds of campaign."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.records.table import TableStateRow
 @final
 @dataclass(frozen=True)
 class Figures:
-    """Mean, root mean square and greatest of a set of errors, mm; None where there are none."""
+    """Mean, root mean square and maximum of a set of errors, mm; None without errors."""
 
     mean: float | None
     rms: float | None
@@ -22,11 +22,11 @@ class Figures:
 
 @dataclass(frozen=True)
 class VerdictRow(Row):
-    """What a campaign came to. A kind of campaign derives its own row and adds the fields of its section of the result.
+    """The result of a campaign. Each kind of campaign derives its own row with the fields of its result's section.
 
     SECTION: the names of these fields, in the order in which the result shows them. verdict: `better`, `no better` or
     `worse`. sentence: for the operator; lines: shown below it. before, after: measured errors.
-    model: the report of the fit, as `cellctl fit --json` gives it.
+    model: the report of the fit, as `cellctl fit --json` prints it.
     """
 
     KIND: ClassVar[str] = "verdict"

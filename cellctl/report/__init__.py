@@ -1,4 +1,4 @@
-"""A run as one self-contained HTML page, rebuilt from its folder alone: the same run gives the same bytes."""
+"""Reports a run as one self-contained HTML page, built from its folder alone: the same run gives the same bytes."""
 
 from cellctl.report.page import FILE_NAME, render, report_text, write_report
 from cellctl.report.run import Run

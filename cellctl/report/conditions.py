@@ -1,4 +1,4 @@
-"""Under which conditions a data set was measured: what its columns say of instrument, operator, date, temperature."""
+"""The measuring conditions of a data set, from its columns: instrument, operator, date, temperature."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cellctl.report.numbers import fixed
 NOT_RECORDED = "not recorded"
 
 _MOST = 3
-"""So many different values of a column are named."""
+"""Maximum number of different values listed of a column."""
 
 
 def conditions_of(data: DataSet) -> list[tuple[str, str]]:
-    """Name and text of each condition; `not recorded` where the data set has no such column."""
+    """Name and text of each condition; `not recorded` if the data set has no such column."""
     named = [(name, _named(data, name)) for name in ("instrument", "serial", "operator", "date")]
     return [*named, ("temperature", temperature(data))]
 

@@ -16,7 +16,7 @@ Sets: TypeAlias = list[tuple[str, Floats, str, str]]
 """Label, errors (N,), mm, colour, hatch."""
 
 _LEAST_MM = 1e-3
-"""Errors below this are drawn as this: a logarithmic axis has no nought, and no touch tells a micrometre."""
+"""Smaller errors are drawn at this value, mm: a logarithmic axis has no zero, and touches do not resolve 1 µm."""
 
 
 def before_and_after(name: str, before: Floats, after: Floats, what: str) -> str:

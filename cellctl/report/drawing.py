@@ -1,4 +1,4 @@
-"""How the pictures look, and how a figure becomes a piece of a page: text stays text, same figure, same bytes."""
+"""Style of the pictures, and conversion of a figure to inline SVG: text stays text; same figure, same bytes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from matplotlib.typing import RcKeyType
 
 ACCENT, BEFORE, INK, FAINT, HELD_OUT = "#0b5394", "#8c8c8c", "#222222", "#d9d9d9", "#d1780b"
 DIVERGING = matplotlib.colormaps["RdBu_r"].resampled(31)
-"""Few enough colours for its scale to be drawn, not embedded as an image."""
+"""Colour map with few enough colours that its scale is drawn, not embedded as an image."""
 WIDTH = 7.2
 """Inches: the text width of an A4 page."""
 
@@ -53,7 +53,7 @@ _STYLE: dict[RcKeyType, Any] = {
 def svg_of(draw: Callable[[Figure], None], name: str, height: float, alt: str) -> str:
     """What `draw` draws on a figure as wide as the page and `height` inches high, as an inline `<svg>`.
 
-    name: unique on the page; alt: what the picture shows, for those who do not see it.
+    name: unique on the page; alt: text alternative of the picture.
     """
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
@@ -71,7 +71,7 @@ def millimetres(axes: Axes, which: str = "x") -> None:
 
 
 def _inline(text: str, name: str, alt: str) -> str:
-    """The `<svg>` element alone, its ids made the page's own, no metadata, no fixed size."""
+    """The `<svg>` element alone, with ids unique on the page, without metadata and fixed size."""
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)

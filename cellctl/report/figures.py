@@ -1,4 +1,4 @@
-"""The table of errors at the top of a page: mean with its uncertainty, RMS, greatest; before and after."""
+"""The table of errors at the top of a page: mean with its uncertainty, RMS, maximum; before and after."""
 
 from __future__ import annotations
 

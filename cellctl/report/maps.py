@@ -1,4 +1,4 @@
-"""Maps of spheres: where each touch was, and its residual."""
+"""Maps of spheres: the place and residual of each touch."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SphereErrors:
 def sphere_maps(errors: SphereErrors) -> str:
     """Each sphere seen from above (equal-area), each touch coloured by its signed residual.
 
-    Before stands above after; with one sphere, beside it.
+    Before is above after; with one sphere, beside it.
     """
     spheres = sorted(set(errors.spheres))
     columns = min(len(spheres), _COLUMNS)
@@ -69,7 +69,7 @@ def _maps(
 
 
 def _globe(axes: Axes, reach: float) -> None:
-    """The net of a sphere seen from above: circles each 30° from the top, the equator stronger; x to the right."""
+    """The net of a sphere seen from above: circles each 30° from the top, the equator bolder; x to the right."""
     turn = np.linspace(0.0, 2.0 * np.pi, 91)
     for degrees in (30, 60, 90):
         radius = float(_radius(np.cos(np.deg2rad([degrees])))[0])

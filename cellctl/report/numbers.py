@@ -1,4 +1,4 @@
-"""Numbers as a metrologist writes them: σ with two significant digits, the value with as many decimals."""
+"""Numbers in metrological notation: σ with two significant digits, the value with the same decimals."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
 def decimals(sigma: float, digits: int = 2) -> int:
-    """How many decimals show `sigma` with `digits` significant digits; at most 9."""
+    """Number of decimals that shows `sigma` with `digits` significant digits; at most 9."""
     if not math.isfinite(sigma) or sigma <= 0.0:
         return 3
-    rounded = float(f"{sigma:.{digits - 1}e}")  # 0.0996 is 0.10, with one decimal less than 0.0996 asks for
+    rounded = float(f"{sigma:.{digits - 1}e}")  # 0.0996 rounds to 0.10, with one decimal less
     return min(9, max(0, digits - 1 - math.floor(math.log10(rounded))))
 
 
@@ -32,7 +32,7 @@ def significant(value: float | None, digits: int = 2) -> str:
 
 
 def with_sigma(value: float, sigma: float) -> str:
-    """`−1.571 ± 0.037`; the value alone, to three decimals, where σ is not above 0."""
+    """`−1.571 ± 0.037`; the value alone, to three decimals, unless σ is above 0."""
     if not math.isfinite(sigma) or sigma <= 0.0:
         return fixed(value)
     places = decimals(sigma)
@@ -40,7 +40,7 @@ def with_sigma(value: float, sigma: float) -> str:
 
 
 def percent(share: float | None) -> str:
-    """A share as whole per cent; `< 1 %` and `> 99 %` rather than a 0 or 100 that it is not."""
+    """A share in whole per cent; `< 1 %` and `> 99 %` unless it is exactly 0 or 100."""
     if share is None or not math.isfinite(share):
         return DASH
     if 0.0 < share < 0.005:

@@ -1,4 +1,4 @@
-"""The page put together and written: the sections that a run has rows for."""
+"""Builds and writes the page: the sections for which a run has rows."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ FILE_NAME = "report.html"
 
 
 def write_report(run: Path, target: Path | None = None) -> Path:
-    """Write the report of a run (its folder or journal) to `target`, or `report.html` in its folder; where it is.
+    """Write the report of a run (its folder or journal) to `target`, or `report.html` in its folder; returns the path.
 
-    Raises JournalError where the journal cannot be read, OSError where the file cannot be written.
+    Raises JournalError if the journal cannot be read, OSError if the file cannot be written.
     """
     loaded = Run.load(run)
     path = target or loaded.folder / FILE_NAME
@@ -28,14 +28,14 @@ def write_report(run: Path, target: Path | None = None) -> Path:
 
 
 def report_text(run: Path) -> str:
-    """The report of a run (its folder or journal) as HTML. Raises JournalError where the journal cannot be read."""
+    """The report of a run (its folder or journal) as HTML. Raises JournalError if the journal cannot be read."""
     return render(Run.load(run))
 
 
 def render(run: Run, sections: Sections | None = None) -> str:
     """The report of a loaded run as HTML: no script, nothing fetched, no date but the run's own.
 
-    sections: those that are installed, unless given. A section that fails is named, and the others are shown.
+    sections: by default the installed ones. A failed section is named, and the others are shown.
     """
     found = sections or Sections.installed()
     complaints = [*run.complaints, *found.broken]
@@ -66,6 +66,6 @@ def render(run: Run, sections: Sections | None = None) -> str:
 
 
 def _text(section: ReportSection, run: Run) -> str | None:
-    """The section as HTML; None where the run has nothing for it."""
+    """The section as HTML; None if the run has no data for it."""
     data = section.build(run) if section.serves(run) else None
     return None if data is None else template_of(section.template).render(data)

@@ -1,4 +1,4 @@
-"""A run as its folder tells it: the journal, and beside it data set, model and table where they exist."""
+"""A run from its folder: the journal, and data set, model and table if they exist."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Found = TypeVar("Found")
 @final
 @dataclass(frozen=True)
 class Run:
-    """What there is of a run.
+    """The data of a run.
 
-    cell, artefact: as the journal holds the cell's text. table: the table file's content. hashes: SHA-256 of the files
-    beside the journal. verdict: the last; None where the run never got to one. complaints: what is there and cannot be
-    read, and files that do not belong together, in words.
+    cell, artefact: from the cell's text in the journal. table: the table file's content. hashes: SHA-256 of the files
+    beside the journal. verdict: the last; None if the run has none. complaints: unreadable and
+    inconsistent files, as text.
     """
 
     folder: Path
@@ -40,9 +40,9 @@ class Run:
 
     @classmethod
     def load(cls, place: Path) -> Self:
-        """The run in folder `place` (or with the journal `place`). Raises JournalError where that cannot be read.
+        """The run in folder `place` (or with the journal `place`). Raises JournalError if that cannot be read.
 
-        Any other file that cannot be read is a complaint: the report shows what there is.
+        Any other unreadable file is a complaint: the report shows the rest.
         """
         folder = journal_in(place).parent
         state = fold(read_journal(place))
@@ -80,25 +80,25 @@ class Run:
 
     @property
     def reason(self) -> str:
-        """Why it ended, where it did not finish; else empty."""
+        """Why it ended, if it did not finish; else empty."""
         return self.state.ended.reason if self.state.ended else ""
 
     @property
     def figures(self) -> Mapping[str, Any]:
-        """What the fit said of itself: the verdict's, or the model file's where the run ended before its verdict."""
+        """The fit's report: from the verdict, or from the model file if the run ended before its verdict."""
         if self.verdict is not None and self.verdict.model is not None:
             return self.verdict.model
         return self.model.figures if self.model else {}
 
     @property
     def simulated(self) -> bool:
-        """Whether any of its devices said that it is simulated, or the cell file says how to simulate them."""
+        """Whether any device reported that it is simulated, or the cell file has simulation settings."""
         told = any(who.get("simulated") for who in self.state.identities.values())
         return told or (self.cell is not None and isinstance(self.cell.data, dict) and "simulate" in self.cell.data)
 
     @property
     def word(self) -> str:
-        """The run's state in a word or two."""
+        """The run's state in one or two words."""
         if self.state.ended is not None:
             return self.state.state
         return "still running" if self.alive else f"cut off while {self.state.state}"
@@ -138,7 +138,7 @@ def _hashes(folder: Path) -> dict[str, str]:
 
 
 def _mismatches(run: Run) -> list[str]:
-    """Files in the folder that are not those that the model was made from."""
+    """Files in the folder that differ from the model's sources."""
     if run.model is None:
         return []
     of_model, found = run.model.provenance, []

@@ -22,8 +22,8 @@ class ReportSection:
     """A section of the report.
 
     id: unique. title: its heading; "" for none. order: sections are shown in ascending order. needs: row classes; the
-    section is left out where the run has no row of one of them. build: from the run, what the template shows; None
-    where there is nothing to show. template: Jinja text; it may include and import the templates of `cellctl.report`.
+    section is left out if the run lacks rows of one of them. build: from the run, the template's data; None
+    if there is nothing to show. template: Jinja text; it may include and import the templates of `cellctl.report`.
     error_lines: lines for the table of errors at the top (`cellctl.report.figures.error_line`).
     sigmas: each σ that the section shows.
     """
@@ -45,19 +45,19 @@ class ReportSection:
 @final
 @dataclass(frozen=True)
 class Sections:
-    """The sections in their order. broken: those that cannot be loaded, in words."""
+    """The sections in their order. broken: those that cannot be loaded, as text."""
 
     usable: tuple[ReportSection, ...]
     broken: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, sections: Iterable[ReportSection], broken: Sequence[str] = ()) -> Self:
-        """These sections, brought into order."""
+        """These sections, sorted."""
         return cls(tuple(sorted(sections, key=lambda each: (each.order, each.id))), tuple(broken))
 
     @classmethod
     def installed(cls) -> Self:
-        """All that the installed packages bring."""
+        """All sections of the installed packages."""
         found: dict[str, ReportSection] = {}
         broken: list[str] = []
         for name, value, point in sorted((point.name, point.value, point) for point in entry_points(group=GROUP)):

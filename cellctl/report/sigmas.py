@@ -9,7 +9,7 @@ from typing import final
 @final
 @dataclass(frozen=True, slots=True)
 class Sigma:
-    """A σ as the page names it: what it covers, how it is computed, and its level (1 σ, or which share it covers)."""
+    """A σ by its name on the page: its contents, its computation, and its level (1 σ, or the share covered)."""
 
     name: str
     covers: str
@@ -26,7 +26,7 @@ FIGURES = (
         "1 σ; of points and poses 3-D",
     ),
 )
-"""Of the table of errors at the top of a page."""
+"""Those of the table of errors at the top of a page."""
 
 IDENTIFICATION = (
     Sigma(
@@ -90,4 +90,4 @@ IDENTIFICATION = (
         "1 σ",
     ),
 )
-"""Of the sections about an identification."""
+"""Those of the sections about an identification."""

@@ -1,4 +1,4 @@
-"""The pages' templates, all read in one way."""
+"""The pages' templates, read with the same settings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _environment() -> Environment:
 
 
 def template(name: str) -> Template:
-    """A page by its file's name: what is put into it is escaped, and a name that nobody filled in is an error."""
+    """A page template by its file name: inserted values are escaped, and an undefined name is an error."""
     return _environment().get_template(name)
 
 

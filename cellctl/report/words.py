@@ -1,4 +1,4 @@
-"""What the figures mean, in sentences."""
+"""The meaning of the figures, in sentences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OTHERWISE = "What the data do not determine stays at its nominal value, within i
 @final
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """Why some combinations of parameters were not seen, what that means, and which they are; perhaps none."""
+    """The unobservable combinations of parameters, the reasons and the consequence; may be empty."""
 
     cause: str
     meaning: str
@@ -27,7 +27,7 @@ class Reason:
 
 
 def reasons(figures: Mapping[str, Any]) -> list[Reason]:
-    """Of a fit's figures, as its JSON has them; those of an older fit know the combinations and no cause."""
+    """From a fit's figures in its JSON; older fits have the combinations without a reason."""
     known = [{"cause": _UNTOLD, "harmless": False, "words": list(figures.get("unobservable") or [])}]
     found = figures.get("unseen", [each for each in known if each["words"]])
     return [Reason(_sentence(each["cause"]), _meaning(each), each["words"]) for each in found]

@@ -1,4 +1,4 @@
-"""Replay: what a run computed, computed again from its journal alone, and compared byte for byte."""
+"""Replay: repeats a run's computations from its journal alone and compares the results byte for byte."""
 
 from cellctl.operations.replay.artefacts import ArtefactReplay, FolderFile
 from cellctl.operations.replay.difference import FirstDifference

@@ -1,4 +1,4 @@
-"""Files that a run made, as the journal, the replay and the run folder have them."""
+"""Files that a run made, in the journal, the replay and the run folder."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class FolderFile(StrEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class ArtefactReplay:
-    """One file: its SHA-256 (hex) in the journal and in the replay, None where it was not made.
+    """One file: its SHA-256 (hex) in the journal and in the replay, None if it was not made.
 
-    first: where the replayed file first differs from the one in the run folder, unless both differ from the journal;
+    first: first difference of the replayed file from the one in the run folder, unless both differ from the journal;
     why: reasons for what differs.
     """
 
@@ -44,9 +44,9 @@ class ArtefactReplay:
 
     @classmethod
     def of(cls, name: str, recorded: Attempt, now: Attempt, folder: Path | None, why: Sequence[str]) -> Self:
-        """The file `name` of an attempt; folder: the run folder, None where a later step wrote that file again.
+        """The file `name` of an attempt; folder: the run folder, None if a later step wrote that file again.
 
-        why: reasons for other bytes, as far as they are known before the bytes are looked at.
+        why: reasons for different bytes that are known before the comparison.
         """
         row, content = recorded.artefacts.get(name), now.contents.get(name)
         there = _content(folder / name) if folder else None
@@ -69,12 +69,12 @@ class ArtefactReplay:
 
     @property
     def replayed_equal(self) -> bool:
-        """Whether the replay made the bytes whose hash is in the journal."""
+        """Whether the replay's bytes have the hash in the journal."""
         return self.recorded == self.replayed
 
     @property
     def equal(self) -> bool:
-        """Whether these bytes are also those in the run folder, where the file is there."""
+        """Whether the file in the run folder, if present, has the same bytes."""
         return self.replayed_equal and self.folder is not FolderFile.CHANGED
 
 

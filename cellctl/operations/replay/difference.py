@@ -1,4 +1,4 @@
-"""Where two files, or two JSON values, differ."""
+"""Differences between two files, or two JSON values."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Self, final
 
 _EXCERPT: Final = 40
-"""So many bytes of a line are shown from the difference on."""
+"""Number of bytes of a line that are shown from the difference on."""
 
 _ABSENT: Final = object()
 
@@ -24,7 +24,7 @@ class FirstDifference:
 
     @classmethod
     def of(cls, before: bytes, now: bytes) -> Self | None:
-        """Where `now` first differs from `before`; None where they are equal."""
+        """The first difference of `now` from `before`; None if they are equal."""
         if before == now:
             return None
         pairs = enumerate(zip(before, now, strict=False))
@@ -36,7 +36,7 @@ class FirstDifference:
 
 
 def _excerpt(content: bytes, at: int) -> str:
-    """The text from `at` to the end of its line, cut where it is long; a number is shown from its beginning."""
+    """The text from `at` to the end of its line, shortened if long; a number is shown from its beginning."""
     while 0 < at < len(content) and content[at - 1 : at] in b"0123456789.-+e":
         at -= 1
     line = content[at : at + _EXCERPT].split(b"\n", 1)[0].decode("utf-8", "replace")
@@ -44,7 +44,7 @@ def _excerpt(content: bytes, at: int) -> str:
 
 
 def json_differences(before: Any, now: Any, place: str) -> list[str]:
-    """Where `now` differs from `before`, each as `place.key[3]: old → new`, in order."""
+    """All differences of `now` from `before`, each as `place.key[3]: old → new`, in order."""
     return list(_differences(before, now, place))
 
 

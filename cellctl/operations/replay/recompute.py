@@ -1,4 +1,4 @@
-"""The computing steps of a run, done again: files, rows, identities, date and seed come from the journal alone."""
+"""Repeats a run's computing steps: files, rows, identities, date and seed come from the journal alone."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from cellctl.records import ArtefactRow
 @final
 @dataclass(frozen=True)
 class Attempt:
-    """What came of an attempt at a computing step: its end, and the rows that it recorded, files among them.
+    """The result of an attempt at a computing step: its end, and the rows that it recorded, including files.
 
-    contents: name → content of the files, where they are known.
+    contents: name → content of the files, if known.
     """
 
     ended: StepEnded
@@ -67,7 +67,7 @@ class Attempt:
 @final
 @dataclass(frozen=True)
 class Recomputed:
-    """A step's attempt as the journal has it, and as it was computed now."""
+    """A step's attempt, recorded in the journal and computed now."""
 
     do: str
     recorded: Attempt
@@ -78,7 +78,7 @@ class Recomputed:
 def sources_of(started: RunStarted) -> Iterator[Sources]:
     """The run's source files, written from its first event into a temporary folder.
 
-    Raises InputError where the journal does not hold them all, or the procedure cannot be read.
+    Raises InputError if the journal lacks one of them, or the procedure cannot be read.
     """
     if started.robot is None:
         what = "was made by a version of cellctl that did not keep all source files in the journal"
@@ -103,7 +103,7 @@ def _written(source: SourceFile, folder: Path) -> Path:
 @final
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Procedure, cell and robot file as the run began with them, and an empty run folder."""
+    """Procedure, cell and robot file at the start of the run, and an empty run folder."""
 
     started: RunStarted
     procedure: Procedure
@@ -112,11 +112,11 @@ class Sources:
     run: Path
 
     def surround(self) -> Surround:
-        """What is the same for every step; there is no device."""
+        """The data that all steps share; without devices."""
         return Surround(WallClock(), self.started.seed, self.run, load_yaml(self.cell), self.robot, {})
 
     def with_original_paths(self, text: str) -> str:
-        """A message with the paths that the run's own files had."""
+        """A message with the paths of the run's own files."""
         assert self.started.robot is not None
         return text.replace(str(self.cell), self.started.cell.path).replace(str(self.robot), self.started.robot.path)
 
@@ -124,10 +124,10 @@ class Sources:
 async def recomputed(
     entries: Sequence[Entry], sources: Sources, registry: StepRegistry, tell: Callable[[str], None]
 ) -> list[Recomputed]:
-    """Every attempt at a computing step that was done or failed, done again in the journal's order.
+    """Every attempt at a computing step that was done or failed, repeated in the journal's order.
 
-    Each sees the rows that were there when it began, and the files that the replay has made so far. `tell` is called
-    with the name of each step before it begins. Raises InputError where a kind of step is not installed.
+    Each gets the rows that existed when it began, and the files that the replay has made so far. `tell` is called
+    with the name of each step before it begins. Raises InputError if a step kind is not installed.
     """
     state, found = RunState(), []
     for entry in entries:
@@ -153,7 +153,7 @@ def _computes(event: StepStarted, registry: StepRegistry) -> bool:
 
 
 def _recorded(started: StepStarted, entries: Sequence[Entry]) -> Attempt | None:
-    """What the journal has of this attempt; None where it was cut off, cancelled or timed out."""
+    """This attempt in the journal; None if it was interrupted, cancelled or timed out."""
     key = (started.step, started.attempt)
     events = [entry.event for entry in entries if isinstance(entry.event, StepEnded | Recorded)]
     mine = [event for event in events if (event.step, event.attempt) == key]
@@ -184,14 +184,14 @@ async def _again(
         step, scope = step_at(sources.procedure, event.step, state.parameters, state.finished)
         result = kind.dump_result(await kind(context, inputs_of(sources.procedure, step, kind, scope)))
         ended = StepEnded(event.step, event.attempt, Outcome.DONE, result)
-    except Exception as error:  # whatever it raises is what came of it, and is compared with what the run has
+    except Exception as error:  # any error is the attempt's result, and is compared with the run's
         failure = _as_recorded(StepFailure.of(error), recorded.ended.failure, sources)
         ended = StepEnded(event.step, event.attempt, Outcome.FAILED, None, failure)
     return Attempt(ended, tuple(rows), contents)
 
 
 def _as_recorded(failure: StepFailure, recorded: StepFailure | None, sources: Sources) -> StepFailure:
-    """The recorded failure where this one differs in nothing but the path of the run folder; else this one."""
+    """The recorded failure if this one differs only in the path of the run folder; else this one."""
     text = sources.with_original_paths(failure.text)
     pattern = ".*?".join(re.escape(piece) for piece in text.split(str(sources.run)))
     same = recorded and (recorded.error, recorded.cure) == (failure.error, failure.cure)

@@ -1,4 +1,4 @@
-"""A run replayed: its computing steps done again, and all that came of them compared with what the journal has."""
+"""Replays a run: repeats its computing steps and compares all results with the journal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cellctl.procedure import StepRegistry
 @final
 @dataclass(frozen=True, slots=True)
 class StepReplay:
-    """An attempt at a computing step. differences: where its result and rows are not as recorded; why: reasons."""
+    """An attempt at a computing step. differences: of its result and rows from the record; why: reasons."""
 
     step: str
     attempt: int
@@ -38,7 +38,7 @@ class StepReplay:
 @final
 @dataclass(frozen=True)
 class Replay:
-    """What a replay found. changed: what is not as it was in the run (versions, computer, code).
+    """The result of a replay. changed: differences from the run in versions, computer and code.
 
     contents: name → content of the files that the replay made, the latest of each name.
     """
@@ -51,7 +51,7 @@ class Replay:
 
     @property
     def equal(self) -> bool:
-        """Whether everything that was computed again is as recorded, and no file in the run folder was changed."""
+        """Whether all repeated results equal the record, and no file in the run folder was changed."""
         return all(step.equal for step in self.steps) and all(file.equal for file in self.artefacts)
 
 
@@ -59,8 +59,8 @@ def replay_run(run: Path, tell: Callable[[str], None] = lambda _: None, registry
     """Replay the run in folder `run` (or of that journal), also one that is not finished. Changes nothing there.
 
     It reads the journal alone; the files in the run folder are only compared. `tell`: called with the name of each step
-    before it is computed; registry: the kinds of steps, None: those installed. Raises JournalError where there is no
-    journal, InputError where it does not hold all sources.
+    before it is computed; registry: the kinds of steps, None: those installed. Raises JournalError without a
+    journal, InputError if it lacks sources.
     """
     entries = list(read_journal(run))
     state = fold(entries)
@@ -123,7 +123,7 @@ def _differences(recorded: dict[str, Any], now: dict[str, Any]) -> list[str]:
 
 
 def _changed(entries: Sequence[Entry]) -> list[str]:
-    """What is not as it was in the run, also after a resume: `numpy 2.3.1 → 2.4.6`."""
+    """The differences from the run's setting, also after a resume: `numpy 2.3.1 → 2.4.6`."""
     now = versions()
     made = [entry.event for entry in entries if isinstance(entry.event, RunStarted | RunResumed)]
     pairs = [

@@ -1,4 +1,4 @@
-"""A fit as one self-contained HTML page: residuals, parameters, what was not seen, what to measure next."""
+"""A fit as one self-contained HTML page: residuals, parameters, unobservable parameters, what to measure next."""
 
 from cellctl.report.fit.page import fit_page, write_fit_page
 from cellctl.report.fit.stored import identification_rows

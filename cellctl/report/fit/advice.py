@@ -1,4 +1,4 @@
-"""What to measure next: rows such as were measured, chosen for what they would tell."""
+"""What to measure next: rows like the measured ones, chosen by their information."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Section = dict[str, Any]
 
 ROWS = 8
 CANDIDATES = 512
-"""Of each kind of row."""
+"""Number of each kind of row."""
 
 _NARROWED = 0.98
-"""A parameter is named where its σ falls to this share or less."""
+"""A parameter is listed if its σ falls to this share or less."""
 
 _NAMED = 3
 
 
 def advice(story: FitStory, region: RegionSigma) -> Section | None:
-    """A table of rows, each with σ after it and what it narrows. None where nothing like the rows could be reached."""
+    """A table of rows, each with σ after it and the improved parameters. None if no such rows are in reach."""
     blocks = _candidates(story)
     if not blocks:
         return None
@@ -60,7 +60,7 @@ def advice(story: FitStory, region: RegionSigma) -> Section | None:
 
 
 def _candidates(story: FitStory) -> list[Measured]:
-    """Rows like those of the last session, with the scatter that the rows were found to have; none without any."""
+    """Rows like those of the last session, with the estimated scatter of its rows; none without such rows."""
     noise = story.result.identification.noise
     blocks = [block for block in story.task.rows.pick(story.used).noisier(noise).blocks if len(block)]
     last = max(block.session for block in blocks)
@@ -69,7 +69,7 @@ def _candidates(story: FitStory) -> list[Measured]:
 
 
 def _columns(blocks: list[Measured], story: FitStory) -> Floats:
-    """Jacobians (M, k, P) in standard deviations, those of fewer numbers filled up with zeros."""
+    """Jacobians (M, k, P) in standard deviations; shorter ones are padded with zeros."""
     each = [block.jacobian(story.found.state) / block.sigma[..., None] for block in blocks]
     most = max(columns.shape[1] for columns in each)
     return np.concatenate([np.pad(columns, ((0, 0), (0, most - columns.shape[1]), (0, 0))) for columns in each])
@@ -89,7 +89,7 @@ def _row(story: FitStory, row: Measured, advised: Advice, place: int) -> Section
 
 
 def _alike(sigma: float, advised: Advice) -> str:
-    """σ with as many decimals as show the least of them with three digits."""
+    """σ with enough decimals to show the smallest with three digits."""
     return fixed(float(sigma), decimals(float(advised.sigma_mm[-1]), 3))
 
 
@@ -99,7 +99,7 @@ def _what(story: FitStory, row: Measured) -> str:
 
 
 def narrows(parameters: tuple[Parameter, ...], narrowed: Floats) -> str:
-    """The parameters (P,) whose σ falls the most, with by how much: `θ4 by 31 %, tool Z by 12 %`."""
+    """The parameters (P,) with the largest reduction of σ, and its size: `θ4 by 31 %, tool Z by 12 %`."""
     order = np.argsort(narrowed, kind="stable")[:_NAMED]
     named = [
         f"{parameters[at].label} by {100.0 * (1.0 - narrowed[at]):.0f}\N{NO-BREAK SPACE}%"

@@ -1,4 +1,4 @@
-"""Residuals against each joint: a pattern there is an error of that joint which the model does not have."""
+"""Residuals against each joint: a pattern is an error of that joint that the model does not include."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cellctl.report.fit.residuals import Residuals
 from cellctl.report.fit.trends import bins_of, dots, draw_trend, thinned
 
 ABREAST = 7
-"""Joints side by side; more go in a further picture."""
+"""Number of joints side by side; further joints get another picture."""
 
 _DRAWN = 350
 _ENOUGH = 30
 _CHANCE = 1e-3
-"""A pattern that chance would make in one joint of a thousand or more is none."""
+"""A pattern counts below this p-value: one joint in a thousand by random scatter."""
 
 
 def joint_pictures(rows: Residuals, joints: Sequence[str]) -> list[str]:
-    """Residuals along each joint's way over its reading, before above after. Outliers are not drawn."""
+    """Residuals along each joint's motion over its reading, before above after. Outliers are not drawn."""
     groups = [range(start, min(start + ABREAST, len(joints))) for start in range(0, len(joints), ABREAST)]
     return [_picture(rows.pick(~rows.outlier), joints, group) for group in groups]
 
@@ -56,9 +56,9 @@ def _panel(axes: Axes, readings: Floats, values: Floats, held_out: Bools, colour
 
 
 def explained(rows: Residuals) -> list[tuple[int, float, float]]:
-    """Joints whose angle explains what is left along their way beyond chance, whatever the pattern.
+    """Joints whose angle significantly explains residuals along their motion, for any pattern.
 
-    For each: number from 0, share of the variance (what chance would make taken off), and RMS of the pattern, mm; the
+    For each: number from 0, share of the variance (less that of random scatter), and RMS of the pattern, mm; the
     largest share first. Outliers are not counted.
     """
     counted = ~rows.outlier
@@ -71,9 +71,9 @@ def explained(rows: Residuals) -> list[tuple[int, float, float]]:
 
 
 def _pattern(readings: Floats, values: Floats) -> tuple[float, float, float]:
-    """How much of the variance of `values` (N,) lies between bins of `readings` (N,): share, RMS, chance of so much.
+    """The variance of `values` (N,) between bins of `readings` (N,): share, RMS, p-value.
 
-    Analysis of variance; of the share between B bins, (B − 1) times the variance within them is chance's own.
+    Analysis of variance; random scatter adds (B − 1) times the variance within the B bins.
     """
     from scipy.stats import f
 

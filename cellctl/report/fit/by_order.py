@@ -16,11 +16,11 @@ from cellctl.report.fit.trends import dots, draw_trend, thinned
 _DRAWN = 500
 _ENOUGH = 20
 _CLEAR = 4.0
-"""A slope this many of its standard errors from 0 is one."""
+"""A slope counts from this many of its standard errors."""
 
 
 def order_picture(rows: Residuals, order: Floats, sessions: Sequence[str]) -> str:
-    """What is left, by coordinate, over the place (N,) of each row; sessions: names by number."""
+    """Residuals by coordinate over the place (N,) of each row; sessions: names by number."""
     series = series_of(rows)
 
     def draw(figure: Figure) -> None:
@@ -35,7 +35,7 @@ def order_picture(rows: Residuals, order: Floats, sessions: Sequence[str]) -> st
 
 
 def series_of(rows: Residuals) -> list[tuple[str, Floats]]:
-    """Label and values (N,) after, NaN where a row has none: X, Y, Z of points, distances, turns."""
+    """Label and values (N,) after, NaN if a row has none: X, Y, Z of points, distances, turns."""
     series, vectors = [], ~rows.distances
     if vectors.any():
         series += [
@@ -48,9 +48,9 @@ def series_of(rows: Residuals) -> list[tuple[str, Floats]]:
 
 
 def drifts(rows: Residuals, order: Floats) -> list[tuple[str, float, float]]:
-    """What drifts over the rows clearly beyond its scatter: label, change from first row to last, its standard error.
+    """Significant drifts over the rows: label, change from first row to last, its standard error.
 
-    Row by row within their sessions, each less its own mean: sets measured apart may differ for other reasons.
+    Over the rows within each session, less the session's mean: sessions may differ for other reasons.
     """
     counted, found = ~rows.outlier, []
     for label, values in series_of(rows):

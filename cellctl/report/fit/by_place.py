@@ -1,4 +1,4 @@
-"""Residuals where they were measured: three views of the volume for points, a map for each sphere that was touched."""
+"""Residuals by place: three views of the volume for points, a map for each touched sphere."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellctl.report.fit.residuals import Residuals
 
 SEQUENTIAL = matplotlib.colormaps["YlOrRd"].resampled(24)
 EACH = 160
-"""Up to so many rows each has its arrow; with more, neighbours share one."""
+"""Up to this number, each row has its own arrow; with more rows, neighbours share one."""
 
 _CELLS = 11
 _ROOM = 4.6
@@ -26,7 +26,7 @@ _VIEWS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))
 
 
 def place_picture(rows: Residuals, places: Floats, errors: Floats) -> str:
-    """Errors (N, 3), mm, at `places` (N, 3), mm, in three views: arrows in the plane, colours for their size in space.
+    """Errors (N, 3), mm, at `places` (N, 3), mm, in three views: arrows in the plane, colours for their 3-D size.
 
     With many rows, arrows are the means of cells and colours their root mean squares.
     """

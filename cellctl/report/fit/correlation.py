@@ -1,4 +1,4 @@
-"""Which parameters the rows hardly determine one by one: the correlation matrix, and its strongest pairs in words."""
+"""Parameters that the rows hardly determine separately: the correlation matrix, and its strongest pairs as text."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import MINUS
 
 STRONG = 0.9
-"""From this correlation on a pair is named."""
+"""Least correlation of a listed pair."""
 
 MOST = 50
-"""Parameters in the picture, those that are correlated most."""
+"""Maximum number of parameters in the picture, the most correlated ones."""
 
 _NAMED = 8
 _LEVELS = np.array([0.15, 0.3, 0.5, 0.7, 0.85, 0.95])
 
 
 def correlation(story: FitStory) -> tuple[list[str], Floats]:
-    """Symbols (F,) and correlation matrix (F, F) of the free parameters of the robot, its places among them.
+    """Symbols (F,) and correlation matrix (F, F) of the robot's free parameters, including its places.
     Coefficients of random functions are left out.
     """
     unknowns, covariance = story.found.unknowns, story.found.covariance
@@ -37,7 +37,7 @@ def correlation(story: FitStory) -> tuple[list[str], Floats]:
 
 
 def strongest(symbols: Sequence[str], matrix: Floats) -> list[str]:
-    """The pairs that are strongly correlated, in words, strongest first."""
+    """The strongly correlated pairs as text, strongest first."""
     first, second = np.triu_indices(len(symbols), 1)
     order = np.argsort(-np.abs(matrix[first, second]), kind="stable")
     pairs = [(first[at], second[at], float(matrix[first[at], second[at]])) for at in order]
@@ -45,7 +45,7 @@ def strongest(symbols: Sequence[str], matrix: Floats) -> list[str]:
 
 
 def count_strong(matrix: Floats) -> int:
-    """How many pairs are strongly correlated."""
+    """Number of strongly correlated pairs."""
     return int(np.count_nonzero(np.abs(matrix[np.triu_indices(len(matrix), 1)]) >= STRONG))
 
 
@@ -55,7 +55,7 @@ def _pair(first: str, second: str, value: float) -> str:
 
 
 def correlation_picture(symbols: Sequence[str], matrix: Floats) -> str:
-    """The lower triangle as squares; the darker, the more the two are correlated. Red: they grow together."""
+    """The lower triangle as squares; darker: stronger correlation. Red: positive."""
     if len(symbols) > MOST:
         worst = np.sort(np.argsort(-np.max(np.abs(matrix - np.eye(len(matrix))), axis=1), kind="stable")[:MOST])
         symbols, matrix = [symbols[index] for index in worst], matrix[np.ix_(worst, worst)]
@@ -77,7 +77,7 @@ def correlation_picture(symbols: Sequence[str], matrix: Floats) -> str:
 
 
 def _squares(axes: object, matrix: Floats, level: int, sign: float) -> None:
-    """All cells of one sign and level as one path: a picture of thousands of cells stays light."""
+    """All cells of one sign and level as one path: a picture of thousands of cells stays small."""
     low = _LEVELS[level]
     high = _LEVELS[level + 1] if level + 1 < len(_LEVELS) else np.inf
     rows, columns = np.nonzero(np.tril((sign * matrix >= low) & (sign * matrix < high), -1))

@@ -33,7 +33,7 @@ def head(story: FitStory) -> Section:
 
 
 def _judged(story: FitStory) -> str:
-    """How the held-out rows came to be."""
+    """How the held-out rows were chosen."""
     if not story.result.n_test:
         return "No row was held out."
     if len(story.held_out):
@@ -46,7 +46,7 @@ def _judged(story: FitStory) -> str:
 
 
 def setup(story: FitStory) -> list[tuple[str, str]]:
-    """Robot, rows by kind, sessions, what was freed: name and text."""
+    """Robot, rows by kind, sessions, free parameters: name and text."""
     result, task = story.result, story.task
     noise = float(result.identification.noise.max())
     pairs = [
@@ -73,7 +73,7 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
 
 
 def _scaled(story: FitStory) -> str:
-    """Which groups of parameters deviate more than was assumed, and by which factor."""
+    """The groups of parameters that deviate more than assumed, with the factor."""
     sizes = estimated(story.found.unknowns)  # of effects: their scale is estimated anyway
     factors = {
         name: by for name, by in story.result.identification.prior_scale.items() if name not in sizes and by > 1.0
@@ -90,7 +90,7 @@ def _counted(story: FitStory) -> list[str]:
 
 
 def ladder(story: FitStory) -> list[Section]:
-    """The models that were tried, one upon another; empty where there was nothing to choose."""
+    """The models that were tried, in order of extension; empty if there was no choice."""
     return [
         {
             "model": step.model,

@@ -1,4 +1,4 @@
-"""What is plainly missing in the rows, as advice: joints that hardly moved, one orientation, no length."""
+"""Obvious gaps in the rows, as advice: joints that hardly moved, one orientation, no length."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PER_POINT = 6
 
 
 def hints(story: FitStory) -> list[str]:
-    """Advice in sentences, most telling first; perhaps none."""
+    """Advice in sentences, most important first; may be empty."""
     return [
         *_length(story),
         *_still_joints(story),
@@ -37,7 +37,7 @@ def _still_joints(story: FitStory) -> Iterator[str]:
 
 
 def _orientation(story: FitStory) -> Iterator[str]:
-    """Of the tool, among all rows of the fit: the greatest turn from one to another."""
+    """The largest rotation of the tool between any two rows of the fit."""
     rows = story.task.rows.pick(story.used)
     blocks = [block for block in rows.blocks if len(block)]
     turns = [story.found.state.models[block.session].chain.forward(block.q)[:, :3, :3] for block in blocks]

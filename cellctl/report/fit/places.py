@@ -1,4 +1,4 @@
-"""Where things are: base and tool where an instrument had to tell it, spheres, sockets, planes, lengths' zeros."""
+"""Estimated places: base and tool if an instrument measured them, spheres, sockets, planes, zeros of lengths."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cellctl.report.numbers import fixed, significant
 Section = dict[str, Any]
 
 MANY = 24
-"""More points than this are folded away until somebody asks for them."""
+"""More points than this are folded until the reader opens them."""
 
 
 def points(story: FitStory) -> list[Section]:
-    """Each sphere or socket with its σ; those that no row of the fit visited say so."""
+    """Each sphere or socket with its σ; marks those without a row of the fit."""
     found = story.found
     sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.of_points], 0.0)).reshape(-1, 3)
     visits = _counts(story, "point", len(story.task.points))
@@ -36,7 +36,7 @@ def points(story: FitStory) -> list[Section]:
 
 
 def planes(story: FitStory) -> list[Section]:
-    """Each plane with its σ; those that no row of the fit touched say so."""
+    """Each plane with its σ; marks those without a row of the fit."""
     visits = _counts(story, "point", len(story.task.points))
     return [
         {
@@ -52,7 +52,7 @@ def planes(story: FitStory) -> list[Section]:
 
 
 def datums(story: FitStory) -> list[Section]:
-    """What each instrument of unknown zero shows at no length, with its σ; none where no row of the fit is of it."""
+    """The zero offset of each instrument of unknown zero, with its σ; none without a row of the fit."""
     found, rows = story.found, _counts(story, "datum", len(story.task.datums))
     sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.datums_at :], 0.0))
     return [
@@ -63,14 +63,14 @@ def datums(story: FitStory) -> list[Section]:
 
 
 def _counts(story: FitStory, column: str, count: int) -> Any:
-    """How many rows of the fit there are of each number (`count`,) of a column of their blocks."""
+    """Number of rows of the fit for each number (`count`,) in a column of their blocks."""
     blocks = story.task.rows.pick(story.used).blocks
     numbers = np.concatenate([np.zeros(0, int), *(getattr(block, column, np.zeros(0, int)) for block in blocks)])
     return np.bincount(numbers[numbers >= 0].astype(int), minlength=count)
 
 
 def placements(story: FitStory) -> list[Section]:
-    """Base and tool of each session, where they were found and not known: pose, σ of place and of turn."""
+    """Base and tool of each session, if estimated: pose, σ of position and of rotation."""
     found, anew = story.found, found_anew(story) & story.found.unknowns.free
     parameters = story.found.state.model.parameters
     rows, shown = [], set()
@@ -86,7 +86,7 @@ def placements(story: FitStory) -> list[Section]:
 
 
 def _placement(session: str, frame: str, pose: Floats, covariance: Floats) -> Section:
-    """Slides turned from the frame's own axes, along which they are parameters, to those of its place."""
+    """Translations rotated from the frame's own axes, along which they are parameters, to the axes of its place."""
     turn = pose[:3, :3]
     place = np.sqrt(np.maximum(np.diag(turn @ covariance[:3, :3] @ turn.T), 0.0))
     turned = float(np.rad2deg(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))))

@@ -14,7 +14,7 @@ from cellctl.kinematics import Floats
 from cellctl.report.fit.story import FitStory
 
 _AWAY_DEG = 60.0
-"""So far beyond the region of the fit a joint is looked at, within its limits."""
+"""Distance beyond the region of the fit that is evaluated for a joint, within its limits."""
 
 _STEPS, _SAMPLES = 25, 64
 
@@ -22,10 +22,10 @@ _STEPS, _SAMPLES = 25, 64
 @final
 @dataclass(frozen=True, eq=False)
 class RegionSigma:
-    """1 σ, 3-D, mm, of tool centre points predicted by a model with `root` rootᵀ the covariance of its parameters.
+    """1 σ, 3-D, mm, of TCPs predicted by a model whose parameters have the covariance `root` rootᵀ.
 
-    Of points among themselves: the rigid motion of all points of the region lower … upper (n,), rad, that is nearest to
-    each of the model's possible errors is taken off, inside the region and outside it.
+    Points among themselves: the rigid motion of all points of the region lower … upper (n,), rad, that is nearest to
+    each possible error of the model is subtracted, inside the region and outside it.
     """
 
     model: RobotModel
@@ -43,7 +43,7 @@ class RegionSigma:
 
     @cached_property
     def postures(self) -> Floats:
-        """Postures (N, n) all over the region."""
+        """Postures (N, n) spread over the region."""
         return spread_over(self.lower, self.upper)
 
     @cached_property
@@ -66,13 +66,13 @@ class RegionSigma:
 
 
 def _motions(points: Floats) -> Floats:
-    """How points (N, 3), mm, move with three slides and three turns (per metre): (N, 3, 6)."""
+    """Motion of points (N, 3), mm, with three translations and three rotations (per metre): (N, 3, 6)."""
     turns = np.stack([np.cross(axis, points / 1000.0) for axis in np.eye(3)], axis=-1)
     return np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), turns], axis=-1)
 
 
 def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:
-    """RMS and greatest σ over the region, mm: in the measuring `frame`, and of points `among` themselves."""
+    """RMS and maximum σ over the region, mm: in the measuring `frame`, and of points `among` themselves."""
     sigmas = {"frame": region.in_frame(region.postures), "among": region.among(region.postures)}
     rms = {name: float(np.sqrt(np.mean(sigma**2))) for name, sigma in sigmas.items()}
     return rms, {name: float(sigma.max()) for name, sigma in sigmas.items()}

@@ -1,4 +1,4 @@
-"""Every row by the nominal and by the identified robot: the numbers that the pictures of residuals draw."""
+"""Residuals of every row for the nominal and the identified robot, for the pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellctl.kinematics import Bools, Floats
 from cellctl.records import ResidualsRow
 
 _DIGITS = 9
-"""Significant digits that a number is stored with."""
+"""Significant digits of stored numbers."""
 
 
 @final
@@ -43,13 +43,13 @@ class Residuals:
 
     @classmethod
     def of_row(cls, row: ResidualsRow) -> Self:
-        """As a run stored them."""
+        """From the row that a run stored."""
         kinds = {"str": str, "int": int, "bool": bool}
         columns = {each.name: str(each.type).removeprefix("tuple[").partition(",")[0] for each in fields(row)}
         return cls(**{name: np.array(getattr(row, name), kinds.get(of, float)) for name, of in columns.items()})
 
     def stored(self) -> ResidualsRow:
-        """As a run stores them."""
+        """The row that a run stores."""
         return ResidualsRow(**{name: listed(value) for name, value in vars(self).items()})
 
     def pick(self, which: Any) -> Self:
@@ -61,12 +61,12 @@ class Residuals:
 
     @property
     def distances(self) -> Bools:
-        """Which rows (N,) measured nothing but a distance."""
+        """Which rows (N,) measured only a distance."""
         return np.asarray(np.isfinite(self.signed_after))
 
     @property
     def fitted(self) -> Bools:
-        """Which rows (N,) made the fit."""
+        """Which rows (N,) the fit used."""
         return np.asarray(~self.held_out & ~self.outlier)
 
     @property

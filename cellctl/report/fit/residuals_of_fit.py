@@ -1,4 +1,4 @@
-"""The residuals of a fit: every row that it used, left out, or was judged by."""
+"""The residuals of a fit: every row that was used, left out, or held out."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cellctl.report.fit.residuals import Residuals
 from cellctl.report.fit.story import FitStory
 
 LEAST_VARIANCE = 1e-6
-"""A row that decides alone about something has no residual to speak of; its share of σ² is taken as this at least."""
+"""Least share of σ² of a residual: a row that alone determines a parameter has almost no residual."""
 
 
 def residuals_of(story: FitStory) -> Residuals:
-    """All rows of a fit that it used, left out, or was judged by; in the order of the task's rows."""
+    """All rows of a fit that were used, left out, or held out; in the order of the task's rows."""
     identification = story.result.identification
     left_out, held_out = np.array(identification.outliers, int), story.held_out
     in_fit = np.sort(np.concatenate([story.used, left_out]))
@@ -51,7 +51,7 @@ def residuals_of(story: FitStory) -> Residuals:
 
 
 def _settles(story: FitStory, rows: RowBlocks) -> bool:
-    """Whether something about held-out `rows` is determined by these rows alone: their numbers were not predicted."""
+    """Whether a parameter of held-out `rows` is determined by these rows alone: then there is no prediction of them."""
     used = story.task.rows.pick(story.used)
     return bool(unseen_by(story.task, story.found.unknowns, used, rows).any())
 
@@ -59,8 +59,8 @@ def _settles(story: FitStory, rows: RowBlocks) -> bool:
 @final
 @dataclass(frozen=True, eq=False)
 class _Predicted:
-    """The predicted size of residuals: covariance (P, P) of the parameters; own: the part of it that the free ones
-    have without the variance that held ones add. judging: of rows that the fit did not use.
+    """The predicted size of residuals: covariance (P, P) of the parameters; own: the free parameters'
+    part of it, without the variance that held ones add. judging: for rows that the fit did not use.
     """
 
     covariance: Floats
@@ -69,7 +69,7 @@ class _Predicted:
 
     @classmethod
     def of(cls, found: Estimate, judging: bool, settles: bool) -> Self | None:
-        """Of a fit; None where the rows that judge it had to determine something themselves: nothing was predicted."""
+        """Of a fit; None if the held-out rows themselves determined a parameter: then there is no prediction."""
         if settles:
             return None
         covariance, free = found.covariance, found.unknowns.free
@@ -82,7 +82,7 @@ class _Predicted:
     def variance(self, columns: Floats, noise: Floats) -> Floats:
         """Of residuals (N, k) with Jacobian (N, k, P) and variances `noise` (N, k) of the measurement.
 
-        σ² + JCJᵀ, less twice what the model bent towards rows that it was made from: σ² − JCJᵀ where none is in doubt.
+        σ² + JCJᵀ, less twice the model's adaptation to the rows of its fit: σ² − JCJᵀ without extra variance.
         """
         unsure = np.sum((columns @ self.covariance) * columns, axis=-1)
         if self.judging:
@@ -92,7 +92,7 @@ class _Predicted:
 
 
 def _block(block: Measured, states: tuple[State, State], predicted: _Predicted | None) -> dict[str, Any]:
-    """The columns of one block of rows, whose σ are those found."""
+    """The columns of one block of rows with its estimated σ."""
     model = states[1].models[block.session]
     tips = model.tcp(block.postures)
     vectors = [_vectors(block, state) for state in states]
@@ -122,7 +122,7 @@ def _vectors(block: Measured, state: State) -> Floats:
 
 
 def _scaled(block: Measured, state: State, predicted: _Predicted | None) -> Floats:
-    """Residuals (N, 6) in their predicted standard deviations; NaN where a row has fewer, or nothing was predicted."""
+    """Residuals (N, 6) in their predicted standard deviations; NaN if a row has fewer, or without a prediction."""
     result = np.full((len(block), 6), np.nan)
     if predicted is not None:
         variance = predicted.variance(block.jacobian(state), block.sigma**2)

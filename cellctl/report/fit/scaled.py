@@ -11,7 +11,7 @@ from cellctl.report.drawing import ACCENT, HELD_OUT, INK, svg_of
 from cellctl.report.fit.residuals import Residuals
 
 _MANY = 500
-"""Numbers from which on the histogram has narrow bins."""
+"""Number of values from which the histogram has narrow bins."""
 
 
 def scaled_numbers(rows: Residuals) -> tuple[Floats, Floats]:
@@ -21,7 +21,7 @@ def scaled_numbers(rows: Residuals) -> tuple[Floats, Floats]:
 
 
 def scaled_picture(rows: Residuals) -> str:
-    """Histogram of the scaled numbers against the normal curve; found against predicted shares."""
+    """Histogram of the scaled numbers against the normal curve; observed against predicted shares."""
     fit, held_out = scaled_numbers(rows)
 
     def draw(figure: Figure) -> None:

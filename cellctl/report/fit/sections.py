@@ -1,4 +1,4 @@
-"""The sections about an identification, drawn from the rows that a run stores of it."""
+"""The sections about an identification, from the rows that a run stores of it."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from cellctl.report.numbers import fixed, percent, significant, with_sigma
 Section = dict[str, Any]
 
 SPHERES = 12
-"""More spheres than this are not drawn one by one, but as places."""
+"""More spheres than this are drawn as places, not one by one."""
 
 _NAMED = 3
 _LONG = 90
-"""Letters of a combination from which on it is folded away."""
+"""Number of letters from which a combination is folded."""
 
 
 def identification_sections(residuals: ResidualsRow, found: IdentificationRow) -> Section:
-    """What the template `identification.html` shows."""
+    """The data for the template `identification.html`."""
     rows = Residuals.of_row(residuals)
     return {
         "head": found.head,
@@ -58,7 +58,7 @@ def distribution(found: IdentificationRow) -> Section:
 
 
 def by_joint(rows: Residuals, found: IdentificationRow) -> Section:
-    """Against each joint, and which joints still explain something."""
+    """Residuals against each joint, and the joints with a remaining pattern."""
     words = [
         f"{found.joints[joint]} ({fixed(size)} mm RMS, {percent(share)} of the variance along its way)"
         for joint, share, size in explained(rows)[:_NAMED]
@@ -67,7 +67,7 @@ def by_joint(rows: Residuals, found: IdentificationRow) -> Section:
 
 
 def by_place(rows: Residuals, found: IdentificationRow) -> Section:
-    """Where in space: maps of spheres for distances, views of the volume for points."""
+    """Residuals by place: maps of spheres for distances, views of the volume for points."""
     touches = rows.pick(rows.on_sphere)
     mapped = bool(len(touches)) and len(np.unique(touches.point)) <= SPHERES
     others = rows.pick(~rows.on_sphere) if mapped else rows
@@ -91,13 +91,13 @@ def _placed(rows: Residuals, found: IdentificationRow) -> tuple[Floats, Floats]:
 
 
 def _on_spheres(rows: Residuals) -> SphereErrors:
-    """Touches as the maps of spheres take them, without those that were left out of the fit."""
+    """Touches for the maps of spheres, without those left out of the fit."""
     rows = rows.pick(~rows.outlier)
     return SphereErrors(rows.point.tolist(), rows.held_out, rows.normal, rows.signed_before, rows.signed_after)
 
 
 def by_order(rows: Residuals, found: IdentificationRow) -> Section:
-    """Over the data set from first to last line, and what drifts."""
+    """Residuals from the first to the last line of the data set, and drifts."""
     order = (rows.line if len(np.unique(rows.line)) == len(rows) else rows.row).astype(float)
     words = [f"{label}: {with_sigma(change, error)} mm" for label, change, error in drifts(rows, order)]
     return {"picture": order_picture(rows, order, found.sessions), "drifts": words}
@@ -129,7 +129,7 @@ def correlation(found: IdentificationRow) -> Section | None:
 
 
 def unobservable(found: IdentificationRow) -> list[tuple[Any, list[str], list[str]]]:
-    """Why some combinations cannot be observed, and which: those of few words, those of many."""
+    """Unobservable combinations and the reasons: the short ones, the long ones."""
     split = [(each, each["phrases"]) for each in found.unobservable]
     return [
         (reason, [each for each in phrases if len(each) <= _LONG], [each for each in phrases if len(each) > _LONG])

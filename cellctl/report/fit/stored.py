@@ -1,4 +1,4 @@
-"""A fit as the two rows that a run stores of it; its page and the run's page are drawn from these."""
+"""A fit as the two rows that a run stores of it, from which its page and the run's page are drawn."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEFT_OUT = (("outliers", "left out"), ("rejected", "not usable"), ("test_outlie
 
 
 def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRow]:
-    """What a run stores of a fit."""
+    """The data of a fit that a run stores."""
     rows, region = residuals_of(story), RegionSigma.of(story)
     result = story.result
     before, after = _errors(story, rows)
@@ -57,7 +57,7 @@ def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRo
 
 
 def _errors(story: FitStory, rows: Residuals) -> tuple[Any, Any]:
-    """Errors before and after, mm: of the held-out rows, or, where there are none, of the fit's."""
+    """Errors before and after, mm: of the held-out rows, or, without such rows, of the fit's."""
     result = story.result
     if result.n_test:
         return (result.nominal_errors if result.prior_errors is None else result.prior_errors), result.test_errors
@@ -66,7 +66,7 @@ def _errors(story: FitStory, rows: Residuals) -> tuple[Any, Any]:
 
 
 def parameters(story: FitStory) -> Section:
-    """The table, group by group; places of base, tool and points; what was held."""
+    """The table, group by group; places of base, tool and points; held parameters."""
     shown = groups(story)
     return {
         "groups": [

@@ -1,4 +1,4 @@
-"""What a fit report is made from."""
+"""The input of a fit report."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cellctl.report.conditions import conditions_of
 @final
 @dataclass(frozen=True, eq=False)
 class FitStory:
-    """A fit, with what it was made from.
+    """A fit, with its input.
 
-    robot: the nominal robot's file. task: what was to be identified, with all rows. readings (N, n): controller
-    readings of the task's rows, deg. lines (N,): where each stood in its file. said: the figures with the sentence,
-    and outliers and rejected rows by line, as `cellctl.formats.fit_report` words them. sources: what was read, by name.
+    robot: the nominal robot's file. task: of the identification, with all rows. readings (N, n): controller
+    readings of the task's rows, deg. lines (N,): of each row in its file. said: the figures with the sentence,
+    and outliers and rejected rows by line, as `cellctl.formats.fit_report` words them. sources: input files, by name.
     numbers: line → number of the touch. conditions: instrument, operator and the like, name and text.
     """
 
@@ -46,7 +46,7 @@ class FitStory:
         said: Mapping[str, Any],
         sources: Mapping[str, str] | None = None,
     ) -> Self:
-        """Of the rows that `cellctl.formats.measurements` made of a data set."""
+        """From the rows that `cellctl.formats.measurements` made from a data set."""
         data = measured.data
         return cls(
             robot=measured.robot,
@@ -68,12 +68,12 @@ class FitStory:
 
     @cached_property
     def used(self) -> Any:
-        """Indices of the rows that made the fit."""
+        """Indices of the rows of the fit."""
         return np.array(self.result.identification.used, int)
 
     @cached_property
     def held_out(self) -> Any:
-        """Indices of the rows that judged the fit and were not in it. None where each row judged a fit of others."""
+        """Indices of the held-out rows. None if each row was held out once (cross-validation)."""
         judging = np.concatenate([np.zeros(0, int), *(np.asarray(test, int) for _, test in self.split.judged)])
         return np.setdiff1d(judging, np.asarray(self.split.fit, int))
 
@@ -90,5 +90,5 @@ class FitStory:
 
     @property
     def sessions(self) -> list[str]:
-        """The sessions' names; those without one by number."""
+        """The sessions' names, or numbers if they have none."""
         return [session.name or f"session {number}" for number, session in enumerate(self.task.sessions, 1)]

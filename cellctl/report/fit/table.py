@@ -14,7 +14,7 @@ from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import DASH, MINUS, fixed, significant, with_sigma
 
 LONG = 20
-"""A group of more parameters than this is folded away until somebody asks for it."""
+"""A group of more parameters than this is folded until the reader opens it."""
 
 _FRAME = "xyzabc"
 _TITLES = {
@@ -30,8 +30,8 @@ _TITLES = {
 class Line:
     """One parameter, as texts. in_assumed_sigmas, in_sigmas: its deviation in its σ before, and after, the rows.
 
-    share: 1 − σ²/assumed σ², how much of what is known about it comes from the rows; the assumed σ there as scaled,
-    where the data show that it is too small. wide: its deviation is above three assumed σ.
+    share: 1 − σ²/assumed σ², the part of the knowledge of it that comes from the rows; the assumed σ is scaled
+    if the data show that it is too small. wide: its deviation is above three assumed σ.
     """
 
     label: str
@@ -46,7 +46,7 @@ class Line:
 
     @property
     def decided_by(self) -> str:
-        """What determined it: the `data`, the assumed `σ`, or `both`."""
+        """Its source: the `data`, the assumed `σ`, or `both`."""
         return "data" if self.share > 0.9 else "both" if self.share > 0.1 else "σ"
 
 
@@ -60,12 +60,12 @@ class Group:
 
     @property
     def folded(self) -> bool:
-        """Whether there are too many to show unasked."""
+        """Whether there are too many to show unfolded."""
         return len(self.lines) > LONG
 
 
 def known_before(story: FitStory) -> Floats:
-    """Assumed 1 σ of each parameter (P,) before the rows, scaled where the data show that it is too small."""
+    """Assumed 1 σ of each parameter (P,) before the rows, scaled if the data show that it is too small."""
     return _sigma(story.found.unknowns)
 
 
@@ -74,14 +74,14 @@ def _sigma(unknowns: Unknowns) -> Floats:
 
 
 def found_anew(story: FitStory) -> Bools:
-    """Which parameters (P,) nobody knew anything of before: points, and base and tool in an instrument's frame."""
+    """Which parameters (P,) have no prior: points, and base and tool in an instrument's frame."""
     unknowns, tolerances = story.found.unknowns, story.task.tolerances
     place = unknowns.among(frozenset({"base", "tool", "points", "datums"}))
     return np.asarray(place & (known_before(story) >= min(tolerances.flat_rad, tolerances.flat_mm)))
 
 
 def groups(story: FitStory) -> list[Group]:
-    """The free parameters of the robot in its first session, by kind, without what had no assumed σ (`places`)
+    """The free parameters of the robot in its first session, by kind, without those without assumed σ (`places`)
     and without the coefficients of random functions (`coefficients`).
     """
     unknowns = story.found.unknowns
@@ -100,7 +100,7 @@ def groups(story: FitStory) -> list[Group]:
 
 
 def coefficients(story: FitStory) -> dict[str, int]:
-    """How many coefficients each random function has."""
+    """Number of coefficients of each random function."""
     groups = story.found.unknowns.groups
     return {group: groups.count(group) for group in sorted(functions() & set(groups))}
 
@@ -134,7 +134,7 @@ def _line(story: FitStory, index: int) -> Line:
 
 
 def _before(story: FitStory, parameter: Parameter) -> float:
-    """What the prior model already had of this parameter, in its own unit."""
+    """The deviation of this parameter in the prior model, in its own unit."""
     return story.task.model.amount(parameter.name) or 0.0
 
 
@@ -143,7 +143,7 @@ def _times(change: float, sigma: float) -> str:
 
 
 def table_value(robot: RobotFile, parameter: Parameter) -> float:
-    """What the robot file says of a parameter, mm or degrees; 0 for what it does not hold (an effect, an axis)."""
+    """The value of a parameter in the robot file, mm or degrees; 0 if the file has none (an effect, an axis)."""
     if parameter.group in ("base", "tool"):
         place = robot.tool if parameter.group == "tool" else robot.base
         return (*place.xyz, *place.abc)[_FRAME.index(parameter.axis)]

@@ -1,4 +1,4 @@
-"""What many points have in common: means of bins with their standard errors, and fewer points to draw."""
+"""Trends of many points: means of bins with their standard errors, and fewer points to draw."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def bins_of(x: Floats) -> Any:
 
 
 def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-    """Means of x and y (N,) in bins, and the standard error of y's: (B,) each; NaN where a bin has too few rows."""
+    """Means of x and y (N,) in bins, and the standard error of y's: (B,) each; NaN if a bin has too few rows."""
     if len(x) < 2 * _EACH:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     own = bins_of(x)
@@ -41,7 +41,7 @@ def draw_trend(axes: Axes, x: Floats, y: Floats, colour: str = INK) -> None:
 
 
 def dots(count: int) -> dict[str, Any]:
-    """How `count` points are drawn: the fewer, the larger."""
+    """Style for `count` points: fewer points are drawn larger."""
     return {"markersize": 3.0 if count < 150 else 2.2 if count < 500 else 1.6, "alpha": 0.75, "markeredgewidth": 0}
 
 

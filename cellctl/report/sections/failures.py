@@ -1,4 +1,4 @@
-"""The steps that failed, were cut off, or needed more than one attempt."""
+"""The steps that failed, were interrupted, or needed more than one attempt."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cellctl.report.section import ReportSection
 
 
 def build(run: Run) -> Mapping[str, Any] | None:
-    """In words; what the run's own reason says already is not repeated."""
+    """As text; the run's own reason is not repeated."""
     steps = run.state.steps.values()
     failed = [(step.step, step.failure.text) for step in steps if step.failure is not None]
     texts = [f"{step}: {text}" if text not in run.reason else f"It happened in {step}." for step, text in failed]

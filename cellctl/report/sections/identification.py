@@ -1,4 +1,4 @@
-"""The identified model, as the page of a fit shows it: from the rows that the identification stored."""
+"""The identified model, as on the page of a fit, from the rows that the identification stored."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellctl.report.sigmas import IDENTIFICATION
 
 
 def build(run: Run) -> Mapping[str, Any] | None:
-    """The sections of a fit; a note where an older run identified a model and stored no residuals."""
+    """The sections of a fit; a note if an older run identified a model but stored no residuals."""
     residuals, found = run.state.last(ResidualsRow), run.state.last(IdentificationRow)
     if residuals is not None and found is not None:
         return {"stored": True, **identification_sections(residuals, found)}

@@ -1,4 +1,4 @@
-"""Where the figures come from: files and hashes, devices, versions, who, and when."""
+"""Provenance of the figures: files and hashes, devices, versions, operator, and time."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _TEMPLATE = """\
 
 
 def build(run: Run) -> Mapping[str, Any]:
-    """All of it, as pairs of name and text."""
+    """The provenance as pairs of name and text."""
     return {
         "run": _run(run),
         "files": _files(run),
@@ -78,7 +78,7 @@ def _run(run: Run) -> list[tuple[str, str]]:
 
 
 def _files(run: Run) -> list[tuple[str, str, str]]:
-    """What, where, SHA-256."""
+    """Kind, path, SHA-256."""
     started = run.state.started
     files = []
     if started is not None:
@@ -96,7 +96,7 @@ def _device(name: str, who: Any) -> dict[str, Any]:
 
 
 def _parameters(run: Run) -> list[tuple[str, str, str]]:
-    """Name, value with its unit, and what it means, as the procedure file says."""
+    """Name, value with its unit, and meaning, from the procedure file."""
     if run.state.started is None:
         return []
     source = run.state.started.procedure

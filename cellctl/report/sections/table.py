@@ -1,4 +1,4 @@
-"""The compensation table: what the journal says became of it, and what its file predicts."""
+"""The compensation table: its state in the journal, and the predictions in its file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SMALLEST_MM = 1e-4
 
 
 def build(run: Run) -> Mapping[str, Any] | None:
-    """None where no table was made or pushed."""
+    """None if no table was made or pushed."""
     pushed, content = PushedTable.of(run.state), run.table or {}
     if pushed is None and run.table is None:
         return None
@@ -44,7 +44,7 @@ def build(run: Run) -> Mapping[str, Any] | None:
 
 
 def _predicted(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Name, mean and greatest of each column of predictions that every row has."""
+    """Name, mean and maximum of each column of predictions that every row has."""
     columns = {words: [row.get(name) for row in rows] for name, words in _COLUMNS.items()}
     full = {words: [float(v) for v in values if isinstance(v, int | float)] for words, values in columns.items()}
     return [

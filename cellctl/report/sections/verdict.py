@@ -1,4 +1,4 @@
-"""What was run, how it ended, its verdict, and under which conditions it measured."""
+"""The run, its outcome, its verdict, and its measuring conditions."""
 
 from __future__ import annotations
 
