@@ -29,7 +29,8 @@ class Thickness:
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
     """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: the end of the shaft, where the wire
-    begins."""
+    begins.
+    """
 
     elbow: Array
     wrist: Array
