@@ -79,7 +79,7 @@ class Frame(BaseModel):
 
 @final
 class Tool(BaseModel):
-    """The TCP in the flange frame, mm and degrees; mass in kg, 0 where it is not known."""
+    """The tool centre point in the flange frame, mm and degrees; mass in kg, 0 where it is not known."""
 
     model_config = _STRICT
     xyz: Triple = [0.0, 0.0, 0.0]

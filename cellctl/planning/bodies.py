@@ -28,7 +28,7 @@ class Thickness:
 @final
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: the end of the shaft, where the wire
+    """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: the shaft's end, where the wire
     begins.
     """
 

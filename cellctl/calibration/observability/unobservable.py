@@ -32,7 +32,7 @@ SHOWN = 3.0
 
 UNTOLD = "these rows cannot tell these apart, others would"
 ANYWHERE = "no measurement of these kinds can tell these apart, or depends on them"
-"""Where the robot stands, how the tool is bolted to the last link."""
+"""Reason for base placement, and for the mounting of the tool on the last link."""
 
 
 @final
