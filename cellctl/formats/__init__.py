@@ -1,4 +1,6 @@
-"""Files ↔ what the pure rooms work on: robots, artefacts, data sets, models, tables. NumPy loads when it is needed."""
+"""Conversion between files and the pure packages: robots, artefacts, data sets, models, tables. NumPy loads on
+demand.
+"""
 
 from cellctl.formats.artefact import Artefact, artefact_of, load_artefact
 from cellctl.formats.dataset import DataSet, Rejected

@@ -1,4 +1,4 @@
-"""Artefacts: the spheres and planes that a robot touches, how large, roughly where, and what is certified of them."""
+"""Artefacts: the spheres and planes that a robot touches: sizes, rough places, certified distances."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 @final
 class Sphere(BaseModel):
-    """A calibration sphere; diameter in mm, centre roughly, mm, in the robot's base frame."""
+    """A calibration sphere; diameter in mm, rough centre, mm, in the robot's base frame."""
 
     model_config = _STRICT
     id: Name
@@ -30,7 +30,7 @@ class Sphere(BaseModel):
 
 @final
 class Socket(BaseModel):
-    """A socket that holds the tool's ball or tip; centre roughly, mm, in the robot's base frame, where it is known."""
+    """A socket that holds the tool's ball or tip; rough centre, mm, in the robot's base frame, where it is known."""
 
     model_config = _STRICT
     id: Name
@@ -39,7 +39,7 @@ class Socket(BaseModel):
 
 @final
 class Plane(BaseModel):
-    """A plane that is touched by a tip; where it is, the rows find. The robot is on its side."""
+    """A plane that is touched by a tip; the fit finds its place. The robot is on its side."""
 
     model_config = _STRICT
     id: Name
@@ -57,7 +57,7 @@ class Distance(BaseModel):
 
 @final
 class Plate(BaseModel):
-    """The horizontal plate that the spheres stand on, by stems straight down: its height in the base frame, mm."""
+    """The horizontal plate that carries the spheres on vertical stems: its height in the base frame, mm."""
 
     model_config = _STRICT
     z: Annotated[float, Field(allow_inf_nan=False)]
@@ -66,7 +66,9 @@ class Plate(BaseModel):
 
 @final
 class Artefact(BaseModel):
-    """Spheres, planes, sockets, certified distances; tip_radius of what touches, mm; the plate, where known."""
+    """Spheres, planes, sockets, certified distances; tip_radius of the touching ball or wire, mm; the plate, where
+    known.
+    """
 
     model_config = _STRICT
     tip_radius: Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)] = 0.0
@@ -86,7 +88,7 @@ class Artefact(BaseModel):
         return next((sphere for sphere in self.spheres if sphere.id == name), None)
 
     def place(self, name: str) -> list[float] | None:
-        """Roughly where the sphere or socket called `name` is, mm; None where nobody says."""
+        """Rough place of the sphere or socket called `name`, mm; None where it is not stated."""
         return next((point.centre for point in self.points if point.id == name), None)
 
 
@@ -160,7 +162,9 @@ def _distances(document: Document, artefact: Artefact, at: Place) -> list[Proble
 
 
 def _far_from_rough(document: Document, artefact: Artefact, distance: Distance, place: Place) -> list[Problem]:
-    """A certified distance that the rough places deny (metres, a typing error) would bend the whole robot."""
+    """Certified distances that contradict the rough places (metres, a typing error): one would distort the whole
+    fit.
+    """
     first, second = (artefact.place(name) for name in distance.between)
     if first is None or second is None:
         return []

@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from cellctl.kinematics import Bools, Floats
 
 BEYOND_LIMITS_DEG = 5.0
-"""A joint reading further than this outside the robot file's limits is no reading of this robot."""
+"""A joint reading further than this outside the robot file's limits cannot be this robot's."""
 
 BEYOND = 5e5
-"""No number of a data set is larger: 500 m, where all lengths are mm. What is larger would drown all other rows."""
+"""No number of a data set is larger: 500 m, where all lengths are mm. A larger one would dominate all other rows."""
 
 MOST_RADIANS = 6.6
-"""Readings beyond this, in most rows, are hardly radians: more than a turn."""
+"""Readings beyond this, in most rows, are probably not radians: more than a turn."""
 
 
 @final
 class Sieve:
-    """The rows of a data set that are still usable; each that is not keeps the first reason found."""
+    """The rows of a data set that are still usable; each rejected one keeps its first reason."""
 
     def __init__(self, data: DataSet) -> None:
         self.data = data
@@ -36,10 +36,10 @@ class Sieve:
         self._reasons.setdefault(row, reason)
 
     def numbers(self, name: str, *, missing: float | None = None, rows: Collection[int] | None = None) -> list[float]:
-        """A column's numbers (N,); rejected are rows with none (unless `missing` stands for it), text, NaN, infinity or
-        a number beyond all measure.
+        """A column's numbers (N,); rejected are rows with none (unless `missing` replaces it), text, NaN, infinity or a
+        number that is too large.
 
-        rows: the only ones to be looked at; NaN for the others.
+        rows: only these are read; NaN for the others.
         """
         return [
             self._number(row, name, cell, missing) if rows is None or row in rows else math.nan
@@ -99,7 +99,7 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
 
 
 def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
-    """Which readings (N, n) this robot cannot have; NaN: none of them."""
+    """Which readings (N, n) this robot cannot have; NaN counts as possible."""
     import numpy as np
 
     limits = robot.limits()
@@ -107,7 +107,9 @@ def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
 
 
 def _refuse_degrees(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequence[str]) -> None:
-    """Raise InputError where most rows (N, n) are no radians of this robot, and nearly all of these its degrees."""
+    """Raise InputError where most rows (N, n) cannot be this robot's radians, and nearly all of these can be its
+    degrees.
+    """
     import numpy as np
 
     read = np.isfinite(given).all(axis=1)

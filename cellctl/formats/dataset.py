@@ -1,4 +1,4 @@
-"""Data sets: CSV with a header; the name of a column says what it is. Cells of a file stay text until they are used."""
+"""Data sets: CSV with a header; a column's name defines its meaning. Cells of a file stay text until they are used."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Rejected:
 @final
 @dataclass(frozen=True)
 class DataSet:
-    """A data set. cells: of each usable row, in the order of `columns`: text as read from a file, or numbers as made in
-    memory; lines: where each row is in the file.
+    """A data set. cells: of each usable row, in the order of `columns`: text from a file, or numbers made in memory;
+    lines: each row's line in the file.
     """
 
     file: str
@@ -87,7 +87,7 @@ class DataSet:
         return len(self.cells)
 
     def has(self, *names: str) -> bool:
-        """Whether every one of these columns is there."""
+        """Whether all of these columns exist."""
         return all(name in self._index for name in names)
 
     def texts(self, name: str) -> list[str]:
@@ -127,7 +127,7 @@ def _text(value: Cell) -> str:
 
 
 def _not_csv(file: str, text: str, line: int, error: csv.Error) -> Problem:
-    """The error of the parser, at `line` or where a quote is opened that nothing closes."""
+    """The error of the parser, at `line` or at a quote that is not closed."""
     match str(error):
         case "unexpected end of data":
             odd = [number for number, each in enumerate(text.splitlines(), 1) if each.count('"') % 2]
@@ -151,7 +151,7 @@ def _csv(rows: Iterable[Iterable[str]]) -> str:
 
 
 def _read(reader: Any, file: str) -> tuple[tuple[str, ...], list[tuple[str, ...]], list[int], list[Rejected]]:
-    """Header, rows, the line of each, and rows of another width. Rows without a filled cell are none."""
+    """Header, rows, the line of each, and rows of another width. Empty rows are skipped."""
     whole = tuple(name.strip() for name in next(reader, []))
     header = whole[: named(whole)]
     _check_header(header, file, reader.line_num)

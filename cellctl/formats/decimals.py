@@ -1,4 +1,4 @@
-"""Numbers as people write them: `1234.5`, `1234,5`, `1.234,5`, `1'234.5`, `1 234,5`; `1,234` alone is open."""
+"""Numbers as people write them: `1234.5`, `1234,5`, `1.234,5`, `1'234.5`, `1 234,5`; `1,234` alone is ambiguous."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _GRAMMARS: dict[DecimalSign, re.Pattern[str]] = {"point": _grammar(r"\.", ","), 
 
 
 def number(text: str, sign: DecimalSign) -> Decimal | None:
-    """The number that `text` is with this decimal sign, exactly; None where it is none. Thousands may be grouped."""
+    """The exact number of `text` with this decimal sign; None where it is not a number. Thousands may be grouped."""
     found = _GRAMMARS[sign].fullmatch(text.translate(_MINUS))
     if found is None:
         return None
@@ -46,10 +46,10 @@ def is_number(text: str, *, spaced: bool = True) -> bool:
 
 
 def decimal_sign(file: str, cells: Iterable[Cell], given: DecimalSign | None) -> tuple[DecimalSign, str]:
-    """The decimal sign of a table and, in words, how that is known (empty where no number needs one).
+    """The decimal sign of a table and, in words, the reason (empty where no number needs one).
 
-    Numbers that can be read in one way only decide. Where they contradict each other, or all that carry a sign could
-    be read in both ways (`1,234`), `given` decides; without it InputError names the lines and the cure.
+    Numbers that can be read in only one way decide. Where they contradict each other, or all with a sign are ambiguous
+    (`1,234`), `given` decides; without it InputError names the lines and the cure.
     """
     clear: dict[DecimalSign, Cell] = {}
     open_: dict[DecimalSign, Cell] = {}

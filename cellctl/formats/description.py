@@ -1,4 +1,4 @@
-"""A robot as any of its forms says it: what robot files, URDF, DH tables and models have in common."""
+"""A robot in any of its forms: the common content of robot files, URDF, DH tables and models."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 LEVEL = 1e-9
-"""A frame that leans less than this stands upright, rad: what rounding makes of it."""
+"""A frame tilted by less than this is upright, rad: rounding."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class JointSaid:
-    """One joint: model angle = sign · reading + offset; limits of the reading. deg, deg/s; None: nobody says."""
+    """One joint: model angle = sign · reading + offset; limits of the reading. deg, deg/s; None: not stated."""
 
     sign: int = 1
     offset: float = 0.0
@@ -32,10 +32,10 @@ class JointSaid:
 @final
 @dataclass(frozen=True, eq=False)
 class RobotDescription:
-    """A robot: its chain without deviations, its joints, and what else its file said.
+    """A robot: its chain without deviations, its joints, and the other content of its file.
 
-    repeatability: 1 σ, 3-D, mm; None where the form has no place for it. mounting: how the frame that the chain's base
-    is given in stands; a form that does not say it has z up.
+    repeatability: 1 σ, 3-D, mm; None where the form has no place for it. mounting: orientation in the world of the
+    frame in which the chain's base is given; z is up in forms that do not state it.
     """
 
     name: str
@@ -63,7 +63,7 @@ class RobotDescription:
 
 
 def _mounting(robot: RobotFile, chain: SerialChain | None) -> Mounting:
-    """How the measuring frame of `chain` stands, where that is not the one that the file's base is given in."""
+    """Mounting of the measuring frame of `chain`, if that is not the frame in which the file's base is given."""
     if chain is None or (chain.base_now[:3, :3] == robot.chain().base[:3, :3]).all():
         return robot.mounting
     down = (chain.base_now[:3, :3] @ robot.down()).tolist()

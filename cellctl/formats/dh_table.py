@@ -1,4 +1,4 @@
-"""DH tables as CSV: a row for each joint, mm and degrees; rows `base` and `tool` where these are not nothing."""
+"""DH tables as CSV: a row for each joint, mm and degrees; rows `base` and `tool` where these are not zero."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _JOINT = ("sign", "offset", "min", "max", "max_speed")
 def load_dh_table(path: Path, convention: str | None = None) -> RobotDescription:
     """The robot of a table with columns theta, d, a, alpha.
 
-    Where they are there: beta, sign, offset, min, max, max_speed; convention (else `convention` holds); joint: 1 … n,
-    base, tool; X, Y, Z, A, B, C of the rows base and tool. A row without beta whose axes are parallel gets β = 0 beside
-    its d. Raises InputError with every cell that is wrong, by line.
+    Optional: beta, sign, offset, min, max, max_speed; convention (else `convention` holds); joint: 1 … n, base, tool;
+    X, Y, Z, A, B, C of the rows base and tool. A row without beta whose axes are parallel gets β = 0 besides its d.
+    Raises InputError with every cell that is wrong, by line.
     """
     table = _Table(DataSet.load(path))
     said = table.convention(convention)
@@ -97,7 +97,7 @@ def _degrees(radians: float) -> float:
 
 @final
 class _Table:
-    """A table's cells as numbers; what is wrong is collected."""
+    """A table's cells as numbers; errors are collected."""
 
     def __init__(self, data: DataSet) -> None:
         self.data = data
@@ -112,7 +112,7 @@ class _Table:
             raise InputError(self.problems)
 
     def convention(self, asked: str | None) -> TableConvention:
-        """The convention that every row says, or `asked` where none does."""
+        """The convention that every row states, or `asked` where none does."""
         said = {text for text in self.data.texts("convention") if text} or {asked or ""}
         match [*said]:
             case ["mdh-hayati" | "dh-craig" as one] if asked in (None, one):
@@ -128,7 +128,7 @@ class _Table:
         raise InputError(Problem(self.data.file, 1, 0, what, cure))
 
     def joints(self) -> list[int]:
-        """The rows of the joints, which count from 1 where they are numbered."""
+        """The rows of the joints, numbered from 1 if they have numbers."""
         names = self.data.texts("joint")
         rows = [row for row, name in enumerate(names) if name not in ("base", "tool")]
         for number, row in enumerate(rows, 1):
@@ -152,14 +152,14 @@ class _Table:
         return Link(math.radians(theta), d, a, math.radians(alpha), None if beta is None else math.radians(beta))
 
     def joint(self, row: int) -> JointSaid:
-        """The joint of a row: what its table does not say is None, or reading = model angle."""
+        """The joint of a row: values missing from the table are None, or reading = model angle."""
         sign, offset, least, most, speed = (self._number(row, name, needed=False) for name in _JOINT)
         if sign not in (None, 1.0, -1.0):
             self._note(row, f"sign {sign:g} is neither 1 nor -1")
         return JointSaid(-1 if sign == -1.0 else 1, offset or 0.0, least, most, speed)
 
     def frame(self, name: str) -> Floats | None:
-        """The frame of row `name`, where there is one."""
+        """The frame of row `name`, or None."""
         from cellctl.kinematics import pose_from_xyz_abc
 
         rows = [row for row, said in enumerate(self.data.texts("joint")) if said == name]

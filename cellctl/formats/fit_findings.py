@@ -1,4 +1,4 @@
-"""What people ask of a fit besides its figures: what was free, what came out far off, each label, mastering."""
+"""Findings of a fit besides its figures: free groups, large deviations, figures by label, mastering."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from cellctl.calibration import FitResult
 
 WIDE = 3.0
-"""A parameter this many tolerances from the robot file's is named."""
+"""A parameter this many tolerances from the robot file's is reported."""
 
 
 def free_groups(result: FitResult) -> list[str]:
-    """Groups of which anything was free, in the order of the parameters."""
+    """Groups with any free parameter, in the order of the parameters."""
     unknowns = result.identification.identified.unknowns
     pairs = zip(unknowns.groups, unknowns.free, strict=True)
     return list(dict.fromkeys(group for group, is_free in pairs if is_free))
 
 
 def sessions(measured: Measurements) -> list[dict[str, Any]]:
-    """Each session of the data set with its rows and what it has to itself; none where the file names none."""
+    """Each session of the data set with its rows and its own groups; none where the file names none."""
     of_rows = measured.texts("session")
     own = {session.name: sorted(session.own) for session in measured.task.sessions}
     return [
@@ -32,7 +32,7 @@ def sessions(measured: Measurements) -> list[dict[str, Any]]:
 
 
 def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Figures of the held-out rows of each label; labels: of each of them, none where they were held out by chance."""
+    """Figures of the held-out rows of each label; labels: one for each row, none where rows were held out at random."""
     import numpy as np
 
     from cellctl.calibration import ErrorFigures
@@ -49,8 +49,8 @@ def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, An
 
 
 def wide(result: FitResult) -> list[dict[str, Any]]:
-    """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ; coefficients of
-    random functions are none.
+    """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ, without
+    coefficients of random functions.
     """
     import numpy as np
 
@@ -59,7 +59,7 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
     found = result.identification.identified
     unknowns, model = found.unknowns, found.state.model
     sigma, tolerances = np.sqrt(np.diag(found.covariance)), result.identification.nominal.unknowns.sigma
-    lengths = {"mm": 1000.0, "rad": 1.0}  # of a thousand millimetres or a radian nothing was known
+    lengths = {"mm": 1000.0, "rad": 1.0}  # a prior of a thousand millimetres or a radian is flat
     others = {"base", *functions()}
     return [
         {
@@ -85,11 +85,11 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
 
 
 def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]:
-    """What has to be added to the controller's readings of each joint whose zero was looked for, deg, and its 1 σ.
+    """The correction of the controller's readings of each joint whose zero was identified, deg, and its 1 σ.
 
-    A joint that reads r stands at sign · r + offset + θ. If θ came out δ larger than before, the joint stands where it
-    was thought to stand at the reading r + sign · δ. Only where the zeros alone were free: with the links free as well,
-    an error of a link may pass for one of a zero.
+    A joint that reads r is at sign · r + offset + θ. If θ is larger than before by δ, the joint reaches its assumed
+    position at the reading r + sign · δ. Only where the zeros alone were free: if the links are free as well, an error
+    of a link may be confused with one of a zero.
     """
     import numpy as np
 

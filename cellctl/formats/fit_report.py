@@ -15,14 +15,14 @@ _LINES = 5
 
 
 NOISY = 1.5
-"""From this noise scale on the verdict names it."""
+"""From this noise scale on the verdict reports it."""
 
 
 def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] = ()) -> dict[str, Any]:
-    """The result's figures with outliers and rejected rows by line; the time it took is left to the caller.
+    """The result's figures with outliers and rejected rows by line; the caller adds the time it took.
 
     outliers: rows left out of the fit; test_outliers: held-out rows far beyond the predicted error, kept in the
-    figures. labels: of the held-out rows, one by one, where figures are wanted for each (`by`).
+    figures. labels: of the held-out rows, one by one, if figures are needed for each (`by`).
     """
     return {
         **result.summary(),
@@ -40,7 +40,7 @@ def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] 
 
 
 def sentence(measured: Measurements, result: FitResult) -> str:
-    """The verdict, with what must not be read without it: σ over the region, scatter, held-out outliers."""
+    """The verdict, with the figures that qualify it: σ over the region, scatter, held-out outliers."""
     from cellctl.calibration import verdict_sentence
 
     kind, reason = measured.noun, result.verdict_reason
@@ -98,7 +98,7 @@ def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
 
 
 def _changed(prior_scale: Mapping[str, float]) -> str:
-    """A robot that has changed since its prior model: by how much, and what to do."""
+    """Message on a robot that has changed since its prior model: by how much, and what to do."""
     by = ", ".join(f"{group} × {factor:{'.0f' if factor >= 10.0 else '.1f'}}" for group, factor in prior_scale.items())
     again = f"if something hit the robot, or was exchanged, fit again with --free {','.join(prior_scale)}"
     return f"The robot is further from the prior model than the model's σ allows: {by} ({again})"

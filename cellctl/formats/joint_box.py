@@ -1,4 +1,4 @@
-"""The measured region of old model files: the box of the joints alone, from before postures were kept."""
+"""The measured region of old model files: the box of the joints alone, without postures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MARGIN_RAD = np.deg2rad(2.0)
 """An angle this far outside those of the fit still counts as inside."""
 
 LEAST_HALF_SPAN_RAD = np.deg2rad(10.0)
-"""A joint that hardly moved is taken to have been measured over this to either side, for what follows."""
+"""Least half-span: a joint that hardly moved counts as measured over this to either side."""
 
 
 @final
@@ -25,7 +25,7 @@ class JointBox:
     upper: Floats
 
     def joined(self, q: Floats) -> tuple[Self, float]:
-        """With angles q (N, n), rad, besides; inside the box nothing is left."""
+        """With angles q (N, n), rad, added; inside the box the remainder is 0."""
         both = np.vstack([q, self.lower, self.upper])
         return type(self)(both.min(axis=0), both.max(axis=0)), 0.0
 
@@ -33,8 +33,8 @@ class JointBox:
         """How far outside angles q (N, n), rad, are (N,): the sum over the joints of the fourth power of the distance
         from the box, as a share of half its span, at most 1.
 
-        One half-span outside, a model is trusted no more than nominal. What it lacks is smooth, so that just outside
-        nothing changes at once; within the margin it is 0.
+        One half-span outside, a model is trusted no more than nominal. Its errors are smooth, so that nothing changes
+        abruptly just outside; within the margin it is 0.
         """
         beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
         halves = np.maximum((self.upper - self.lower) / 2.0, LEAST_HALF_SPAN_RAD)

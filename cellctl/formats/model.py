@@ -1,4 +1,4 @@
-"""Model files: an identified robot, how sure it is, where it was seen, what it was made from. Canonical JSON."""
+"""Model files: an identified robot, its covariance, measured region and provenance. Canonical JSON."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 FORMAT: Literal["cellctl model 1"] = "cellctl model 1"
 
 REGION_MARGIN_DEG = 2.0
-"""A reading this far outside those of the fit still counts as seen."""
+"""A reading this far outside those of the fit still counts as inside."""
 
 _CURE = "give a file that `cellctl fit --out` wrote"
 
@@ -55,7 +55,7 @@ class Parameter(BaseModel):
 
 @final
 class Centre(BaseModel):
-    """Where a sphere, a socket or an anchor turned out to be, mm, in the measuring frame."""
+    """Identified place of a sphere, a socket or an anchor, mm, in the measuring frame."""
 
     model_config = _STRICT
     id: str
@@ -65,9 +65,8 @@ class Centre(BaseModel):
 
 @final
 class TouchedPlane(BaseModel):
-    """Where a plane turned out to be, in the measuring frame: normal · x = offset, the touching tool on the normal's
-    side; mm. sigma: 1 σ of its place along the normal in the middle of its touches, mm; tilt_sigma: of the normal, deg,
-    over both tilts.
+    """Identified plane, in the measuring frame: normal · x = offset, the touching tool on the normal's side; mm. sigma:
+    1 σ of its place along the normal in the middle of its touches, mm; tilt_sigma: of the normal, deg, over both tilts.
     """
 
     model_config = _STRICT
@@ -80,7 +79,7 @@ class TouchedPlane(BaseModel):
 
 @final
 class LengthZero(BaseModel):
-    """What an instrument whose zero nobody knew shows at no length, mm."""
+    """Reading at length 0 of an instrument with unknown zero, mm."""
 
     model_config = _STRICT
     id: str
@@ -90,10 +89,10 @@ class LengthZero(BaseModel):
 
 @final
 class SessionPlace(BaseModel):
-    """A session: what it has to itself, and base and tool (4, 4) in it as identified, mm.
+    """A session: its own groups, and its identified base and tool (4, 4), mm.
 
-    covariance: of the parameters as they are in it, about these; None for the first, and in files that knew it of the
-    first alone.
+    covariance: of this session's parameters, about these; None for the first session, and in files that hold only the
+    first one's.
     """
 
     model_config = _STRICT
@@ -108,9 +107,9 @@ class SessionPlace(BaseModel):
 class JointRegion(BaseModel):
     """Least and greatest controller reading of each joint among the rows of the fit, deg.
 
-    postures: readings, deg, spread over those of the fit, and how far apart two of them share 60 % of a smooth error
-    (length, deg): how far outside other postures are follows from these. None in files from before they were kept.
-    within: the share of such an error that they leave open at the rows of the fit.
+    postures: readings, deg, spread over those of the fit, with the distance (length, deg) at which two of them share 60
+    % of a smooth error: these give how far outside other postures are. None in older files. within: the share of such
+    an error that they leave open at the rows of the fit.
     """
 
     model_config = _STRICT
@@ -145,7 +144,7 @@ class JointRegion(BaseModel):
         return both.min(axis=0), both.max(axis=0)
 
     def coverage(self, joints: JointMap) -> Coverage:
-        """What its postures leave open at others, which are model angles."""
+        """Remaining variance at other postures, in model angles."""
         import numpy as np
 
         from cellctl.calibration.residuals.posture_basis import PostureBasis
@@ -171,13 +170,12 @@ class JointRegion(BaseModel):
 class ModelFile(BaseModel):
     """An identified robot.
 
-    robot: the nominal robot file. start: poses (4, 4) of base and tool from which their deviations count. effects: what
-    bends, warms or plays besides, with its settings (None in files that knew the tool's bending alone). parameters: in
-    the first session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors.
-    planes: those that were touched. datums: zeros of instruments that measured lengths.
-    sessions: where there are several. outside_mm: 1 σ, 3-D, of what a prediction may be off by besides, far outside
-    the joint region; scatter_mm: of errors too fast for the model to follow. figures: what the fit said of itself.
-    provenance: SHA-256 of what it was made from.
+    robot: the nominal robot file. start: poses (4, 4) of base and tool from which their deviations count. effects: the
+    non-geometric effects, with their settings (None in files with the tool's bending alone). parameters: in the first
+    session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors. planes: those
+    that were touched. datums: zeros of instruments that measured lengths. sessions: where there are several.
+    outside_mm: additional 1 σ, 3-D, of a prediction far outside the joint region; scatter_mm: of errors too fast for
+    the model. figures: the fit's own figures. provenance: SHA-256 of the inputs.
     """
 
     model_config = _STRICT
@@ -201,7 +199,7 @@ class ModelFile(BaseModel):
     @field_validator("effects")
     @classmethod
     def _complete(cls, effects: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
-        """The settings of each effect with those that an older file left out."""
+        """The settings of each effect, completed where an older file lacks some."""
         from cellctl.calibration import effect_of, settings_of
 
         return None if effects is None else [settings_of(effect_of(settings)) for settings in effects]
@@ -286,12 +284,12 @@ class ModelFile(BaseModel):
             raise ValueError("a parameter is beyond all measure")
         check_covariance(np.array(self.covariance))
         for session in self.sessions:
-            nominal.on(np.array(session.base), np.array(session.tool))  # which takes rigid motions alone
+            nominal.on(np.array(session.base), np.array(session.tool))  # accepts only rigid motions
             self._check_session(session, placed.parameters)
         return placed.with_deviations([parameter.value for parameter in self.parameters])
 
     def _nominal(self) -> RobotModel:
-        """The robot as its file says, with the effects of the model; a file from before they were kept bends at most.
+        """The robot as in its file, with the model's effects; an older file has the tool's bending at most.
 
         Raises ValueError where the effects are not those of the robot.
         """
@@ -307,7 +305,7 @@ class ModelFile(BaseModel):
         return nominal_model(self.robot).with_effects(effects)
 
     def _check_session(self, session: SessionPlace, parameters: Sequence[CalibrationParameter]) -> None:
-        """Refuse a session's covariance that is none, or is not the first session's in what they share."""
+        """Refuse a session's covariance that is invalid, or differs from the first session's in shared parameters."""
         import numpy as np
 
         if session.covariance is None:
@@ -330,13 +328,13 @@ class ModelFile(BaseModel):
 
     @property
     def frame_of_points(self) -> bool:
-        """Whether the model's frame is that of the points that it was tied to, as no instrument measured."""
+        """Whether the model's frame is that of its fixed points, as no instrument measured."""
         pairs = zip(self.robot_model().parameters, self.parameters, strict=True)
         known = any(stored.sigma > 0.0 for parameter, stored in pairs if parameter.group == "base")
         return bool(self.centres or self.planes) and not known
 
     def predict(self, readings: Floats, at: At | None = None) -> Prediction:
-        """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with the conditions of each.
+        """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with their conditions.
 
         Outside the joint region σ is wider: one half-span outside the model is trusted no more than nominal.
         """
@@ -349,8 +347,8 @@ class ModelFile(BaseModel):
         return Prediction(found.poses, np.hypot(found.sigma_mm, self._extra_sigma(readings)))
 
     def sigma_among(self, readings: Floats, at: At | None = None) -> Floats | None:
-        """1 σ (N,), 3-D, mm, of the tool centre points at readings (N, n), deg, among themselves: what moves all as one
-        body is left out, what lies outside the joint region is not. None for fewer than four.
+        """1 σ (N,), 3-D, mm, of the TCPs at readings (N, n), deg, relative to each other: without common rigid motions,
+        with the extra σ outside the joint region. None for fewer than four.
         """
         import numpy as np
 
@@ -363,8 +361,8 @@ class ModelFile(BaseModel):
         return np.asarray(np.hypot(among, self._extra_sigma(readings)))
 
     def inside(self, readings: Floats) -> Bools:
-        """Which readings (N, n), deg, lie in the measured region (N,), also that of its residual models; outside it
-        extrapolates.
+        """Which readings (N, n), deg, lie in the measured region (N,), also that of its residual models; outside it the
+        model extrapolates.
         """
         from cellctl.calibration.prediction.measured_region import OUTSIDE
 
@@ -381,7 +379,9 @@ class ModelFile(BaseModel):
         return MeasuredRegion(lower, upper, self.outside_mm, coverage, region.within, self.scatter_mm, own)
 
     def _extra_sigma(self, readings: Floats) -> Floats:
-        """1 σ (N,), 3-D, mm, besides that of the parameters: outside the region, and of errors too fast to follow."""
+        """1 σ (N,), 3-D, mm, besides that of the parameters: outside the region, and of errors too fast for the
+        model.
+        """
         return self.measured_region().sigma(self.robot.joint_map().model(readings))
 
 
@@ -400,7 +400,7 @@ def _parameters(found: Identification) -> list[Parameter]:
 
 
 def _sessions(measured: Measurements, found: Identification) -> list[SessionPlace]:
-    """Where the robot stood in each session; none where there is only one."""
+    """Base and tool of the robot in each session; none where there is only one."""
     sessions = measured.task.sessions
     if len(sessions) < 2:
         return []

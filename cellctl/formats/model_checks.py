@@ -1,4 +1,4 @@
-"""What no fit can have written into a model file: each check raises ValueError that says what it is."""
+"""Checks of a model file for content that no fit writes: each raises ValueError with the error."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from cellctl.kinematics import Floats
 
 GREATEST = 1e9
-"""No parameter, and no σ, is greater than this, in whatever unit."""
+"""No parameter, and no σ, is greater than this, in any unit."""
 
 
 def of_this_format(content: Any, ours: str) -> Any:
-    """`content` of a file, where it says that it is of the format `ours`."""
+    """`content` of a file, where it states the format `ours`."""
     theirs = content.get("format") if isinstance(content, dict) else None
     if not isinstance(theirs, str) or not theirs.startswith(ours.rstrip("0123456789")):
         raise ValueError(f'it does not say "format": "{ours}"')
@@ -26,7 +26,7 @@ def of_this_format(content: Any, ours: str) -> Any:
 
 
 def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what: str) -> None:
-    """Refuse postures (M, n), if there are any, that have another number of joints than the robot; what: whose."""
+    """Refuse postures (M, n), if any, with another number of joints than the robot; what: their name in the error."""
     if any(len(posture) != joints for posture in postures or ()):
         raise ValueError(f"the postures of its {what} are not those of its robot")
 

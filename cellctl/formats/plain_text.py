@@ -1,4 +1,4 @@
-"""Text as pendants and spreadsheets save it, in whatever encoding."""
+"""Text as saved by pendants and spreadsheets, in any of their encodings."""
 
 from __future__ import annotations
 

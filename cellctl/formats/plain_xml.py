@@ -51,7 +51,7 @@ def parse_xml(data: bytes, file: str) -> Element:
     except expat.ExpatError as error:
         what, cure = _words(error, builder.open_element)
         raise InputError(Problem(file, error.lineno, error.offset + 1, what, cure)) from error
-    except (LookupError, ValueError) as error:  # an encoding that nobody knows
+    except (LookupError, ValueError) as error:  # an unknown encoding
         what = "is not XML: its first line names an encoding that is not known"
         raise InputError(Problem(file, 1, 0, what, "save the file as UTF-8")) from error
     return builder.root.children[0]
@@ -75,7 +75,7 @@ _WORDS = {
 
 
 def _words(error: expat.ExpatError, unclosed: Element | None) -> tuple[str, str]:
-    """What is wrong, and the cure; `unclosed`: the innermost element that is open where the error is."""
+    """What is wrong, and the cure; `unclosed`: the innermost element that is open at the error."""
     kind = expat.errors.messages[error.code]
     if unclosed and kind in (expat.errors.XML_ERROR_TAG_MISMATCH, expat.errors.XML_ERROR_NO_ELEMENTS):
         what = f"<{unclosed.tag}> of line {unclosed.line} is not closed before this place"

@@ -1,4 +1,4 @@
-"""A cell file's `postures:`: joint readings of its robot that a campaign sets out from."""
+"""A cell file's `postures:`: joint readings of its robot from which a campaign starts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Reading = Annotated[float, Field(allow_inf_nan=False)]
 class Postures(BaseModel):
     """Joint readings A1…An, degrees.
 
-    `home`: where campaigns begin and end; `touch`: from which the inverse kinematics of touches sets out.
+    `home`: where campaigns begin and end; `touch`: from which the inverse kinematics of touches starts.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -26,7 +26,7 @@ class Postures(BaseModel):
 
 
 def postures_of(document: Document, robot: RobotFile) -> Postures:
-    """The postures of a loaded cell file, each one that `robot` can take. Raises InputError with every error."""
+    """The postures of a loaded cell file, checked against `robot`. Raises InputError with every error."""
     postures = validated(document, Postures, ("postures",))
     problems = _problems(document, ("home",), postures.home, robot)
     for index, posture in enumerate(postures.touch):

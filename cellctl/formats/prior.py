@@ -1,4 +1,4 @@
-"""A prior model that new rows update, or of which named groups alone are free."""
+"""A prior model that new rows update, completely or only in named groups."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
 """Groups that every model has; its effects are groups of their own."""
 
 LEANING = 0.002
-"""Weight that pulls less than this beside where it did, rad, bends nothing otherwise that could be measured."""
+"""A change of the direction of weight below this, rad, has no measurable effect."""
 
 
 def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] = (), file: str = "") -> Measurements:
-    """The same rows for `prior` in place of nominal. free: groups that alone may change, with nothing known of them;
-    none named: everything that the prior model was not sure of. file: names the model in errors.
+    """The same rows for `prior` in place of nominal. free: the only groups that may change, with a flat prior; none
+    named: everything, within the prior model's uncertainty. file: names the model in errors.
 
-    Of a model of several sessions that session is updated which the rows name first. Raises InputError where it is
-    another robot's model, or has no such group, or where base or tool would have to be those of a session, and none is
+    Of a model with several sessions, the session that the rows name first is updated. Raises InputError where it is
+    another robot's model, or has no such group, or where base or tool would have to be those of a session and none is
     named.
     """
     problems = _another_robot(prior.robot, measured.robot, file)
@@ -63,7 +63,7 @@ def only(measured: Measurements, free: Collection[str]) -> Measurements:
 def _in_session(
     prior: ModelFile, measured: Measurements, groups: frozenset[str] | None, file: str
 ) -> tuple[RobotModel, Floats]:
-    """The prior model as it stood in the session that the rows name first, and its covariance (P, P)."""
+    """The prior model in the session that the rows name first, and its covariance (P, P)."""
     import numpy as np
 
     model, covariance = prior.robot_model(), np.array(prior.covariance)
@@ -84,7 +84,7 @@ def _in_session(
 
 
 def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[str] | None) -> bool:
-    """Whether base or tool of one of several sessions would be taken over: not where they are found anew."""
+    """Whether base or tool of one of several sessions would be reused: not where they are found anew."""
     instrument = bool({"position", "pose"} & set(measured.kinds))
     own = {group for session in prior.sessions[1:] for group in session.own}
     if groups is None:  # an update finds both anew where an instrument measured
@@ -93,7 +93,7 @@ def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[st
 
 
 def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:
-    """What of the two robot files cannot be the same robot's; tool, base and limits may differ."""
+    """Differences that show two different robots; tool, base and limits may differ."""
     pairs = [
         ("convention", older.convention, robot.convention),
         ("link table", (older.links, older.screws, older.home), (robot.links, robot.screws, robot.home)),
@@ -107,7 +107,9 @@ def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Proble
 
 
 def _stands_otherwise(model: RobotModel, robot: RobotFile, file: str) -> list[Problem]:
-    """Where weight pulls another way than when the model was made, joints that carried none then may carry some."""
+    """An error where the direction of weight has changed since the model: joints without load then may carry some
+    now.
+    """
     now, before = robot.down(), [getattr(effect, "down", robot.down()) for effect in model.effects]
     if all(math.dist(down, now) < LEANING for down in before):
         return []

@@ -1,4 +1,4 @@
-"""Robot files: links or axes, joint map and limits, base, tool, repeatability. A person's numbers; no mathematics."""
+"""Robot files: links or axes, joint map and limits, base, tool, repeatability. Numbers as written; no mathematics."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class JointRow(BaseModel):
 
 @final
 class Frame(BaseModel):
-    """Where a frame is: xyz in mm, KUKA angles A, B, C in degrees."""
+    """Pose of a frame: xyz in mm, KUKA angles A, B, C in degrees."""
 
     model_config = _STRICT
     xyz: Triple = [0.0, 0.0, 0.0]
@@ -89,27 +89,27 @@ class Tool(BaseModel):
 
 @final
 class Tilt(BaseModel):
-    """How something stands in a level world: KUKA angles A, B, C in degrees; of these A, the heading, lifts nothing."""
+    """Orientation in a level world: KUKA angles A, B, C in degrees; A, the heading, does not change the tilt."""
 
     model_config = _STRICT
     tilt: Angles
 
     @classmethod
     def under(cls, down: Sequence[float]) -> Self:
-        """The tilt of no heading in which the world's −z is `down`, a unit vector."""
+        """The tilt with heading 0 in which the world's −z is `down`, a unit vector."""
         x, y, z = down
         return cls(tilt=[0.0, math.degrees(math.atan2(x, math.hypot(y, z))), math.degrees(math.atan2(-y, -z))])
 
 
 UPRIGHT = (0.0, 0.0, -1.0)
-"""Which way weight pulls on a robot that stands upright."""
+"""Direction of weight for a robot on the floor."""
 
 STANDING: dict[str, tuple[float, float, float]] = {
     "floor": (0.0, 0.0, 0.0),
     "wall": (0.0, 90.0, 0.0),
     "ceiling": (0.0, 180.0, 0.0),
 }
-"""A, B, C, deg, of each word for how a robot is mounted; on a wall the base's X points down."""
+"""A, B, C, deg, of each name of a mounting; on a wall the base's X points down."""
 
 Mounting: TypeAlias = Annotated[
     Annotated[Literal["floor", "wall", "ceiling"], Tag("word")] | Annotated[Tilt, Tag("angles")],
@@ -119,10 +119,10 @@ Mounting: TypeAlias = Annotated[
 
 @final
 class StatedTolerances(BaseModel):
-    """How far a robot of this make may be from its table, 1 σ, mm and degrees: what is known before a measurement.
+    """Tolerances of this make about its table, 1 σ, mm and degrees: the prior before a measurement.
 
     link_mm, angle_deg: lengths and angles of the links (or of the axes); joint_zero_deg: the joints' zeros; tool_mm,
-    tool_deg: the taught tool. None where the file does not say.
+    tool_deg: the taught tool. None where the file does not state it.
     """
 
     model_config = _STRICT
@@ -135,9 +135,10 @@ class StatedTolerances(BaseModel):
 
 @final
 class RobotFile(BaseModel):
-    """A robot as its file says it is: by `links`, or (`poe`) by `screws` and the flange's pose `home` at model zero.
+    """A robot as in its file: by `links`, or (`poe`) by `screws` and the flange's pose `home` at model zero.
 
-    repeatability: 1 σ of the distance to the mean, 3-D, mm. mounting: how the frame that `base` is given in stands.
+    repeatability: 1 σ of the distance to the mean, 3-D, mm. mounting: orientation of the frame in which `base` is
+    given.
     """
 
     model_config = _STRICT
@@ -177,7 +178,7 @@ class RobotFile(BaseModel):
         return len(self.links or self.screws)
 
     def chain(self) -> SerialChain:
-        """The nominal chain: links or axes, base and tool as the file says."""
+        """The nominal chain: links or axes, base and tool as in the file."""
         from cellctl.kinematics import JointAxis, SerialChain
 
         base, tool = _pose(self.base), _pose(self.tool)
@@ -187,14 +188,14 @@ class RobotFile(BaseModel):
         return SerialChain.from_links(self.convention, [_link(row) for row in self.links], base, tool)
 
     def down(self) -> tuple[float, float, float]:
-        """Which way weight pulls, in the robot's own base frame (behind `base`): a unit vector."""
+        """Direction of weight in the robot's own base frame (behind `base`): a unit vector."""
         import numpy as np
 
         from cellctl.kinematics import rotation_from_abc
 
         tilt = self.mounting.tilt if isinstance(self.mounting, Tilt) else STANDING[self.mounting]
         turn = rotation_from_abc(tilt) @ rotation_from_abc(self.base.abc)
-        x, y, z = (np.round(-turn[2], 15) + 0.0).tolist()  # the cosine of 90° is none
+        x, y, z = (np.round(-turn[2], 15) + 0.0).tolist()  # the cosine of 90° is 0
         return x, y, z
 
     def joint_map(self) -> JointMap:
@@ -217,7 +218,7 @@ class RobotFile(BaseModel):
 
     @model_serializer(mode="wrap")
     def _as_written(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without the sections that the file does not have, so that a robot's hash is that of what it says."""
+        """Without the sections that the file does not have, so that a robot's hash covers only the file's content."""
         absent = {name for name in ("links", "screws", "home", "tolerances") if not getattr(self, name)}
         absent |= {"mounting"} if self.mounting == "floor" else set()
         return {name: value for name, value in serialize(self).items() if name not in absent}

@@ -1,4 +1,4 @@
-"""What no robot can be, found in a robot file: every error where it stands."""
+"""Checks for impossible content of a robot file: every error with its place."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from cellctl.formats.robot import LinkRow, RobotFile
 
 _FORMS = {"mdh-hayati": ("links",), "dh-craig": ("links",), "poe": ("screws", "home")}
-"""The sections that say a robot's geometry, by convention."""
+"""The sections with a robot's geometry, by convention."""
 
 PARALLEL_DEG = 1.0
-"""Axes that lean less than this towards each other count as parallel."""
+"""Axes at a smaller angle to each other count as parallel."""
 
 
 def form_problems(document: Document) -> list[Problem]:
-    """Sections that the convention asks for and are not there, and those that belong to another."""
+    """Missing sections of the convention, and sections of another convention."""
     data = document.data if isinstance(document.data, dict) else {}
     convention = data.get("convention")
     if convention not in _FORMS:
@@ -36,12 +36,12 @@ def form_problems(document: Document) -> list[Problem]:
 
 
 def contradictions(document: Document, robot: RobotFile) -> list[Problem]:
-    """What is well-formed, and cannot be meant."""
+    """Errors in well-formed content."""
     return [*_counts(document, robot), *_limits(document, robot), *_table(document, robot), *_axes(document, robot)]
 
 
 def looks_like_radians(angle: float | None) -> bool:
-    """Whether an angle in degrees is some quarter turns as one writes them in radians: 1.571, −3.1416, 4.71239."""
+    """Whether an angle in degrees is a multiple of a quarter turn in radians: 1.571, −3.1416, 4.71239."""
     quarters = round(abs(angle or 0.0) / (math.pi / 2))
     if not 1 <= quarters <= 4:
         return False

@@ -1,4 +1,4 @@
-"""Robot files as text: what `cellctl convert` writes, in the form that the manual shows."""
+"""Robot files as text: the output of `cellctl convert`, in the manual's form."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cellctl.kinematics import AxisTable, Convention, Floats, Link, LinkTable, SerialChain
 
 DECIMALS_MM = 10
-"""Lengths are written to 1e-10 mm, angles to 1e-12°: a tool at 3 m is where it was to 1e-9 mm."""
+"""Lengths are written to 1e-10 mm, angles to 1e-12°: a TCP at 3 m is exact to 1e-9 mm."""
 DECIMALS_DEG = 12
 
 
@@ -33,7 +33,7 @@ def robot_text(robot: RobotDescription, convention: Convention, source: str) -> 
 
 
 def number(value: float, decimals: int) -> str:
-    """A number as a person would write it: no trailing `.0`, no `-0`, no exponent, which YAML 1.1 takes for text."""
+    """A number as a person would write it: no trailing `.0`, no `-0`, no exponent, which YAML 1.1 reads as text."""
     rounded = round(value, decimals) + 0.0
     text = f"{rounded:.{decimals}f}" if "e" in repr(rounded) else repr(rounded)
     return text.rstrip("0").rstrip(".") if "." in text else text
@@ -118,7 +118,7 @@ def _link_words(row: Link) -> str:
     words = {"theta": degrees(row.theta), "d": mm(row.d), "a": mm(row.a), "alpha": degrees(row.alpha)}
     if row.beta is not None:
         words["beta"] = degrees(row.beta)
-        if words["d"] == "0":  # beta stands in its place
+        if words["d"] == "0":  # beta replaces it
             del words["d"]
     return ", ".join(f"{name}: {value}" for name, value in words.items())
 

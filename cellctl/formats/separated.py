@@ -1,4 +1,4 @@
-"""Tables as spreadsheets save them: what separates the columns, decimal commas, empty columns on the right."""
+"""Tables as saved by spreadsheets: column separators, decimal commas, empty columns on the right."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ _NUMBERS = re.compile(
 
 
 def separator(text: str) -> tuple[str, bool]:
-    """What separates the columns of `text`, and whether its first line says nothing but that (Excel's `sep=;`)."""
+    """The column separator of `text`, and whether the first line only states it (Excel's `sep=;`)."""
     first = re.split(r"[\r\n]", text, maxsplit=1)[0]
     said = _SAID.fullmatch(first)
     return (said[1], True) if said else (max(_SEPARATORS, key=first.count), False)
 
 
 def named(header: Sequence[str]) -> int:
-    """How many columns there are up to the last that has a name."""
+    """Number of columns up to the last one with a name."""
     return max((place for place, name in enumerate(header, 1) if name), default=0)
 
 
 def with_points(
     header: Sequence[str], cells: list[tuple[str, ...]], lines: Sequence[int], file: str
 ) -> list[tuple[str, ...]]:
-    """`cells` with decimal points where they have decimal commas, and with no signs between thousands.
+    """`cells` with decimal points where they have decimal commas, and without signs between thousands.
 
-    Where the rows contradict each other, or leave it open (`1,234`), InputError names the lines.
+    Where the rows contradict each other, or are ambiguous (`1,234`), InputError names the lines.
     """
     places = [place for place, name in enumerate(header) if _NUMBERS.fullmatch(name)]
     if not any("," in row[place] for row in cells for place in places):

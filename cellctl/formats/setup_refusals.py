@@ -33,7 +33,7 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
     """Return where `measured` agrees with the robot file. Else raise InputError with `note`.
 
     Each set-up error is one Problem at its place, with the evidence ("A3 reversed: RMS 214 → 0.9 mm") and the cure.
-    Where the rows do not show which of several it is, all are named. If no set-up error is found, the certified
+    Where the rows do not show which of several is right, all are reported. If no set-up error is found, the certified
     distances are checked; if none explains the misfit, robot file and data may not belong together.
     """
     from cellctl.setup_check import check_setup, find_spacing_errors
@@ -54,7 +54,7 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
 
 
 def _unrelated(files: SetupFiles, fit: WideFit) -> Problem:
-    """Robot file and data do not belong together, by how much, and what may be the reason."""
+    """The problem that robot file and data do not belong together, with figures and possible reasons."""
     what = (
         f"robot file and data do not belong together: RMS {fit.left_mm:.3g} mm after a fit with wide tolerances, where "
         f"robots of this class are {fit.predicted_mm:.2g} mm off before any fit, and measurements shuffled against the "
@@ -89,7 +89,7 @@ def _spacing(spacing: SpacingError | ScaleError, artefact: Path | None, cure: st
 
 
 def _problem(files: SetupFiles, measured: Measurements, error: SetupError, change: Change, others: str) -> Problem:
-    """The change at its place, with what it explains, alone or together with others."""
+    """The change at its place, with its evidence, alone or together with others."""
 
     def line(row: int) -> str:
         return f"line {measured.lines[row]}"
@@ -107,6 +107,6 @@ def _problem(files: SetupFiles, measured: Measurements, error: SetupError, chang
 
 
 def _others(found: tuple[SetupError, ...], error: SetupError) -> str:
-    """What explains as much, in a few words: one of them is true."""
+    """Equally good explanations, in a few words: one of them is right."""
     others = ["; ".join(change.what for change in other.changes) for other in found if other is not error]
     return f"; or else: {'; or: '.join(others)} (these rows do not show which)" if others else ""

@@ -1,6 +1,6 @@
-"""Table files: compensated joints for targets, whose robot they are for, how good they are foreseen to be. JSON.
+"""Table files: compensated joints for targets, the robot they are for, their predicted errors. JSON.
 
-docs/reference/table-files.md says what each field means; `table.schema.json` beside this file is its JSON Schema.
+docs/reference/table-files.md explains each field; `table.schema.json` beside this file is its JSON Schema.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _Joints = Annotated[list[Number], Field(min_length=1, max_length=20)]
 _Size = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 
 JOINT_DECIMALS = 6
-"""Decimals of a joint reading, deg, as the controller takes it: what the file says is what the controller holds."""
+"""Decimals of a joint reading, deg, as the controller takes it: file and controller hold the same number."""
 
 _CURE = "give a file that `cellctl compensate` or a campaign wrote"
 
@@ -129,7 +129,7 @@ class TableFile(BaseModel):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a table file. Raises InputError where it is none, or where its content is not what its id says."""
+        """Read a table file. Raises InputError where it is none, or where its content does not match its id."""
         content = read_json(path, "table file", _CURE)
         try:
             table = cls.model_validate(content)
@@ -181,7 +181,7 @@ def table_rows(
 
 
 def _contradictions(table: TableFile) -> list[str]:
-    """What a table file's parts say against each other."""
+    """Contradictions between the parts of a table file."""
     found = []
     if table.id != table.content_id():
         found.append(f"was changed after it was made: its content is not that of table {table.id[:12]}…")

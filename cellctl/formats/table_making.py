@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def nominal_chain(model: ModelFile) -> SerialChain:
-    """The nominal chain that `model` counts from: the robot file's links, base and tool where the fit put them."""
+    """The nominal chain that `model` counts from: the robot file's links, with the fit's base and tool."""
     import numpy as np
 
     placed = nominal_model(model.robot).on(np.array(model.start["base"]), np.array(model.start["tool"]))
@@ -44,7 +44,7 @@ def usual_postures(model: ModelFile, targets: Floats) -> Floats:
 
 
 def valid_region(model: ModelFile) -> TableRegion:
-    """Readings within which `model` counts as seen, and a joint's limits, deg."""
+    """Readings inside the measured region of `model` and the joint limits, deg."""
     rows = zip(model.joint_region.min, model.joint_region.max, model.robot.joints, strict=True)
     ends = [
         (max(low - REGION_MARGIN_DEG, joint.min), min(high + REGION_MARGIN_DEG, joint.max)) for low, high, joint in rows
@@ -53,9 +53,9 @@ def valid_region(model: ModelFile) -> TableRegion:
 
 
 def target_sigma(model: ModelFile, readings: Floats) -> Floats:
-    """1 σ (N,), 3-D, mm, of the predicted tool centre point at controller readings (N, n), deg, in the model's frame.
+    """1 σ (N,), 3-D, mm, of the predicted TCP at controller readings (N, n), deg, in the model's frame.
 
-    For a model from touches that frame is its sphere centres': see `cellctl.compensation.gauge_fixed`.
+    For a model from touches that is the frame of its sphere centres: see `cellctl.compensation.gauge_fixed`.
     """
     import numpy as np
 
@@ -69,10 +69,10 @@ def target_sigma(model: ModelFile, readings: Floats) -> Floats:
 
 
 def sigma_among_rows(model: ModelFile, table: TableFile) -> float | None:
-    """1 σ (3-D, RMS), mm, of the rows' tool centre points among themselves; None for fewer than four rows.
+    """1 σ (3-D, RMS), mm, of the rows' TCPs relative to each other; None for fewer than four rows.
 
-    The part of `sigma_mm` that is not a motion of all rows as one body: what counts once the frame has been tied to
-    something in the cell (a sphere, a fixture).
+    The part of `sigma_mm` without common rigid motions: the relevant one once the frame has been tied to something in
+    the cell (a sphere, a fixture).
     """
     import numpy as np
 
@@ -97,7 +97,7 @@ def table_of(
 ) -> TableFile:
     """The table that sends controller `serial` to `targets` (N, 4, 4), mm, as `found` by `compensated_targets`.
 
-    The foreseen errors are those of the joints as rounded for the controller. Raises ValueError where a target was not
+    The predicted errors are those of the joints as rounded for the controller. Raises ValueError where a target was not
     reached: leave it out before.
     """
     import numpy as np
@@ -124,7 +124,7 @@ def table_of(
 
 
 def table_figures(table: TableFile) -> dict[str, Any]:
-    """A table in figures: rows, largest correction (deg); distances foreseen before and after, σ (mm)."""
+    """A table in figures: rows, largest correction (deg); distances predicted before and after, σ (mm)."""
     import numpy as np
 
     def figures(values: list[float]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Why a table must not go to a controller: one line for each reason, each row named."""
+"""Why a table must not go to a controller: one line for each reason, with the rows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cellctl.formats.robot import RobotFile
 from cellctl.formats.table import Row, TableFile
 
 _SAME = 1e-6
-"""Two files that say the same length, angle or mass, mm, deg, kg."""
+"""Largest difference of equal lengths, angles or masses in two files, mm, deg, kg."""
 
 
 def table_problems(
@@ -16,8 +16,8 @@ def table_problems(
 ) -> list[str]:
     """Every reason why `table` is not for this controller; empty where it may be pushed.
 
-    serial, simulated: the controller's, as it says. robot: the cell's robot file (name, tool, joint limits).
-    correction_deg: the most that a joint may be corrected by in this cell, deg.
+    serial, simulated: the controller's, as it reports. robot: the cell's robot file (name, tool, joint limits).
+    correction_deg: the largest correction of a joint allowed in this cell, deg.
     """
     return [
         *_another_controller(table, serial, simulated),
@@ -55,7 +55,7 @@ def _tool(numbers: list[float]) -> str:
 
 
 def row_problems(table: TableFile, robot: RobotFile, correction_deg: float = math.inf) -> list[list[str]]:
-    """For each row what is wrong with its joints: limits of `robot`, the model's region, corrections, deg."""
+    """For each row the errors of its joints: limits of `robot`, the model's region, corrections, deg."""
     limits = [(joint.min, joint.max) for joint in robot.joints]
     region = list(zip(table.joint_region.min, table.joint_region.max, strict=True))
     return [_row(row, limits, region, correction_deg) for row in table.rows]

@@ -1,4 +1,4 @@
-"""Target files: where the tool centre point shall be. CSV, as data sets are."""
+"""Target files: target poses of the TCP. CSV, like data sets."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Targets:
 
 
 def read_targets(data: DataSet, robot: RobotFile) -> Targets:
-    """Targets from X, Y, Z with A, B, C or QW, QX, QY, QZ; postures from A1…An or q1…qn where these are there.
+    """Targets from X, Y, Z with A, B, C or QW, QX, QY, QZ; postures from A1…An or q1…qn where these exist.
 
-    Raises InputError with every row that cannot be used: to leave one out would shift the numbers of those after it.
+    Raises InputError with every row that cannot be used: leaving one out would renumber those after it.
     """
     import numpy as np
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from cellctl.kinematics import Floats
 
 BASE_LINK, FLANGE_LINK = "base_link", "tool0"
-"""Names by which ROS-Industrial knows the robot's base, and the flange with z outwards."""
+"""ROS-Industrial's names of the robot's base, and of the flange with z outwards."""
 LARGEST = 1e5
-"""A number beyond this, in m or rad, is none of a robot's."""
+"""A number beyond this, in m or rad, cannot be a robot's."""
 _TURNING = ("revolute", "continuous")
 
 
@@ -51,7 +51,7 @@ def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
 
 @final
 class _File:
-    """Collects what is wrong."""
+    """A file, with its errors collected."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -188,7 +188,7 @@ def _axis(file: _File, joint: _Joint) -> tuple[float, ...]:
 
 
 def _said(file: _File, joint: _Joint) -> JointSaid:
-    """Limits and speed in degrees; of a continuous joint one turn either way. A speed of 0 says nothing."""
+    """Limits and speed in degrees; of a continuous joint one turn either way. A speed of 0 means unknown."""
     limit = joint.element.first("limit")
     nothing = (math.nan,)
     lower, upper, speed = (

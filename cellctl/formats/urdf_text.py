@@ -70,7 +70,7 @@ def _kind(joint: JointSaid) -> str:
 
 
 def _moves(joint: JointSaid) -> tuple[str, ...]:
-    """The axis, in the reading's sense, and limits. The effort is not known: 0 says so."""
+    """The axis, in the reading's sense, and limits. The effort is unknown: 0."""
     axis = f'<axis xyz="0 0 {joint.sign}"/>'
     ends = (
         ""

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Rows of a data set (`name`, joints, X, Y, Z, …), the rows of both files that were left out, and the decisions
-    made."""
+    """Rows of a data set (`name`, joints, X, Y, Z, …), the rows of both files left out, and the decisions made."""
 
     records: tuple[Mapping[str, Any], ...]
     left_out: tuple[LeftOut, ...]

@@ -28,8 +28,9 @@ class Thickness:
 @final
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: the end of the shaft, where the wire
-    begins."""
+    """Points (k, 3) on the robot's axis lines at k poses, base frame, mm; `mouth`: the shaft's end, where the wire
+    begins.
+    """
 
     elbow: Array
     wrist: Array

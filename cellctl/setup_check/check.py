@@ -60,10 +60,9 @@ MISPLACED_MM = 100.0
 @final
 @dataclass(frozen=True, slots=True)
 class SetupError:
-    """Changes that together bring nominal to the rows; RMS over the nearest rows before and after. unit: `mm`, or `°`
-    where the orientations were wrong.
+    """Changes that together bring nominal to the rows; RMS over the nearest rows before and after.
 
-    unit: `mm`, or `°` where orientations are what was wrong.
+    unit: `mm`, or `°` where the orientations were wrong.
     """
 
     changes: tuple[Change, ...]

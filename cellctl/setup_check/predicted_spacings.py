@@ -100,8 +100,6 @@ def _ratio(off: Floats, sigma: Floats) -> Floats:
 def _off(weight: Floats, away: Floats) -> tuple[Floats, Floats]:
     """Error of each (K,), given all others, and its 1 σ; `weight` (K, K): inverse covariance of `away`. For a distance
     that was taken out: 0 ± ∞.
-
-    Of one that was taken out: 0 ± ∞.
     """
     own = np.diag(weight)
     there = own > 0.0

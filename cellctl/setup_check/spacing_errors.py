@@ -173,7 +173,8 @@ def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
 
 def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError | None:
     """The one factor that brings all distances to their estimates, if any distance contradicts and there is such a
-    factor."""
+    factor.
+    """
     if np.unique(predicted.given).size < FEW or not predicted.contradicted().any():
         return None
     about = predicted.scaled(float(np.median(predicted.estimate / predicted.given)))

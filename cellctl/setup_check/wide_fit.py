@@ -106,8 +106,7 @@ def _left(setup: Setup, state: State, kept: list[Any]) -> float:
 
 
 def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:
-    """Measurements at other rows' joints; touches have similar values, so for them each joint is shuffled
-    separately."""
+    """Measurements at other rows' joints; for touches, all similar, each joint is shuffled separately."""
     readings, start = setup.readings.copy(), 0
     for block in setup.task.rows.blocks:
         mine = slice(start, start + len(block))

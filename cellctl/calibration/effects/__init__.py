@@ -1,4 +1,4 @@
-"""What a robot does besides its geometry: effects that turn its joints, or shift its tool, in proportion to amounts."""
+"""Non-geometric effects of a robot: they turn its joints, or shift its TCP, in proportion to amounts."""
 
 from collections.abc import Iterable
 

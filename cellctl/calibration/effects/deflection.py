@@ -26,7 +26,7 @@ _PHRASE = Phrase("tool deflection", "tool deflection")
 class ToolDeflection(Effect):
     """The tool as a cantilever along the flange's z with its weight at the end.
 
-    length_m: from the flange to the tool centre point, along z (of the taught tool: an error in it is taken up by c_t).
+    length_m: from the flange to the TCP, along z (of the taught tool: c_t absorbs an error in it).
     load_n: weight at the end, N. expected: prior 1 σ of c_t = 1/(E·I) about 0, 1/(N m^2); 0.002 is what Wang et al.
     simulate (0.00036 is what they identify). down: ĝ in the robot's base frame.
     TCP shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at

@@ -1,7 +1,7 @@
 """The interface of every non-geometric effect: it is linear in its amounts, at nominal joints.
 
 An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
-model file has them; other packages use nothing but the attributes below.
+model file has them; other packages use only the attributes below.
 """
 
 from __future__ import annotations
@@ -123,5 +123,5 @@ class Effect(ABC):
         return None
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats | None:
-        """Ψ (N, 3, K): mm of the tool centre point, in the robot's base frame, per unit; None where nothing shifts."""
+        """Ψ (N, 3, K): mm of the TCP, in the robot's base frame, per unit; None where nothing shifts."""
         return None

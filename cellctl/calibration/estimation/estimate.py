@@ -192,8 +192,8 @@ def covariance_of(found: Estimate, unknowns: Unknowns, blocks: Sequence[Rows]) -
 
 
 def linearised(rows: Rows, state: State, columns: Any, scale: Floats) -> tuple[Floats, Floats]:
-    """How `rows` move with the parameters at `columns` (C), per `scale` (C,) of each (N, k, C), and how far the model
-    is from them (N, k); both in the rows' standard deviations.
+    """Derivative of `rows` by the parameters at `columns` (C), per `scale` (C,) of each (N, k, C), and the distance of
+    the model from them (N, k); both in the rows' standard deviations.
     """
     return rows.jacobian(state)[..., columns] * scale / rows.sigma[..., None], rows.residual(state) / rows.sigma
 
@@ -270,7 +270,7 @@ def pins(unknowns: Unknowns, free: Any) -> Floats:
 
 
 def _inverse_root(covariance: Floats) -> Floats:
-    """W (F, F) with WᵀW the inverse of `covariance`; what that says to be exact is as good as exact."""
+    """W (F, F) with WᵀW the inverse of `covariance`; exactly known combinations get a tiny variance."""
     values, vectors = np.linalg.eigh(covariance)
     floor = 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
     return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T)

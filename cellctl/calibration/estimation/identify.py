@@ -64,7 +64,7 @@ SEARCHED = 3000
 @final
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """The nominal robot registered on the rows, the identified one, and how noisy the rows turned out to be.
+    """The nominal robot registered on the rows, the identified one, and the identified noise of the rows.
 
     noise: factor on the rows' standard deviations, for each of `RowBlocks.quantities`. used, outliers: indices into the
     task's rows that both estimates use, and that were left out. apart: number of rows that were not inliers where these

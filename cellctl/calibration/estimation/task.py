@@ -74,7 +74,7 @@ class Task:
 
     @property
     def freed(self) -> frozenset[Group]:
-        """What may change besides the registration."""
+        """Groups that may change besides the registration."""
         if self.groups is not None:
             return self.groups
         return frozenset({GEOMETRY, "tool", *(effect.group for effect in self.model.effects)})

@@ -1,6 +1,6 @@
 """A new tool and the points it touches, found together from many starts at once.
 
-A touch says |t + p − c| = ρ of a tool t at the flange p and a centre c: tool and centre multiply each other, and least
+A touch gives |t + p − c| = ρ for a tool t at the flange p and a centre c: tool and centre are multiplied, and least
 squares from where the tool was stated to be ends in whichever local optimum is nearest.
 """
 

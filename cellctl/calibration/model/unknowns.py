@@ -21,7 +21,7 @@ PLACED: frozenset[Group] = FRAMES
 
 
 def members(groups: frozenset[Group], chain: SerialChain) -> frozenset[Group]:
-    """`groups` with `geometry` replaced by its groups; screws include the joint zeros."""
+    """`groups` with `geometry` replaced by its groups; with screws without the (redundant) joint zeros."""
     if GEOMETRY not in groups:
         return groups
     return groups - {GEOMETRY} | ({"links"} if str(chain.convention) == "poe" else {"links", "zeros"})

@@ -21,7 +21,8 @@ SHORT = 4
 """Phrases of one combination on a screen."""
 
 SEEN = 0.1
-"""A combination is seen if one tolerance of it changes all rows together by this many standard deviations or more."""
+"""A combination is observable if one tolerance of it changes all rows together by this many standard deviations or
+more."""
 
 NOTHING = 1e-9
 """An effect on the rows below this share of the largest one is rounding."""
@@ -31,7 +32,7 @@ SHOWN = 3.0
 
 UNTOLD = "these rows cannot tell these apart, others would"
 ANYWHERE = "no measurement of these kinds can tell these apart, or depends on them"
-"""Where the robot stands, how the tool is bolted to the last link."""
+"""Reason for base placement, and for the mounting of the tool on the last link."""
 
 
 @final
@@ -83,8 +84,6 @@ def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowe
     geometry can make combinations formally observable that are below the noise. rows: those of the fit, where reasons
     are needed. Parameters of a session or a point without rows in the fit are not combinations: they get their own
     reason.
-
-    What belongs to a session or a point of which no row is in the fit is not among the combinations, but a cause.
     """
     triangle = estimate.triangle if triangle is None else triangle
     free = np.flatnonzero(estimate.unknowns.free)

@@ -64,7 +64,8 @@ class Kept:
 
 def within_limit(linear: Linear, *, thorough: bool) -> Kept | None:
     """Rows whose leave-one-out χ² is within the limit; None where too few are left. thorough: the cheapest of many
-    sets."""
+    sets.
+    """
     limit = np.asarray(chi2.isf(OUTLIER_P, linear.numbers))
     everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
     if not (everyone.leave_one_out_chi2 > limit).any():

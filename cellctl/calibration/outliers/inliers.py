@@ -40,7 +40,7 @@ ROUNDS = 5
 class Belonging:
     """kept (N,): the rows that are inliers; noise (Q,): the factors of σ with which they are, one for each of
     `RowBlocks.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
-    are further from the model than that, or belong to rows left out; none: nothing is left to be explained.
+    are further from the model than that, or belong to rows left out; none: all rows are explained.
     """
 
     kept: Bools

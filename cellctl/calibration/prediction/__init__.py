@@ -1,1 +1,1 @@
-"""What an identified model predicts, how sure it is, and where it was never measured."""
+"""Predictions of an identified model, their uncertainty, and its measured region."""

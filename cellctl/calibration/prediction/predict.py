@@ -47,7 +47,9 @@ def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
 @final
 @dataclass(frozen=True, eq=False)
 class PredictedRows:
-    """Held-out rows as predicted: variance (N,) of each distance error, mm²; p_value (N,) of the error found."""
+    """Held-out rows as predicted: variance (N,) of each distance error, mm²; p_value (N,): of an error at least as
+    improbable as the one found.
+    """
 
     variance: Floats
     p_value: Floats

@@ -27,7 +27,8 @@ class ResidualModel(Effect):
 
     def variance(self, at: Postures) -> Floats:
         """Variance of the function that the amounts leave open at each posture (N,): mm² of the TCP on each axis. Every
-        σ of a prediction includes it."""
+        σ of a prediction includes it.
+        """
         return np.zeros(len(at))
 
     def outside(self, at: Postures) -> Floats:

@@ -185,7 +185,7 @@ class _Ladder:
         return Weights.of(self.rows, {factor: float(np.exp(log)) for factor, log in model.logs.items()})
 
     def _columns(self, groups: tuple[Group, ...]) -> Bools:
-        """The unknowns (F,) of a model with these terms; the unknowns that `task` always has belong to geometry."""
+        """The unknowns (F,) of a model with these terms; those that `task` always has belong to geometry."""
         added = {effect.group for effect in self.candidates}
         mine = ~np.isin(self.groups, list(added - set(groups)))
         return np.asarray(mine if GEOMETRY in groups else self.registering)

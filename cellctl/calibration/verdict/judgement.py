@@ -15,7 +15,7 @@ Verdict: TypeAlias = Literal["better", "no better", "worse"]
 Baseline: TypeAlias = Literal["nominal", "prior", "both"]
 
 UNLIKELY = 0.01
-"""So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
+"""A low count of rows in their 95 % regions is significant at this p-value or less (binomial test)."""
 
 FAR = 1.25
 """Errors up to this many times those predicted count as predicted."""

@@ -54,8 +54,8 @@ def _scatter(task: Task, found: Identification) -> list[str]:
 
 
 def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
-    """With hardly more numbers than unknowns *nominal* has small errors on the rows of the fit and large ones on all
-    others, and any model is better than that.
+    """With hardly more numbers than unknowns *nominal* has small errors on the rows of the fit, large ones on others,
+    and any model is better.
     """
     rows, held_out = task.rows.pick(fit), task.rows.pick(test)
     needed = OVERDETERMINED * task.registering

@@ -24,7 +24,7 @@ OF_EACH_END = 60
 """Rows used of each end of a joint's range, at most."""
 
 UNLIKELY = 0.1
-"""So few rows in their 95 % regions, at this chance or less, are no accident (binomial test)."""
+"""A low count of rows in their 95 % regions is significant at this p-value or less (binomial test)."""
 
 ROWS_AT_LEAST = 20
 WIDEST = 3.0

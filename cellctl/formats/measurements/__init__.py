@@ -1,4 +1,4 @@
-"""From robot file, data set and artefact to what the identification takes: rows of every kind, sessions, a model."""
+"""From robot file, data set and artefact to the task of an identification: rows of every kind, sessions, a model."""
 
 from cellctl.formats.measurements.certified import Spacing
 from cellctl.formats.measurements.conditions import Conditions

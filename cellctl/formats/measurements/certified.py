@@ -1,4 +1,4 @@
-"""Known distances between fixed points: from an artefact file, or said in words: `A,B=50±0.01`."""
+"""Known distances between fixed points: from an artefact file, or stated as text: `A,B=50±0.01`."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def known_spacings(artefact: Artefact | None, said: Sequence[Spacing]) -> list[S
 
 
 def rough_places(points: Points, artefact: Artefact | None) -> Floats | None:
-    """Where the points roughly are (S, 3), mm, as the artefact says; NaN where it does not, or where the robot was set
-    up anew between sessions.
+    """Rough places of the points (S, 3), mm, from the artefact; NaN where it has none, or where the robot was set up
+    anew between sessions.
     """
     import numpy as np
 
@@ -85,7 +85,7 @@ def rough_places(points: Points, artefact: Artefact | None) -> Floats | None:
 
 
 def refuse_planes(planes: Sequence[str], said: Sequence[Spacing]) -> None:
-    """Raise InputError where a distance that somebody `said` is to one of the `planes`."""
+    """Raise InputError where a distance in `said` is to one of the `planes`."""
     for name in dict.fromkeys(name for each in said for name in each.between if name in planes):
         raise InputError(Problem("--spacing", 0, 0, f"'{name}' is a plane", "name spheres, sockets or anchors"))
 

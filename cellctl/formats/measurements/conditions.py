@@ -1,4 +1,4 @@
-"""In what condition the robot was at each row: warm, loaded, come from which side."""
+"""Conditions of the robot at each row: temperature, payload, side of approach."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ REFERENCE_C = 20.0
 
 COLDEST_C, HOTTEST_C = -100.0, 1000.0
 HEAVIEST_KG = 1e4
-"""What no robot works at, and none carries: a typing error, which would drown all other rows."""
+"""Beyond any robot's conditions: a typing error, which would dominate all other rows."""
 
 
 @final
 class Conditions:
-    """Readings with the conditions whose columns are there.
+    """Readings with the conditions whose columns exist.
 
     delta_t (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; approach (N, n):
     the model's sense of each joint's last movement, 0 where it is not known. None where there is no column.
@@ -35,7 +35,7 @@ class Conditions:
         self.approach = _approach(sieve, robot)
 
     def at(self, rows: Collection[int]) -> Postures:
-        """Where the robot stood at `rows`, and how."""
+        """Postures of the robot at `rows`, with their conditions."""
         from cellctl.calibration import Postures
 
         chosen = list(rows)

@@ -1,4 +1,4 @@
-"""Whether the rows differ enough to say anything: where the same was measured again and again, any model is right."""
+"""Whether the rows differ enough: with repeats of one measurement, any model fits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NAMED = 10
 
 
 def refuse_alike(measured: Measurements) -> None:
-    """Raise InputError where fewer rows are different than registration takes, or an instrument saw one place only."""
+    """Raise InputError with fewer different rows than registration needs, or with only one place from an instrument."""
     rows, least = len(measured.lines), measured.task.rows_at_least
     different = len(set(measured.sightings()))
     if different < least:
@@ -29,7 +29,7 @@ def refuse_alike(measured: Measurements) -> None:
 
 
 def _refuse_one_place(measured: Measurements) -> None:
-    """An instrument that sees the tool in one place, whatever the joints, cannot tell how the robot stands."""
+    """Refuse an instrument's rows with one TCP place at all joints: they cannot register the robot."""
     import numpy as np
 
     task = measured.task

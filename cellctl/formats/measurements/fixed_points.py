@@ -1,4 +1,4 @@
-"""Rows that tie the tool to something fixed at an unknown place: touches, sockets, ball-bars and draw-wires."""
+"""Rows that tie the tool to fixed objects in unknown places: touches, sockets, ball-bars and draw-wires."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from cellctl.kinematics import Floats
 
 AGREE_MM = 1e-3
-"""By how much a data set may differ from an artefact file without contradicting it."""
+"""Largest difference between data set and artefact file that is no contradiction."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Reaches:
     """Distances from fixed points. names (N): of the point, empty where a row is none; reach (N,), sigma (N, 1), mm.
-    zeros (N): of what each reach counts from, empty where that is known.
+    zeros (N): name of the zero of each reach, empty where that is known.
     """
 
     names: Sequence[str]
@@ -42,7 +42,7 @@ class Reaches:
 
     @classmethod
     def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
-        """Distances at `rows`, as a ball-bar or a draw-wire shows them."""
+        """Distances at `rows`, as shown by a ball-bar or a draw-wire."""
         import numpy as np
 
         names, reach = sieve.data.texts("anchor"), sieve.numbers("distance", rows=rows)
@@ -126,7 +126,7 @@ class Planes:
 
 
 def reject_point_names(sieve: Sieve, kinds: Sequence[str], names: Sequence[str]) -> None:
-    """Reject the touches on a plane of a name that another row has for a point: the two cannot be the same thing."""
+    """Reject the touches on a plane whose name another row uses for a point: the two cannot be the same object."""
     first: dict[str, int] = {}
     for row, (kind, name) in enumerate(zip(kinds, names, strict=True)):
         if kind != "plane":
@@ -161,7 +161,7 @@ def _touched(sieve: Sieve, artefact: Artefact | None, names: list[str], rows: Co
 
 
 def _tip_radii(sieve: Sieve, artefact: Artefact | None, rows: Collection[int]) -> list[float]:
-    """Radius of what touched, for each row, mm. A `tip_radius` other than the artefact's is rejected."""
+    """Radius of the tip for each row, mm. A `tip_radius` other than the artefact's is rejected."""
     given, column = sieve.numbers("tip_radius", missing=0.0, rows=rows), sieve.data.texts("tip_radius")
     for row in rows:
         if given[row] < 0.0:

@@ -1,4 +1,4 @@
-"""What each row of a data set measures: its filled cells say it."""
+"""The kind of each row of a data set, by its filled cells."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Kind: TypeAlias = Literal["sphere", "plane", "socket", "distance", "pose", "posi
 """What a row measures; distance: from an unknown fixed point (ball-bar, draw-wire)."""
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""In the order in which a row's cells are looked at."""
+"""In the order in which a row's cells are checked."""
 
 NOUNS = {
     "sphere": "touches",
@@ -49,12 +49,12 @@ _FILLED_BY: dict[Kind, tuple[str, ...]] = {**_NEEDED, "pose": (*ABC, *QUATERNION
 
 
 def measure_of(data: DataSet) -> Kind:
-    """The first kind of which any row has a cell filled; positions where there is none."""
+    """The first kind with a filled cell in any row; positions where there is none."""
     return next((kind for kind in KINDS if any(_filled(data, kind))), "position")
 
 
 def kinds_of(sieve: Sieve, asked: Kind | None) -> list[Kind]:
-    """The kind of each row (N,). With `asked` the rows of other kinds are rejected, and say so."""
+    """The kind of each row (N,). With `asked` the rows of other kinds are rejected, with this reason."""
     data = sieve.data
     common: Kind = asked or measure_of(data)
     order = KINDS if asked is None else (asked, *(kind for kind in KINDS if kind != asked))
@@ -67,7 +67,7 @@ def kinds_of(sieve: Sieve, asked: Kind | None) -> list[Kind]:
 
 
 def reject_zeros(sieve: Sieve, kinds: Collection[Kind]) -> None:
-    """Reject the rows that name a zero to count from and are no distance."""
+    """Reject the rows that name a zero and are not distances."""
     for row, (zero, kind) in enumerate(zip(sieve.data.texts("zero"), kinds, strict=True)):
         if zero and kind != "distance":
             sieve.reject(row, f"zero '{zero}' is of a distance from an anchor, and this is {_ONE[kind]}")

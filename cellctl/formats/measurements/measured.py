@@ -38,9 +38,9 @@ _Reading: TypeAlias = Positions | Poses | Reaches | Planes | Sockets
 class Measurements:
     """Usable rows, ready for the identification, in the order of the task's rows: by session, then by kind.
 
-    task: model and rows. readings (N, n): controller readings, deg. lines (N,): where each row stood in the file.
-    sets (N,): the `set` column, empty where there is none. kinds (N,): what each row is. own_sigma: whether the rows
-    say themselves how much they scatter, rather than the robot file. data, robot: where they come from.
+    task: model and rows. readings (N, n): controller readings, deg. lines (N,): each row's line in the file. sets (N,):
+    the `set` column, empty where there is none. kinds (N,): kind of each row. own_sigma: whether the rows state their
+    own σ, rather than the robot file. data, robot: their sources.
     """
 
     task: Task
@@ -55,12 +55,12 @@ class Measurements:
 
     @property
     def measure(self) -> str:
-        """The kinds there are, joined by `+`: `position`, `sphere+position`."""
+        """The kinds present, joined by `+`: `position`, `sphere+position`."""
         return "+".join(kind for kind in KINDS if kind in self.kinds)
 
     @property
     def noun(self) -> str:
-        """What people call such rows."""
+        """The noun for such rows in messages."""
         return NOUNS.get(self.measure, "rows")
 
     def postures(self) -> list[int]:
@@ -68,7 +68,9 @@ class Measurements:
         return posture_numbers(self.readings)
 
     def sightings(self) -> list[int]:
-        """The number of what each row saw (N,): the same for repeats, of one kind, session, point, zero and posture."""
+        """A number for each row's measurement (N,): the same for repeats of one kind, session, point, zero and
+        posture.
+        """
         import numpy as np
 
         blocks = self.task.rows.blocks
@@ -98,7 +100,7 @@ def measurements(
 ) -> Measurements:
     """The usable rows of `data` as a task for `cellctl.calibration.verdict.fit`.
 
-    measure: the one kind to be used; by default each row's filled cells say what it is. artefact: for touches; its
+    measure: the one kind to be used; by default each row's filled cells decide. artefact: for touches; its
     certified distances are used unless `use_distances` is false. spacings: further known distances. own: what each
     session has to itself, `base` and `tool`. Raises InputError where the columns do not allow it, or no row is left.
     """
@@ -142,7 +144,7 @@ def measurements(
 
 
 def tolerances_of(robot: RobotFile) -> Tolerances:
-    """What the robot file says of how far its make may be from its table; the estimator's defaults for the rest."""
+    """The tolerances stated in the robot file; the estimator's defaults for the rest."""
     from cellctl.calibration import Tolerances
 
     said = robot.tolerances.model_dump(exclude_none=True) if robot.tolerances else {}
@@ -152,7 +154,7 @@ def tolerances_of(robot: RobotFile) -> Tolerances:
 @final
 @dataclass(frozen=True, eq=False)
 class _Arranged:
-    """Rows in the order in which the task counts them; points and sessions as it numbers them."""
+    """Rows, points and sessions in the order of the task."""
 
     order: list[int]
     blocks: list[Measured]
@@ -164,7 +166,9 @@ class _Arranged:
 @final
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """What was read of all rows of a data set, usable or not. kinds, sessions (N); parts: the readings of each kind."""
+    """The values read from all rows of a data set, usable or not. kinds, sessions (N); parts: the readings of each
+    kind.
+    """
 
     conditions: Conditions
     parts: Mapping[Kind, _Reading]
@@ -195,7 +199,7 @@ class _Rows:
         return [(self._point(row), self.sessions[row] if self._apart else "") for row in range(len(self.kinds))]
 
     def zeros(self) -> list[str]:
-        """The zero that each row (N) counts its length from, "" where that is known or there is none."""
+        """The zero of each row's (N) length, "" where that is known or there is none."""
         return [self._zero(row) for row in range(len(self.kinds))]
 
     @property
@@ -224,7 +228,7 @@ class _Rows:
 
 
 def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artefact | None) -> dict[Kind, _Reading]:
-    """The columns of each kind that there is."""
+    """The columns of each kind present."""
     readers: dict[Kind, Callable[[set[int]], _Reading]] = {
         "sphere": lambda rows: Reaches.of_touches(sieve, robot, rows, artefact),
         "plane": lambda rows: Planes.of(sieve, robot, rows, artefact),
@@ -240,11 +244,11 @@ def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artef
 def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], given: dict[str, Any]) -> Task:
     from cellctl.calibration import Task
 
-    return Task(model, blocks, groups=terms.groups(), **given)  # type: ignore[arg-type]  # a task makes a mixture of them
+    return Task(model, blocks, groups=terms.groups(), **given)  # type: ignore[arg-type]  # a task makes row blocks
 
 
 def _sets(sieve: Sieve) -> list[str]:
-    """The `set` column; once it is used, each row has to say `fit` or `test`."""
+    """The `set` column; once it is used, each row must have `fit` or `test`."""
     sets = sieve.data.texts("set")
     if any(sets):
         for row, value in enumerate(sets):

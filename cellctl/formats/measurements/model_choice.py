@@ -1,4 +1,4 @@
-"""Which model is identified: `auto`, or terms by name, `geometry+compliance`."""
+"""The choice of the identified model: `auto`, or terms by name, `geometry+compliance`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TABLE = ("geometry", "zeros")
 @final
 @dataclass(frozen=True, slots=True)
 class ModelTerms:
-    """A model choice taken apart; the terms in the order that models are named in."""
+    """A parsed model choice; the terms in the order of model names."""
 
     terms: tuple[str, ...]
 
@@ -44,7 +44,7 @@ class ModelTerms:
         return self.terms == ("auto",)
 
     def groups(self) -> frozenset[str] | None:
-        """What `Task.groups` is for these terms: None for all there is."""
+        """`Task.groups` for these terms: None for all groups."""
         if self.auto or "geometry" in self.terms:
             return None
         return frozenset() if self.terms == ("registration",) else frozenset({*self.terms, "tool"})
@@ -52,7 +52,7 @@ class ModelTerms:
     def model(self, robot: RobotFile, at: Postures, *, touched: bool) -> RobotModel:
         """The nominal robot with the effects of these terms. auto: its tool bends, if it has a mass and touched.
 
-        Raises InputError where the rows or the robot file cannot support one that is named.
+        Raises InputError where the rows or the robot file cannot support a named one.
         """
         if self.auto:
             return nominal_model(robot, touched=touched)
@@ -74,14 +74,16 @@ class ModelTerms:
 
 
 def inputs_of(robot: RobotFile, at: Postures) -> EffectInputs:
-    """What effects may be made from: the robot file's robot, and its rows' conditions."""
+    """Inputs of the effects: the robot file's robot, and its rows' conditions."""
     from cellctl.calibration import EffectInputs
 
     return EffectInputs(robot.chain(), at, robot.tool.mass, robot.down())
 
 
 def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
-    """The robot as its file says; `touched`: with the effects that every tool has which touches, as far as it can."""
+    """The robot as in its file; `touched`: with the effects of every touching tool, as far as the file supports
+    them.
+    """
     import numpy as np
 
     from cellctl.calibration import Postures, RobotModel, kinds
@@ -94,7 +96,7 @@ def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
 
 
 def _effects() -> dict[str, type[Effect]]:
-    """The effects that a person may name, by name."""
+    """The effects that a user may name, by name."""
     from cellctl.calibration import kinds
 
     return {group: kind for group, kind in kinds().items() if kind.chosen != "by evidence"}

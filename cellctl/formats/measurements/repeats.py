@@ -1,4 +1,4 @@
-"""Rows that say nothing new: copies of others, the only row of a point, postures that have been measured before."""
+"""Rows without new information: copies of others, the only row of a point, repeated postures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _POINT_NUMBERS = 3
 
 def reject_copies(sieve: Sieve, readings: Floats, kept: Sequence[int]) -> None:
     """Reject those of the rows `kept` that equal an earlier one number by number: in readings (N, n), measurement and
-    conditions, whatever their `set` says. Real repeats differ in the last digit, or in their `time`.
+    conditions, regardless of their `set`. Real repeats differ in the last digit, or in their `time`.
     """
     cells = _cells(sieve, readings)
     first: dict[bytes, int] = {}
@@ -43,14 +43,14 @@ def reject_lone(
 ) -> None:
     """Reject those of the rows `kept` that are the only one of their point, where others are left.
 
-    points (N): name and session of each row's point, "" where it does not matter; spacings: how many known distances
-    there are from the points of a name. Three numbers find a point; only what is more says anything of the robot.
+    points (N): name and session of each row's point, "" where it does not matter; spacings: count of known distances
+    from the points of a name. Three numbers find a point; only further ones give information on the robot.
     """
     rows_of = Counter(points[row] for row in kept)
     lone = [row for row in kept if points[row][0] and rows_of[points[row]] == 1]
     lone = [row for row in lone if _numbers(kinds[row]) + spacings.get(points[row][0], 0) <= _POINT_NUMBERS]
     if len(lone) == len(kept):
-        return  # that there are too few rows is said in other words
+        return  # another error reports too few rows
     for row in lone:
         name, session = points[row]
         where = f" in session '{session}'" if session else ""
@@ -58,13 +58,13 @@ def reject_lone(
 
 
 def reject_lone_zeros(sieve: Sieve, zeros: Sequence[str], kept: list[int]) -> None:
-    """Reject those of the rows `kept` that alone count from a zero nobody knows, where others are left: one length
-    finds its zero, whatever the robot is. zeros (N): its name in each row, "" where there is none.
+    """Reject those of the rows `kept` that are the only ones of an unknown zero, where others are left: one length only
+    finds its zero. zeros (N): its name in each row, "" where there is none.
     """
     rows_of = Counter(zeros[row] for row in kept)
     lone = [row for row in kept if zeros[row] and rows_of[zeros[row]] == 1]
     if len(lone) == len(kept):
-        return  # that there are too few rows is said in other words
+        return  # another error reports too few rows
     for row in lone:
         sieve.reject(
             row, f"one length only with zero '{zeros[row]}': it cannot be distinguished from the zero; mistyped?"
@@ -72,13 +72,13 @@ def reject_lone_zeros(sieve: Sieve, zeros: Sequence[str], kept: list[int]) -> No
 
 
 def posture_numbers(readings: Floats) -> list[int]:
-    """A number for each different row of `readings` (N, n), counted as they come."""
+    """A number for each different row of `readings` (N, n), in order of appearance."""
     numbers: dict[bytes, int] = {}
     return [numbers.setdefault(posture.tobytes(), len(numbers)) for posture in readings + 0.0]  # -0.0 is 0.0
 
 
 def _numbers(kind: Kind) -> int:
-    """How many numbers a row of this kind says of its point."""
+    """Count of numbers that a row of this kind gives for its point."""
     return _POINT_NUMBERS if kind == "socket" else 1
 
 

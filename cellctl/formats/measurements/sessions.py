@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from cellctl.calibration import Session
 
 OWN = ("base", "tool")
-"""What a session may have to itself."""
+"""Groups that a session may have of its own."""
 
 OWN_BASE = frozenset({"base"})
 
 
 def session_names(sieve: Sieve) -> list[str]:
-    """The `session` column (N,); once it is used, each row has to say its session."""
+    """The `session` column (N,); once it is used, each row must name its session."""
     names = sieve.data.texts("session")
     if any(names):
         for row, name in enumerate(names):
@@ -28,10 +28,10 @@ def session_names(sieve: Sieve) -> list[str]:
 
 
 def sessions_of(names: Sequence[str], own: frozenset[str], *, instrument: bool) -> tuple[Session, ...]:
-    """The sessions in the order in which their names come.
+    """The sessions in the order of their first rows.
 
-    A base is a session's own only where an instrument measured: fixed points say nothing of it. Sessions that have
-    nothing to themselves are one.
+    A base is a session's own only where an instrument measured: fixed points do not determine it. Sessions without
+    their own groups are merged.
     """
     from cellctl.calibration import Session
 
@@ -52,7 +52,7 @@ class Points:
     @classmethod
     def of(cls, names: Sequence[str], sessions: Sequence[str], *, apart: bool) -> Self:
         """The points that rows name, in order of name. apart: those of different sessions are different points, because
-        the robot stands elsewhere.
+        the robot was moved.
         """
         pairs = zip(names, sessions, strict=True)
         return cls(tuple(sorted({(name, session if apart else "") for name, session in pairs if name})))

@@ -1,4 +1,4 @@
-"""How much the rows scatter: as they say themselves, or as the robot repeats."""
+"""σ of the rows: as stated in the rows, or the robot's repeatability."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ if TYPE_CHECKING:
     from cellctl.kinematics import Floats
 
 ROTATION_SIGMA_DEG = 0.005
-"""σ of a measured orientation about each axis where the data do not say; it grows with the residuals as all σ do."""
+"""σ of a measured orientation about each axis where the data do not state it; it is scaled by the residuals like all
+σ."""
 
 LEAST = 1e-6
-"""No standard deviation is smaller, mm or degrees: a row so sure of itself would silence all others."""
+"""No standard deviation is smaller, mm or degrees: such a row would dominate all others."""
 
 MOST = 1e3
-"""No standard deviation is greater, mm or degrees: what is known no better than that is not measured."""
+"""No standard deviation is greater, mm or degrees: a larger one is no measurement."""
 
 SIGMAS = ("sX", "sY", "sZ")
 OF_DISTANCE = "sD"
@@ -28,7 +29,7 @@ OF_ROTATION = "sR"
 
 
 def has_own_sigma(data: DataSet) -> bool:
-    """Whether any row says itself how much its position or distance scatters."""
+    """Whether any row states the σ of its position or distance."""
     return any(any(data.texts(name)) for name in (*SIGMAS, OF_DISTANCE))
 
 
