@@ -1,1 +1,1 @@
-"""Drivers: one package per device, the production codec of its wire."""
+"""Drivers: one package per device, with the production codec of its protocol."""

@@ -1,6 +1,6 @@
-"""A serial port, for every driver of a device on one: its address, opening it exclusively, reading it with a bound.
+"""A serial port, for all drivers of serial devices: its address, exclusive opening, reads with a time limit.
 
-Every way of not opening is reported with its cure.
+Every failure to open is reported with its cure.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from serial import Serial
 
 _READ_BOUND_S = 0.05
-"""Wall time after which a read with nothing to read returns, so that the thread can be ended."""
+"""Wall time after which a read without data returns, so that the thread can be ended."""
 _WRITE_BOUND_S = 0.2
-"""Wall time after which a line that cannot be sent counts as lost: nothing reads it."""
+"""Wall time after which a line that cannot be sent counts as lost."""
 
 _CURES = {
     errno.ENOENT: "is the {device} plugged in? `ls /dev/serial/by-id` shows the ports that are there",
@@ -36,7 +36,7 @@ _BAUDS = range(1200, 4_000_001)
 @final
 @dataclass(frozen=True, slots=True)
 class SerialPlace:
-    """The port in a device's address: `path` (`/dev/ttyACM0`), `baud`; `example`: a right address."""
+    """The port in a device's address: `path` (`/dev/ttyACM0`), `baud`; `example`: a correct address."""
 
     path: str
     baud: int
@@ -61,22 +61,22 @@ class SerialPlace:
 
 @final
 class SerialPort:
-    """An open serial port, 8N1. Reading is for one thread; closing comes after that thread has ended."""
+    """An open serial port, 8N1. One thread reads; close it after that thread has ended."""
 
     def __init__(self, serial: Serial) -> None:
         self._serial = serial
 
     def read(self) -> bytes:
-        """What has come; empty after 50 ms (wall) without anything. Raises OSError where the port is gone."""
+        """The received bytes; empty after 50 ms (wall) without data. Raises OSError if the port was lost."""
         first: bytes = self._serial.read(1)
         if not first:
             return b""
         return first + bytes(self._serial.read(self._serial.in_waiting))
 
     def write(self, data: bytes) -> None:
-        """Send `data`. Raises OSError where the port is gone or takes nothing for 200 ms (wall).
+        """Send `data`. Raises OSError if the port was lost or accepts no data for 200 ms (wall).
 
-        Not pyserial's write: it calls a line lost that the port took at once, where its thread was kept waiting since.
+        Not pyserial's write: if its thread is delayed, it reports a line as lost that the port took at once.
         """
         line = self._serial.fileno()
         while data:
@@ -87,26 +87,26 @@ class SerialPort:
                 data = data[os.write(line, data) :]
 
     def waiting(self) -> bool:
-        """Whether something has come that is not read yet; false where the port is gone."""
+        """Whether unread data wait; false if the port was lost."""
         try:
             return bool(self._serial.in_waiting)
         except (OSError, TypeError):
             return False
 
     def wake(self) -> None:
-        """End a read that is under way."""
+        """End a read in progress."""
         with suppress(OSError, TypeError):
             self._serial.cancel_read()
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         with suppress(OSError, TypeError):
             self._serial.close()
 
 
 def open_port(device: str, place: SerialPlace) -> SerialPort:
     """Open the port of `device` exclusively. Raises DeviceUnreachable, with the cure."""
-    import termios  # lazily, as it and pyserial are only needed where a port is opened
+    import termios  # lazily, as it and pyserial are only needed to open a port
 
     from serial import Serial
 
@@ -120,6 +120,6 @@ def open_port(device: str, place: SerialPlace) -> SerialPort:
 
 
 def _errno_in(error: BaseException) -> int | None:
-    """The error number of what `error` was raised from: pyserial hides some in its text."""
+    """The error number of the cause of `error`: pyserial hides some in its text."""
     cause = error.__context__
     return cause.args[0] if cause and cause.args and isinstance(cause.args[0], int) else None

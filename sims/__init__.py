@@ -1,1 +1,1 @@
-"""The cell's hardware in simulation: one world, and thin servers on the devices' own wires."""
+"""The simulated hardware of a cell: one world, and thin servers with the devices' own protocols."""

@@ -16,7 +16,7 @@ from sims.truth_rows import TruthError
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Do what the command line says; returns the exit code: 0, or 2 where the call or a file is wrong."""
+    """Run the command line; returns the exit code: 0, or 2 if the call or a file is wrong."""
     asked = _parser().parse_args(arguments)
     try:
         return int(asked.do(asked) or 0)
@@ -70,7 +70,7 @@ def _run(asked: argparse.Namespace) -> None:
 
 
 def _check(asked: argparse.Namespace) -> int:
-    """Print the errors as a JSON list of texts, each begun by the value's path in the file; 2 where there are any."""
+    """Print the errors as a JSON list of texts, each after the value's path in the file; returns 2 if any."""
     try:
         read_cell(asked.cell, to_run=True)
     except CellError as error:

@@ -1,4 +1,4 @@
-"""The cell file, as far as its simulators need it. A reader of its own: `cellctl` has another."""
+"""Reads the parts of the cell file that the simulators need; separate from `cellctl`'s reader."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ ERRORS = {
     "backlash": 0.0,
     "expansion": 0.0,
 }
-"""The kinds of error of the simulated cell → the scale of each, unless the cell file says otherwise."""
+"""The kinds of error of the simulated cell → the default scale of each."""
 
 
 class CellError(Exception):
-    """The cell cannot be simulated as its files stand; the text is one block that names every error."""
+    """The cell cannot be simulated with its files; the text is one block that names every error."""
 
     def __init__(self, path: Path, problems: list[str]) -> None:
         self.problems = problems
@@ -73,7 +73,7 @@ class Plate:
 @final
 @dataclass(frozen=True, slots=True)
 class Artefact:
-    """What the tip touches; `tip_radius` in mm."""
+    """The objects that the tip touches; `tip_radius` in mm."""
 
     tip_radius: float
     spheres: tuple[Sphere, ...]
@@ -99,7 +99,7 @@ class Simulate:
 @final
 @dataclass(frozen=True, slots=True)
 class SimCell:
-    """A cell to simulate. `addresses`: device → address as written. `home`: where the robot is at first, A1…An, deg."""
+    """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg."""
 
     path: Path
     name: str
@@ -153,7 +153,7 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
 
 
 def _home(section: Section, robot: RobotFile) -> tuple[float, ...]:
-    """Where the cell file has it, else every joint at 0, as far as the axes' limits let it."""
+    """From the cell file, else every joint at 0 or at the nearest axis limit."""
     home = section.numbers("home", len(robot.joints)) if "home" in section.entries else (0.0,) * len(robot.joints)
     return tuple(min(max(angle, axis.min), axis.max) for angle, axis in zip(home, robot.joints, strict=True))
 
@@ -168,7 +168,7 @@ def _load(path: Path) -> Any:
 
 
 def _load_model(cell: Path, model: str, problems: list[str]) -> Any:
-    """The robot file's content; what keeps it from being read is an error of the cell like another."""
+    """The robot file's content; a failure to read it is an error of the cell."""
     if not model:
         return None
     try:

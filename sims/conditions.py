@@ -1,4 +1,4 @@
-"""Under which circumstances a pose is asked about, besides its joints."""
+"""The conditions of a pose besides its joints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import final
 
 REFERENCE_C = 20.0
-"""Temperature at which the links are as long as the true geometry has them."""
+"""Temperature at which the links have the lengths of the true geometry."""
 
 
 @final
@@ -14,8 +14,8 @@ REFERENCE_C = 20.0
 class Conditions:
     """How a pose was approached, and in what state.
 
-    `directions`: which way each joint's reading moved last: 1, −1, or 0 (the middle of its play); none given: all 0.
-    `temperature_c`: of all links, °C. `payload_kg`: hung on the tool centre point, besides the tool.
+    `directions`: direction of each joint's last motion: 1, −1, or 0 (the middle of its play); none given: all 0.
+    `temperature_c`: of all links, °C. `payload_kg`: at the TCP, besides the tool.
     """
 
     directions: tuple[int, ...] = ()

@@ -1,10 +1,10 @@
 """The control port: JSON lines over TCP, for the host's clock, for faults, and to end the cell.
 
-Tick and tock keep the attached host and the cell in step (lockstep). A tick says what T is and how many bytes the
-simulators have written to each wire; the host answers when it has read them and has nothing left to do at T. Its tock
-says how many bytes it has written; T goes on when the simulators have read those. A tick is sent 20 ms after the last
-tock, and before the next event wherever an event has written to a wire. So whatever host and cell do to each other is
-done at the same T in every run, however long the bytes travel.
+Tick and tock keep the attached host and the cell in step (lockstep). A tick contains T and the number of bytes that the
+simulators have written to each wire; the host answers when it has read them and has no work left at T. Its tock
+contains the number of bytes it has written; T continues when the simulators have read those. A tick is sent 20 ms
+after the last tock, and before the next event if an event has written to a wire. So all interactions of host and cell
+happen at the same T in every run, for any transmission delay.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sims.simulator import Refused, Request
 from sims.wires import Wire
 
 STRIDE_NS = 20_000_000
-"""How far T may go past the attached host's last tock."""
+"""Largest advance of T past the attached host's last tock."""
 
 _LONGEST = 65_536
 
@@ -64,14 +64,14 @@ class ControlPort:
         self._awaited = self.kernel.hold("host", FOR_EVER_NS)
 
     def close(self) -> None:
-        """Hang up on everybody."""
+        """Close all connections."""
         for connection in list(self._connections):
             connection.close()
         self.kernel.unwatch(self._listener)
         self._listener.close()
 
     def answer(self, connection: Connection, request: dict[str, Any]) -> dict[str, Any] | None:
-        """Do what is asked; None where there is no answer. Raises Refused."""
+        """Execute the request; returns None without an answer. Raises Refused."""
         match request:
             case {"tock": int(time_ns)}:
                 connection.tocked(time_ns, _counts(request.get("wires", {})))
@@ -192,7 +192,7 @@ class Connection:
     def tocked(self, time_ns: int, written: dict[str, int]) -> None:
         """The host has done all that is to be done at `time_ns`, and has written so many bytes to each wire.
 
-        An older tick's answer says only that it lives.
+        An older tick's answer only shows that it is alive.
         """
         if self._ticked is None or time_ns != self._ticked:
             return
@@ -200,7 +200,7 @@ class Connection:
         self.go_on_if_read()
 
     def go_on_if_read(self) -> None:
-        """Let T go on once the host has answered and the simulators have read what it wrote."""
+        """Let T continue once the host has answered and the simulators have read what it wrote."""
         if self._ticked is None or self._to_read is None:
             return
         wires = self._port.wires
@@ -217,7 +217,7 @@ class Connection:
             self._hold.extend()
 
     def close(self) -> None:
-        """Hang up; T waits for it no more."""
+        """Close the connection; T no longer waits for it."""
         self._kernel.unwatch(self._stream)
         self._stream.close()
         if self._next_tick is not None:

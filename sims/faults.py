@@ -1,4 +1,4 @@
-"""Faults: what goes wrong, and when. The devices' simulators ask whether one is active, or are called when it starts.
+"""Faults and their schedule. The devices' simulators query whether one is active, or are called when it starts.
 
 A fault starts at a time of the cell, or at an event, which a device's simulator announces by its name.
 """
@@ -23,7 +23,7 @@ _MS = 1_000_000
 
 
 class FaultError(ValueError):
-    """A fault that there is not, or a setting that it does not have; the text says which are possible."""
+    """An unknown fault, or an unknown setting of one; the text lists the possible ones."""
 
 
 @final
@@ -136,7 +136,7 @@ class Faults:
             self._waiting.append(fault)
 
     def active(self, name: str) -> Fault | None:
-        """The fault of this name that is going on, the latest of several; None where all is well."""
+        """The active fault of this name, the latest of several; None without one."""
         faults = self._active[name]
         return faults[-1] if faults else None
 
@@ -149,7 +149,7 @@ class Faults:
         self._on_end[name].append(callback)
 
     def announce(self, event: str) -> int:
-        """A device says that `event` happens now; returns how often it has, from 1. Raises KeyError: not described."""
+        """A device reports that `event` happens now; returns its count, from 1. Raises KeyError: not described."""
         if event not in self.catalogue.events:
             raise KeyError(f"{event} is not among the events of its device's description")
         self.counts[event] += 1

@@ -67,7 +67,7 @@ class Event:
 
 @final
 class Hold:
-    """T stands still until `release`, or until `deadline_ns` of the wall. An inert hold (a dead peer's) holds nothing.
+    """T is stopped until `release`, or until `deadline_ns` of wall time. An inert hold (a dead peer's) has no effect.
 
     Events that are due before `from_ns` do not wait for it.
     """
@@ -84,7 +84,7 @@ class Hold:
 
     @property
     def active(self) -> bool:
-        """Whether T stands still because of this hold."""
+        """Whether this hold stops T."""
         return self._held is not None
 
     def extend(self) -> None:
@@ -92,7 +92,7 @@ class Hold:
         self.deadline_ns = time.monotonic_ns() + BUSY_NS
 
     def release(self) -> None:
-        """The awaited answer is there. Twice is once."""
+        """The awaited answer arrived. A second call has no effect."""
         held, self._held = self._held, None
         if held is not None:
             held.pop(self, None)
@@ -102,7 +102,7 @@ class Hold:
 class Kernel:
     """The owner of the cell's time T, an integer in nanoseconds from 0 at the start.
 
-    lockstep: T leaps from event to event and stands still while a hold is active. realtime: T is CLOCK_MONOTONIC minus
+    lockstep: T advances from event to event and is stopped while a hold is active. realtime: T is CLOCK_MONOTONIC minus
     `epoch_ns`; files are read before events that are due, an event sees the T it was due at, a file callback the T of
     the wall or of the next event, whichever is earlier. T never goes back.
     `publish` is called with each new T before anything happens at it (lockstep). `before_event` is called in lockstep
@@ -143,7 +143,7 @@ class Kernel:
         return self.at(self.now + delay_ns, action)
 
     def hold(self, peer: str, patience_ns: int | None = None) -> Hold:
-        """Let T stand still until `peer` has answered, or has been silent for `patience_ns` (10 s) of wall time.
+        """Stop T until `peer` has answered, or has been silent for `patience_ns` (10 s) of wall time.
 
         After such a silence the peer's later holds are inert until `alive(peer)`. In real time it is inert.
         """
@@ -169,12 +169,12 @@ class Kernel:
         return peer in self._dead
 
     def forget(self, peer: str) -> None:
-        """`peer` has hung up: nothing waits for it any more, and it starts afresh when it calls again."""
+        """`peer` has disconnected: T no longer waits for it; a new connection starts from the beginning."""
         self._release_all(peer)
         self._dead.discard(peer)
 
     def holders(self) -> list[str]:
-        """The peers for whom T stands still now."""
+        """The peers for which T is stopped now."""
         return sorted({hold.peer for hold in self._held})
 
     def watch(self, file: File, on_readable: Action) -> None:
@@ -242,7 +242,7 @@ class Kernel:
             return self._chores_at
         if not self._dead and wall - self._heard_at < QUIET_NS:
             return wall
-        # nobody would notice a leap, or somebody may come back: let T go as it would on a real cell
+        # no peer, or one may return: let T run as on a real cell
         return self._moved_at + self._queue[0][0] - self.now
 
     def _next_event(self) -> None:

@@ -1,4 +1,4 @@
-"""What the cell remembers from one process of its simulators to the next: a file, written whole or not at all."""
+"""The cell's state from one simulator process to the next: a file, written atomically."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class BadMemory(ValueError):
 class Memory:
     """Each part of the cell registers its state with `keep`, and finds its last state with `recall`.
 
-    `path`: the file, loaded where it exists; None remembers nothing. `whose`: what the memory belongs to; a file that
-    says otherwise is refused. Raises BadMemory, OSError.
+    `path`: the file, loaded where it exists; None remembers nothing. `whose`: what the memory belongs to; a file of
+    another owner is refused. Raises BadMemory, OSError.
     """
 
     def __init__(self, path: Path | None = None, whose: Part | None = None) -> None:

@@ -1,4 +1,4 @@
-"""A simulated cell ends with the process that started it, however that one ends."""
+"""Ends a simulated cell when its parent process ends in any way."""
 
 from __future__ import annotations
 

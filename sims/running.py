@@ -1,4 +1,4 @@
-"""`python -m sims run`: every device of a cell on its own wire, one time for all, until somebody ends it."""
+"""`python -m sims run`: every device of a cell on its own wire, with a common time, until stopped."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sims.wires import Wire
 @final
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What the command line says besides the cell: seed and clock win over the cell file's. `state`: its memory.
+    """The command line besides the cell: seed and clock override the cell file's. `state`: its memory.
 
     `wait_for_host`: in lockstep, T stays at 0 until a host attaches.
     """
@@ -67,7 +67,7 @@ class RunningCell:
         self._memory.save()
 
     def close(self) -> None:
-        """Hang up on everybody and remove the time file."""
+        """Close all connections and remove the time file."""
         self._closing.close()
 
     def _build(self, cell: SimCell, truth_log: TextIO | None, closing: contextlib.ExitStack) -> ControlPort:

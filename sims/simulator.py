@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 class CannotStart(ValueError):
-    """The device cannot be simulated as the cell file has it; the text says why."""
+    """The device cannot be simulated with this cell file; the text gives the reason."""
 
 
 class Refused(Exception):
-    """A request on the control port that cannot be done; the text says why."""
+    """A request on the control port that cannot be done; the text gives the reason."""
 
 
 Request = Callable[[dict[str, Any]], object]
@@ -55,7 +55,7 @@ class Started(Protocol):
 
     @property
     def address(self) -> str:
-        """Where its driver finds it: the address as written, with the places filled in."""
+        """The address for its driver: as written, with host and port or path filled in."""
 
     @property
     def requests(self) -> Mapping[str, Request]:

@@ -1,4 +1,4 @@
-"""The simulators that are installed, found by their entry points: whoever adds one changes nothing here."""
+"""The simulators that are installed, found by their entry points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GROUP = "cellctl.simulators"
 
 
 class BadSimulator(Exception):
-    """An installed simulator cannot be used; the text says which and why."""
+    """An installed simulator cannot be used; the text names it and the reason."""
 
 
 @final

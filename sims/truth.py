@@ -1,4 +1,4 @@
-"""`python -m sims truth`: where the simulated robot's tool centre point truly is, for tests and studies alone."""
+"""`python -m sims truth`: the true TCP of the simulated robot, for tests and studies only."""
 
 from __future__ import annotations
 

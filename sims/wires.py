@@ -34,7 +34,7 @@ class Wire:
         self.on_read()
 
     def wrote(self, count: int) -> None:
-        """So many bytes were given to the operating system for the host."""
+        """Add this number of bytes passed to the operating system for the host."""
         self.written += count
 
     def read(self, count: int) -> None:

@@ -1,4 +1,4 @@
-"""The lines as characters: check sum, framing, reading, writing. Pure; no port, no clock."""
+"""The line format: check sum, framing, parsing, printing. Pure; no port, no clock."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class LineError(ValueError):
 @final
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A valid line: its number 0…65535, the probe's 32-bit count when it began to send it, and its content."""
+    """A valid line: its number 0…65535, the probe's 32-bit count at the start of sending, and its content."""
 
     seq: int
     tick: int
@@ -70,7 +70,7 @@ def parse_line(raw: bytes) -> Line:
 
 @final
 class Splitter:
-    """Cuts what comes from the port into lines; an overlong one comes out cut, and so is found wrong."""
+    """Splits the port's bytes into lines; an overlong one is truncated, and is therefore found invalid."""
 
     def __init__(self) -> None:
         self._rest = b""

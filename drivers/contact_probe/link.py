@@ -1,4 +1,4 @@
-"""The conversation: a thread that reads and acknowledges, commands that are repeated, doubles that count once."""
+"""The link: a thread that reads and acknowledges lines, repeated commands, and duplicates that count once."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from drivers.serial_port import SerialPort
 _REPEAT_AFTER_S = 0.1
 _TIMES = 5
 _DOUBLE_WITHIN_NS = 1_000_000_000
-"""A line seen again so soon is a double; the numbers come round after minutes at the earliest."""
+"""A line received again within this time is a duplicate; the numbers wrap after minutes at the earliest."""
 _BOOT_WITHIN_NS = 120_000_000
-"""The same for BOOT, always number 0: two repeats, so that a second reset is not taken for a double."""
+"""The same for BOOT, always number 0: two repeats, so that a second reset does not count as a duplicate."""
 _USELESS_NS = 170_000_000
-"""So long without a new line, and what comes in between is of no use: spoilt, or old lines again."""
+"""After this time without a new line, the received lines are useless: corrupted or repeated."""
 _END_BOUND_S = 10.0
 
 
 @final
 @dataclass(slots=True)
 class Counts:
-    """What went over the line since the start."""
+    """Counts of the line since the start."""
 
     lines: int = 0
     crc_errors: int = 0
@@ -42,9 +42,9 @@ class Counts:
 @final
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A line that came in for the first time: when its last character was read, and how long the wire took for it.
+    """A line received for the first time: the time of its last character, and its transmission time.
 
-    `new`: it is no line of the past, nor one whose count has jumped, so that its tick can be believed.
+    `new`: it is neither an old line nor one whose count has jumped, so that its tick is reliable.
     """
 
     line: Line
@@ -56,7 +56,7 @@ class Arrival:
 @final
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """The answer to a command; when the command was first sent, and how long the wire took for it at the least."""
+    """The answer to a command; the time of its first sending, and its least transmission time."""
 
     arrival: Arrival
     sent_ns: int
@@ -81,15 +81,15 @@ class Hearer(Protocol):
         """A valid line, once. On the loop."""
 
     def gone_at_once(self) -> None:
-        """The port is gone. In the thread that found it out; must not block."""
+        """The port was lost. In the thread that detected it; must not block."""
 
     def gone(self, loss: DeviceLost) -> None:
-        """The port is gone. On the loop."""
+        """The port was lost. On the loop."""
 
 
 @final
 class Link:
-    """A conversation over an open port, from `start` to `close`."""
+    """The link over an open port, from `start` to `close`."""
 
     def __init__(self, device: str, port: SerialPort, baud: int, clock: Clock, hearer: Hearer) -> None:
         self.counts = Counts()
@@ -113,7 +113,7 @@ class Link:
         self._thread.start()
 
     async def close(self) -> None:
-        """End the thread and let go of the port."""
+        """End the thread and close the port."""
         self._ending = True
         self._port.wake()
         with self._clock.standing():
@@ -122,30 +122,30 @@ class Link:
         self._wire.close()
 
     def wire_ns(self, characters: int) -> int:
-        """How long so many characters take on the wire, 8N1: ten bits each."""
+        """Transmission time of this number of characters, 8N1: ten bits each."""
         return characters * 10_000_000_000 // self._baud
 
     def silent_ns(self) -> int:
-        """How long ago, in the cell's time, the probe last began a new line; 0 where something waits to be read.
+        """Time, in the cell's time, since the probe last began a new line; 0 if unread data wait.
 
-        Not where what was read since has been of no use: then what waits is more of it.
+        Unread data do not count if the lines read since were useless.
         """
         useless = self._read_ns - self.last_alive_ns > _USELESS_NS
         return 0 if self._port.waiting() and not useless else self._clock.now_ns() - self.last_alive_ns
 
     def why_not_alive(self) -> str:
-        """Why the lines that come in are no proof of life; empty where none come, or good ones."""
+        """Why the received lines are no proof of life; empty without lines, or if they are valid."""
         return "" if self._clock.now_ns() - self._line_ns > _USELESS_NS else self._liveness.reason
 
     def check(self) -> None:
-        """Raises DeviceLost where the port is gone."""
+        """Raises DeviceLost if the port was lost."""
         if self._why_gone:
             raise self._loss()
 
     async def ask(self, kind: str) -> Answered:
         """Send a command until it is answered.
 
-        Raises TimeoutError after the fifth time, DeviceLost where the port is gone.
+        Raises TimeoutError after the fifth time, DeviceLost if the port was lost.
         """
         async with self._asking:
             seq, self._next_seq = self._next_seq, (self._next_seq + 1) % 0x10000
@@ -188,7 +188,7 @@ class Link:
                 for raw in splitter.feed(data):
                     self._hear(raw, time_ns)
                 self._wire.read(len(data))
-        except Exception as error:  # whatever ends this thread is the loss of the device, never silence
+        except Exception as error:  # report any end of this thread as loss of the device
             self._lose(f"the port is gone ({error})")
 
     def _hear(self, raw: bytes, time_ns: int) -> None:
@@ -208,12 +208,12 @@ class Link:
         if not double:
             self._hearer.at_once(line)
         self._send(encode("ACK", line.seq))
-        if not double:  # after the acknowledgement: what the loop sends upon this line goes onto the wire behind it
+        if not double:  # after the acknowledgement: replies from the loop are sent behind it
             arrival = Arrival(line, time_ns, self.wire_ns(len(raw)), new=late_ns is not None)
             self._on_loop(lambda: self._take(arrival))
 
     def _is_double(self, line: Line, time_ns: int) -> bool:
-        """The same number saying the same again soon. Heartbeats, never sent again, may well be alike after a reset."""
+        """The same number and content again soon. Heartbeats are never repeated, but can be equal after a reset."""
         if isinstance(line.message, Heartbeat):
             return False
         seen, last_ns = self._seen.get(line.seq, (None, 0))
@@ -227,7 +227,7 @@ class Link:
         self._hearer.arrived(arrival)
         message = arrival.line.message
         if not arrival.new:
-            return  # an old answer may bear the awaited number: they begin at 0 with each connection
+            return  # an old answer may have the expected number: numbers begin at 0 with each connection
         if self._awaited and isinstance(message, Answer) and message.host_seq == self._awaited[0]:
             _, answer = self._awaited
             if not answer.done():

@@ -1,4 +1,4 @@
-"""Which lines prove that the probe is alive: only those newer than all lines before them, and from when they date."""
+"""Lines that prove that the probe is alive: only those newer than all earlier ones, with their times."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ from drivers.contact_probe.ticks import LONGEST_GAP_NS, WRAP, TickClock
 
 _HALF_THE_NUMBERS = 0x8000
 _DRIFT = 3e-4
-"""Clocks that differ by more than this (300 ppm) are wrong; the map of ticks bounds its drift alike."""
+"""Clocks that differ by more than this (300 ppm) are wrong; the map of ticks has the same limit."""
 _SETTLED_NS = 1_000_000_000
-"""The fastest of the lines of so long a time shows where the count is, whatever kept the others waiting."""
+"""Window whose line with the least delay gives the current count."""
 _AHEAD_NS = 200_000_000
-"""A count further ahead of its time than this has jumped, or runs fast."""
+"""A count further ahead than this has jumped, or runs fast."""
 _LATE_NS = 50_000_000
-"""A delay worth naming where the proofs of life have become too old."""
+"""Least delay that is reported when the proofs of life are too old."""
 
 
 @final
 class Liveness:
     """Judges each line of one connection, in order of arrival. Pure; for one thread.
 
-    A line is new where its count has advanced and, for a heartbeat, its number, too: the probe takes the count when it
-    begins to send, so this holds for every line, sent again or not. `BOOT` begins both anew; so does a long silence.
+    A line is new if its count has advanced and, for a heartbeat, its number, too: the probe takes the count when it
+    begins to send, so this holds for repeated lines, too. `BOOT` and a long silence restart both.
     """
 
     def __init__(self) -> None:
         self.reason = ""
-        """Why the last line was no proof of life, or an old one; empty where it was a good one."""
+        """Why the last line was no proof of life, or an old one; empty if it was valid."""
         self._tick_hz = 0
         self._heard_ns = 0
         self._begin()
 
     def lateness_ns(self, line: Line, time_ns: int, *, double: bool) -> int | None:
-        """How much longer `line`, read at `time_ns`, took than the fastest lines; None where it is not new.
+        """Extra delay of `line`, read at `time_ns`, over the fastest lines; None if it is not new.
 
-        `double`: the line was sent again, and came in before. It can be new (the probe sent it anew), but a probe that
-        only repeats itself is no live one: the caller decides.
+        `double`: the line is a repetition of a received one. It can be new (the probe sent it again), but repetitions
+        alone do not prove life: the caller decides.
         """
         if (isinstance(line.message, Boot) and not double) or time_ns - self._heard_ns > LONGEST_GAP_NS:
             self._begin()
@@ -60,7 +60,7 @@ class Liveness:
         self._beat_seq: int | None = None
         self._device_ns = 0
         self._fastest_ns: float | None = None  # arrival less count, of the fastest line
-        self._bound_ns = 0.0  # the same in the first second, allowing for drift: what is far below has jumped
+        self._bound_ns = 0.0  # the same in the first second, with drift: a value far below has jumped
 
     def _why_old(self, line: Line) -> str:
         if self._tick == line.tick:

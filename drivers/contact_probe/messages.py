@@ -7,7 +7,7 @@ from typing import final
 
 _CLOSED_BELOW_MV = 500
 _OPEN_MV = range(1000, 2501)
-"""Of the loop, as docs/reference/probe-protocol.md has it."""
+"""States of the loop, as in docs/reference/probe-protocol.md."""
 
 
 @final
@@ -49,7 +49,7 @@ class Heartbeat:
 
     @property
     def open(self) -> bool:
-        """Whether the loop is open and whole. Neither closed nor open: broken, or a voltage that means nothing."""
+        """Whether the loop is open and whole. Neither closed nor open: broken, or an undefined voltage."""
         return self.loop_mv in _OPEN_MV
 
 
@@ -64,7 +64,7 @@ class Edge:
 @final
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """`CONF`: whether the level held for 2 ms after that edge (1 or 0), and how many further edges there were."""
+    """`CONF`: whether the level held for 2 ms after that edge (1 or 0), and the number of further edges."""
 
     edge_tick: int
     confirmed: int
@@ -90,7 +90,7 @@ class Fault:
 @final
 @dataclass(frozen=True, slots=True)
 class Synced:
-    """`SYNC`: the answer to a SYNC whose line had come in by the hardware count `received_tick`."""
+    """`SYNC`: the answer to a SYNC that was received by the hardware count `received_tick`."""
 
     host_seq: int
     received_tick: int

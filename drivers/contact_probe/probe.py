@@ -1,4 +1,4 @@
-"""The contact probe as its callers use it: connect, arm, wait for the contact, disarm."""
+"""The contact probe's interface: connect, arm, wait for the contact, disarm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from drivers.contact_probe.session import Session
 from drivers.serial_port import SerialPlace
 
 _CLOSE_BOUND_S = 2.0
-"""Wall time: a simulated cell whose time stands still must not keep the probe open."""
+"""Wall time: a simulated cell with stopped time must not keep the probe open."""
 
 _CONDITIONS: Final = {
     "alive": "the probe sends its heartbeats",
@@ -56,7 +56,7 @@ class SerialProbe:
             raise
 
     async def arm(self, on_edge: Callable[[], None], on_alive: Callable[[int], None]) -> None:
-        """Arm, with the loop verified open by the probe itself; once more after disarming where it is not idle."""
+        """Arm; the probe itself verifies that the loop is open. If it is not idle, disarm and repeat."""
         session = self._connected()
         session.check()
         ticks = await session.settled()
@@ -71,7 +71,7 @@ class SerialProbe:
         session.watch(search)
 
     async def contact(self) -> Contact:
-        """Wait for the contact. `confirmed`: whether the level held, None where that was not reported within 0.5 s."""
+        """Wait for the contact. `confirmed`: whether the level held, None if not reported within 0.5 s."""
         search = self._session.search if self._session else None
         if search is None:
             raise DeviceRefused(self.name, "is not armed, so no contact can come", "arm it first")
@@ -89,7 +89,7 @@ class SerialProbe:
         return beat.closed
 
     async def disarm(self) -> None:
-        """Disarm. A probe whose fault is still there stays in FAULT, which is as safe."""
+        """Disarm. A probe with a persisting fault stays in FAULT, which is equally safe."""
         session = self._connected()
         if await session.command("DISARM") == "UNKNOWN":
             raise DeviceRefused(self.name, "does not know DISARM", "load firmware that speaks protocol version 1")
@@ -107,11 +107,11 @@ class SerialProbe:
         return Health(beat.state != "FAULT", f"{beat.state}, loop at {beat.loop_mv} mV", figures)
 
     def conditions(self) -> Mapping[str, str]:
-        """What an interlock can name."""
+        """The conditions that an interlock can name."""
         return _CONDITIONS
 
     async def holds(self, condition: str) -> bool:
-        """Whether a condition holds, by the last heartbeat. Raises DeviceLost where the probe is silent, KeyError."""
+        """Whether a condition holds, by the last heartbeat. Raises DeviceLost if the probe is silent, KeyError."""
         if condition not in _CONDITIONS:
             raise KeyError(condition)
         session = self._connected()
@@ -122,13 +122,13 @@ class SerialProbe:
         return beat is not None and (beat.open or (condition == "whole" and beat.closed))
 
     async def stop(self) -> None:
-        """Disarm. A probe that does not answer enters its safe state by itself: it receives nothing from us either."""
+        """Disarm. A probe that does not answer enters its safe state by itself, since it receives nothing."""
         if self._session:
             with suppress(DeviceLost):
                 await self.disarm()
 
     async def close(self) -> None:
-        """Disarm, end the port's thread and let go of the port."""
+        """Disarm, end the port's thread and close the port."""
         if self._session:
             with suppress(DeviceError, TimeoutError):
                 async with asyncio.timeout(_CLOSE_BOUND_S):
@@ -137,7 +137,7 @@ class SerialProbe:
 
     async def _armed(self, session: Session) -> None:
         code = await session.command("ARM")
-        if code == "STATE":  # tripped, or at fault, since some earlier search
+        if code == "STATE":  # tripped, or in a fault, since an earlier search
             self._judge(await session.command("DISARM"))
             code = await session.command("ARM")
         self._judge(code)

@@ -1,4 +1,4 @@
-"""One armed search: what ends it, whom that concerns at once, and what comes out."""
+"""One armed search: its end conditions, the immediate callbacks, and its outcome."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.contact_probe.ticks import TickClock
 
 _CONFIRM_WITHIN_S = 0.5
 _EDGE_WITHIN_S = 0.5
-"""Of a heartbeat that can only mean a contact: the probe repeats EDGE every 50 ms until it is acknowledged."""
+"""Time limit for EDGE after a heartbeat that implies a contact: the probe repeats EDGE every 50 ms."""
 _FAULTS = {
     "WIRE": ("the loop is broken", "check the torch lead, the earth lead and the end-of-line resistor"),
     "STUCK": ("the loop has been closed for over 10 s", "free the tip and clean spatter off it"),
@@ -25,13 +25,13 @@ _RESET_CURE = "check the probe's supply and leads, then search again"
 
 
 def fault_of(device: str, code: str) -> DeviceFault:
-    """A fault code of the probe (`WIRE`) in words, with its cure."""
+    """A fault code of the probe (`WIRE`) as text, with its cure."""
     what, cure = _FAULTS.get(code, ("the probe is at fault", "see the probe's manual"))
     return DeviceFault(device, f"{what} (fault {code})", cure)
 
 
 def _missed(device: str, beat: Heartbeat) -> DeviceFault:
-    """The line that an armed probe should have sent and did not, from its heartbeat."""
+    """The line that an armed probe failed to send, from its heartbeat."""
     if beat.state == "TRIPPED":
         what = f"tripped without saying when: no EDGE within {_EDGE_WITHIN_S:g} s"
         return DeviceFault(device, what, "look at the serial line: its health counts spoilt and old lines")
@@ -65,7 +65,7 @@ class Search:
         self._armed = False
         self._halted = False
         self._edge_came = False
-        self._due: Timer | None = None  # the outcome if nothing better comes
+        self._due: Timer | None = None  # the outcome if there is no better one
         self._outcome: Contact | DeviceError | None = None
         self._ended = asyncio.Event()
 
@@ -76,15 +76,15 @@ class Search:
 
     @property
     def trouble(self) -> DeviceError | None:
-        """What ended the search instead of a contact, so far."""
+        """The error that ended the search instead of a contact, so far."""
         return self._outcome if isinstance(self._outcome, DeviceError) else None
 
     def armed(self) -> None:
-        """The probe reported that it is armed: from here on a heartbeat without it ends the search."""
+        """The probe reported that it is armed: from now on a heartbeat in another state ends the search."""
         self._armed = True
 
     def at_once(self, line: Line) -> None:
-        """Halt where `line` ends the search: an edge, a reset, a fault, or any of these missed by the probe."""
+        """Halt if `line` ends the search: an edge, a reset, a fault, or one of these that the probe missed."""
         match line.message:
             case Edge(edge_tick=tick) | Confirmation(edge_tick=tick):
                 over = self._is_ours(tick)
@@ -96,13 +96,13 @@ class Search:
             self.halt()
 
     def halt(self) -> None:
-        """Say, once, that the search is over."""
+        """Report, once, that the search is over."""
         if not self._halted:
             self._halted = True
             self._on_edge()
 
     def pursue(self, line: Line, *, new: bool) -> bool:
-        """Draw the conclusions from `line`: a contact, a fault, or none yet. Returns whether it held a refused edge.
+        """Evaluate `line`: a contact, a fault, or neither yet. Returns whether it contained a refused edge.
 
         `new`: the line is newer than all before it, as `Arrival.new`.
         """
@@ -135,7 +135,7 @@ class Search:
         self.end(DeviceRefused(self._device, "was disarmed before a contact", "arm it, then wait for the contact"))
 
     async def outcome(self) -> Contact:
-        """Wait for the contact. Raises what else ended the search."""
+        """Wait for the contact. Raises the error if one ended the search."""
         await self._ended.wait()
         assert self._outcome is not None
         if isinstance(self._outcome, DeviceError):
@@ -171,10 +171,10 @@ class Search:
         self.end(Contact(self._ticks.cell_ns(tick), self._ticks.sigma_ns(), tick, confirmed, bounces))
 
     def _is_in_future(self, edge_tick: int, line: Line, *, new: bool) -> bool:
-        """Later than its own line began, or in a line whose count has jumped ahead of those before, or stands still."""
+        """Later than the start of its own line, or in a line whose count has jumped ahead or has stopped."""
         jumped = not new and not self._ticks.is_before(line.tick, self._ticks.last_tick)
         return jumped or self._ticks.is_before(line.tick, edge_tick)
 
     def _is_ours(self, edge_tick: int) -> bool:
-        """Not the edge of an earlier search, sent again because its acknowledgement was lost."""
+        """Whether it is not an earlier search's edge, repeated after a lost acknowledgement."""
         return not self._ticks.is_before(edge_tick, self._begin_tick)

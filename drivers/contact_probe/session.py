@@ -17,13 +17,13 @@ from drivers.serial_port import SerialPlace, open_port
 
 PROTOCOL = 1
 _QUIET_S = 0.1
-"""Nothing is sent for so long after opening, which resets many boards."""
+"""Delay before the first command: opening the port resets many boards."""
 _PATIENCE_S = 5.0
 _SETTLED_S = 1.0
-"""The lines have to span this before the count is taken for fitted to the cell's clock."""
+"""Least span of the lines for a valid fit of the count to the cell's clock."""
 _SYNC_EVERY_S = 0.2
 _SILENCE_S = 0.17
-"""Three heartbeats of 50 ms missed, and 20 ms for the way."""
+"""Three missed heartbeats of 50 ms, and 20 ms of transmission."""
 _OLD_CURE = "restart the probe, then connect anew; does a bridge or hub hold lines back, is tick_hz right to 300 ppm?"
 
 
@@ -31,7 +31,7 @@ _OLD_CURE = "restart the probe, then connect anew; does a bridge or hub hold lin
 class Session:
     """A connection; `search` is the armed search, if there is one.
 
-    Raises DeviceUnreachable where the port cannot be opened.
+    Raises DeviceUnreachable if the port cannot be opened.
     """
 
     def __init__(self, device: str, place: SerialPlace, clock: Clock) -> None:
@@ -60,11 +60,11 @@ class Session:
             raise DeviceUnreachable(self._device, "reports a clock rate of 0 (tick_hz 0)", "check its firmware")
         self.ticks = TickClock(introduction.tick_hz)
         await self.settled()
-        self.resets = 0  # the one that opening the port may cause is none
+        self.resets = 0  # the reset from opening the port does not count
         return introduction
 
     async def settled(self) -> TickClock:
-        """The probe's count, once its fit has a second of lines to stand on. Raises DeviceLost after 5 s without."""
+        """The probe's count, once its fit covers a second of lines. Raises DeviceLost after 5 s without it."""
         if self.ticks is None:
             raise DeviceLost(self._device, "did not report its clock rate", "connect it first")
         try:
@@ -80,7 +80,7 @@ class Session:
         return self.ticks
 
     async def round_trip_ns(self) -> int:
-        """Time from sending a SYNC to its answer, which also bounds what the adapter adds. Raises DeviceLost."""
+        """Time from sending a SYNC to its answer; it also bounds the adapter's delay. Raises DeviceLost."""
         answered = await self._ask("SYNC")
         if self.ticks and isinstance(answered.message, Synced):
             self.ticks.add_sync(answered.message.received_tick, answered.sent_ns + answered.wire_ns)
@@ -105,7 +105,7 @@ class Session:
         return self.last_beat
 
     def check(self) -> None:
-        """Raises DeviceLost where the port is gone or the heartbeats have stopped."""
+        """Raises DeviceLost if the port was lost or the heartbeats have stopped."""
         self.link.check()
         silent_s = self.link.silent_ns() * 1e-9
         if silent_s > _SILENCE_S:
@@ -116,7 +116,7 @@ class Session:
             raise DeviceLost(self._device, what, "check the line and the probe's supply")
 
     def watch(self, search: Search) -> None:
-        """End `search` when the probe falls silent; in the cell's time, so that a cell that stands still may."""
+        """End `search` when the probe falls silent; in the cell's time, which may be stopped."""
         if search.ended:
             return
         try:
@@ -128,17 +128,17 @@ class Session:
         self._clock.call_later(max(left_s, 0.001), lambda: self.watch(search))
 
     def end_search(self) -> None:
-        """Disarmed: forget the search."""
+        """Disarmed: discard the search."""
         if self.search:
             self.search.close()
         self.search = None
 
     async def close(self) -> None:
-        """End the port's thread, let go of the port, end the search."""
+        """End the port's thread, close the port, end the search."""
         await self.link.close()
         self.end_search()
 
-    # What the link receives. `alive`, `at_once` and `gone_at_once` are called by the port's thread.
+    # Callbacks of the link. `alive`, `at_once` and `gone_at_once` are called by the port's thread.
 
     def alive(self, time_ns: int) -> None:
         """Pass a sign of life on."""
@@ -151,7 +151,7 @@ class Session:
             search.at_once(line)
 
     def gone_at_once(self) -> None:
-        """Halt the search: nobody watches the tip any more."""
+        """Halt the search: the tip is no longer monitored."""
         if search := self.search:
             search.halt()
 
@@ -161,7 +161,7 @@ class Session:
             self.search.end(loss)
 
     def arrived(self, arrival: Arrival) -> None:
-        """Fit, remember, and see what it means for the search."""
+        """Update the fit, store the line, and evaluate it for the search."""
         line = arrival.line
         if isinstance(line.message, Boot):
             self.resets += 1

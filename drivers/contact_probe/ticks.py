@@ -1,4 +1,4 @@
-"""The probe's hardware count mapped to the cell's clock, and how well that is known."""
+"""Maps the probe's hardware count to the cell's clock, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import final
 from cellctl.clock import DelayFit, MinimumDelayFit
 
 WRAP = 1 << 32
-"""The count begins again from 0 here."""
+"""The count wraps to 0 here."""
 LONGEST_GAP_NS = 60_000_000_000
-"""After a longer silence the count may have wrapped unseen (every 36 min at 2 MHz): begin anew."""
+"""After a longer silence the count may have wrapped unnoticed (every 36 min at 2 MHz): restart the fit."""
 
 
 @final
 class TickClock:
-    """Unwraps the 32-bit count and fits it to the cell's clock by the lines that travelled fastest.
+    """Unwraps the 32-bit count and fits it to the cell's clock by the lines with the least delay.
 
-    A delay that every line shares cannot be seen from arrivals; it is in the fit's offset. SYNC bounds it: the probe
-    cannot have received a command before it was sent, so by however much the map puts `received_tick` after that,
-    by so much at most is the map late. The smallest of the last bounds counts.
+    A delay common to all lines is unobservable from arrivals; it is in the fit's offset. SYNC bounds it: the probe
+    cannot receive a command before it was sent, so the map is late by at most the time from sending to the mapped
+    `received_tick`. The smallest of the last bounds counts.
     """
 
     def __init__(self, tick_hz: int) -> None:
@@ -30,14 +30,14 @@ class TickClock:
         self.restart()
 
     def restart(self) -> None:
-        """The count began anew: forget the map. What the adapter adds is still the same."""
+        """The count restarted: discard the map. The adapter's delay is unchanged."""
         self._fit.clear()
         self._last: int | None = None
         self._last_arrival_ns = 0
         self._first_ns = 0
 
     def add_line(self, tick: int, arrival_ns: int, wire_ns: int) -> None:
-        """A line begun at `tick` came in whole at `arrival_ns` of the cell's clock, `wire_ns` of it on the wire."""
+        """A line begun at `tick` was complete at `arrival_ns` of the cell's clock; transmission took `wire_ns`."""
         if arrival_ns - self._last_arrival_ns > LONGEST_GAP_NS:
             self.restart()
         ticks = self._unwrapped(tick)
@@ -48,7 +48,7 @@ class TickClock:
         self._fit.add(device_ns, arrival_ns - wire_ns)
 
     def add_sync(self, received_tick: int, sent_ns: int) -> None:
-        """A command whose last character could not be there before `sent_ns` was there at `received_tick`."""
+        """A command that could not arrive completely before `sent_ns` had arrived at `received_tick`."""
         self._bounds.append(max(0.0, self.cell_ns(received_tick) - sent_ns))
 
     @property
@@ -68,7 +68,7 @@ class TickClock:
 
     @property
     def hidden_ns(self) -> float:
-        """The largest delay that all lines can share unseen; infinite before the first SYNC."""
+        """The largest unobservable delay common to all lines; infinite before the first SYNC."""
         return min(self._bounds, default=math.inf)
 
     def cell_ns(self, tick: int) -> int:

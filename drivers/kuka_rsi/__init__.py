@@ -1,4 +1,4 @@
 """KUKA controller with RSI (searches, each interpolation cycle) and an EthernetKRL channel (point-to-point moves).
 
-What is imported here is imported by the cyclic process too: nothing.
+The cyclic process imports this module too: keep it free of imports.
 """

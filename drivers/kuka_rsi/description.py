@@ -17,7 +17,7 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Compe
     """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&correction=AK&stop=Stop&mode=absolute]`.
 
     Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON; `controller` the
-    address that telegrams come from, where it is not the host of `eki`; `tolerance` the ETHERNET object's `Timeout`.
+    address that telegrams come from, if it is not the host of `eki`; `tolerance` the ETHERNET object's `Timeout`.
     `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
     `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`. Raises ValueError for an error in the
     address, an unknown limit or one above its ceiling.
@@ -29,7 +29,7 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Compe
 def check_address(address: Address, folder: Path) -> list[str]:
     """Every error in the address and in the Ethernet configuration that it names; opens no socket.
 
-    `folder`: against which paths in the address are read. Each entry is a line for a person, `file:line: what`.
+    `folder`: base of relative paths in the address. Each entry is a line for a person, `file:line: what`.
     """
     try:
         settings = RsiSettings.of(address, folder)

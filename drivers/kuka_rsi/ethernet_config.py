@@ -1,4 +1,4 @@
-"""The person's RSI Ethernet configuration: the file that the controller loads decides the answer's form."""
+"""The user's RSI Ethernet configuration, which the controller loads; it defines the format of the answer."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class XmlNode:
 @final
 @dataclass(frozen=True, slots=True)
 class EthernetConfig:
-    """The file's content, and its errors (`file:line: what`, empty where it will do)."""
+    """The file's content, and its errors (`file:line: what`, empty if valid)."""
 
     sentype: str = ""
     receive: tuple[ReplyTag, ...] = ()
@@ -51,7 +51,7 @@ class EthernetConfig:
 
 
 def read_ethernet_config(settings: RsiSettings) -> EthernetConfig:
-    """Read and check the configuration file that `settings` names; never raises for what is in it."""
+    """Read and check the configuration file that `settings` names; never raises for its content."""
     file = settings.ethernet
     try:
         nodes = _nodes(file)
@@ -179,7 +179,7 @@ def _text(nodes: list[XmlNode], name: str) -> str:
 
 
 def _line(nodes: list[XmlNode], name: str) -> int:
-    """Where `CONFIG/PORT` stands, or else what it should stand in."""
+    """The place of `CONFIG/PORT`, else of the element that should contain it."""
     place = f"ROOT/{name}"
     lines = {node.path: node.line for node in reversed(nodes)}
     while place not in lines:

@@ -1,4 +1,4 @@
-"""Work that a cancellation must not cut short: holding the robot, putting a table into force."""
+"""Work that a cancellation must not interrupt: holding the robot, activating a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _T = TypeVar("_T")
 
 
 async def see_through(work: Coroutine[object, object, _T]) -> _T:
-    """Run `work` to its end even where the caller is cancelled meanwhile, once or more; then let that take effect."""
+    """Run `work` to its end even if the caller is cancelled meanwhile, once or more; then raise the cancellation."""
     task = asyncio.ensure_future(work)
     cancelled: asyncio.CancelledError | None = None
     while not task.done():

@@ -18,13 +18,13 @@ _LARGEST_TOLERANCE = 1000
 @final
 @dataclass(frozen=True, slots=True)
 class RsiSettings:
-    """Where the two channels are and what the tags in the telegram are called.
+    """The addresses of the two channels and the names of the tags in the telegram.
 
     `bind`: host and port for the controller's telegrams (port 0: any free one); `ethernet`: the RSI Ethernet
     configuration file that the controller loads; `eki`: the controller's EthernetKRL host and port; `correction`:
-    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`: what the
-    controller's program passes to RSI_ON; `controller`: the only address whose telegrams are heard (empty: the host of
-    `eki`); `tolerance`: cycles without an answer after which the controller gives up, `Timeout` of its ETHERNET object.
+    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`: as the
+    controller's program passes it to RSI_ON; `controller`: the only accepted address of telegrams (empty: the host of
+    `eki`); `tolerance`: cycles without an answer after which the controller stops, `Timeout` of its ETHERNET object.
     """
 
     bind: tuple[str, int]
@@ -38,7 +38,7 @@ class RsiSettings:
 
     @property
     def heard(self) -> str:
-        """The host whose telegrams are heard."""
+        """The host whose telegrams are accepted."""
         return self.controller or self.eki[0]
 
     @classmethod

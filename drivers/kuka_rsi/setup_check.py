@@ -1,4 +1,4 @@
-"""Limits of the cell file against their ceilings and against what a search needs; an address that no telegram meets."""
+"""Checks the cell file's limits against their ceilings and the needs of a search, and the telegrams' address."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, ceilings, limit_errors
 
 
 def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
-    """Errors in the limits, and warnings about limits and address. The address itself has no error."""
+    """Errors in the limits, and warnings about limits and address. The address itself must have no error."""
     limits, reach_mm = surroundings.limits, surroundings.reach_mm
     errors = limit_errors(limits, reach_mm)
     found = [Finding(what, _cure(name, reach_mm), name) for name, what in errors.items()]
@@ -26,7 +26,7 @@ def _cure(name: str, reach_mm: float | None) -> str:
 
 
 def _about_telegrams(address: Address) -> list[Finding]:
-    """A warning where telegrams are expected from the EKI address, which RSI, on a subnet of its own, does not have."""
+    """A warning if telegrams are expected from the EKI address: RSI has another one, on its own subnet."""
     host = address.query.get("eki", "").rpartition(":")[0].strip("[]")
     if address.query.get("controller") or _is_loopback(host):
         return []

@@ -1,1 +1,1 @@
-"""Sections of the report that belong to kinds of campaigns (entry points `cellctl.report_sections`)."""
+"""Report sections of specific kinds of campaigns (entry points `cellctl.report_sections`)."""

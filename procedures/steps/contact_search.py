@@ -1,4 +1,4 @@
-"""To a sphere, along a line until contact, and back: what every touch has in common."""
+"""The motions common to all touches: to a sphere, along a line until contact, and back."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from cellctl.devices import (
 from procedures.steps.rejoining import rejoin
 
 _PROBE_PATIENCE_S = 0.2
-"""How old the probe's last sign of life may be in a search before the robot holds by itself."""
+"""Largest age of the probe's last sign of life in a search; beyond it the robot holds by itself."""
 
 _SETTLED_SHARE = 0.4
-"""Transfers from guard distance on go at this share of the transfer speed: the tip is near the sphere."""
+"""Share of the transfer speed for transfers from guard distance on: the tip is near the sphere."""
 
 _MOVED_DEG = 0.01
-"""Joints less than this from where the search began have not moved: twenty steps of a common encoder, 0.1 mm or so."""
+"""Below this distance from the start the joints have not moved: twenty steps of a common encoder, about 0.1 mm."""
 
 
 class Line(Protocol):
-    """A way to a sphere: clear of it, then the line on which contact is searched for, then back. Degrees, mm."""
+    """A path to a sphere: clear of it, then the search line, then back. Degrees, mm."""
 
     @property
     def sphere(self) -> str:
@@ -40,11 +40,11 @@ class Line(Protocol):
 
     @property
     def origin(self) -> Sequence[float]:
-        """Joints at which the way begins: where the one before ended."""
+        """Joints at the start of the path, which is the end of the previous one."""
 
     @property
     def approach(self) -> Sequence[Sequence[float]]:
-        """Joints passed on the way, the last ones clear of the sphere."""
+        """Joints of the approach, the last ones clear of the sphere."""
 
     @property
     def start(self) -> Sequence[float]:
@@ -56,15 +56,15 @@ class Line(Protocol):
 
     @property
     def search_mm(self) -> float:
-        """The tip's way on the whole line."""
+        """The tip's travel on the whole line."""
 
     @property
     def earliest_mm(self) -> float:
-        """How far along the line contact with the sphere can be at the earliest, mm."""
+        """Least distance along the line of a contact with the sphere, mm."""
 
     @property
     def retreat(self) -> Sequence[Sequence[float]]:
-        """Joints passed on the way back, the first ones still near the sphere."""
+        """Joints of the retreat, the first ones still near the sphere."""
 
 
 @final
@@ -84,7 +84,7 @@ class Speeds:
 @final
 @dataclass(frozen=True, slots=True)
 class FoundContact:
-    """A confirmed contact: actual joints (deg) where the search began and at the contact's time, and how it went."""
+    """A confirmed contact: actual joints (deg) at the search's start and at the contact's time; the search."""
 
     start: JointReadings
     joints: JointReadings
@@ -92,7 +92,7 @@ class FoundContact:
     contact: Contact
 
     def row(self) -> dict[str, Any]:
-        """The fields of a row that say how its search went."""
+        """The fields of a row that describe its search."""
         found, contact = self.found, self.contact
         return {
             "resting": tuple(found.resting),
@@ -115,13 +115,13 @@ async def search_and_retreat(
     speeds: Speeds,
     record: Callable[[FoundContact], Awaitable[None]],
 ) -> None:
-    """Approach, go to the start of the line by `to_start`, search, `record` the contact that was found, retreat.
+    """Approach, go to the start of the line by `to_start`, search, `record` the contact, retreat.
 
-    The contact is recorded before anything moves again, so that no trouble on the retreat takes it from the journal;
-    it counts once its step is done, that is, the robot back and the loop open. A robot that was cut off somewhere on
-    this way goes on from there; one that stands elsewhere is not moved.
+    The contact is recorded before any further motion, so that errors on the retreat cannot lose it; it counts
+    once its step is done: the robot is back and the loop open. A robot that was interrupted on this path continues
+    from there; a robot off the path is not moved.
 
-    Raises NoContact once the robot is back where it came from, and what the devices raise.
+    Raises NoContact once the robot is back at its start, and the devices' errors.
     """
     for target in await _left_of_approach(robot, line, speeds):
         await robot.move(tuple(target), speeds.transfer_percent)
@@ -140,9 +140,9 @@ async def search_and_retreat(
 
 
 async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -> Sequence[Sequence[float]]:
-    """What is left of the approach, the robot being brought back to a point of the way where it was cut off on it.
+    """The rest of the approach; an interrupted robot on the path is first brought back to a point of it.
 
-    Cut off in the search or on the retreat, it is brought back to the start of the search, and nothing is left.
+    After an interruption in the search or retreat, it is brought to the search's start, and no approach is left.
     """
     before = [line.origin, *line.approach]
     way = [tuple(joints) for joints in (*before, line.start, line.end, *line.retreat)]
@@ -156,16 +156,16 @@ async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -
 async def _search(
     robot: SearchingRobot, probe: ContactProbe, line: Line, start: JointReadings, speed_mm_s: float
 ) -> FoundContact | NoContact:
-    """Search to the line's end; the contact, or why it is none. The robot stands where the search ended."""
+    """Search to the line's end; returns the contact, or why there is none. The robot stays at the search's end."""
     turn = sum((b - a) ** 2 for a, b in zip(start, line.end, strict=True)) ** 0.5
     speed_deg_s = speed_mm_s * turn / line.search_mm
     alive = robot.guard("probe")
-    robot.clear_stop()  # before the probe can send one: what it sends from here on counts
+    robot.clear_stop()  # before the probe can send one: later ones count
     await probe.arm(on_edge=robot.stop_now, on_alive=alive.beat)
     try:
         found = await robot.search(tuple(line.end), speed_deg_s, {"probe": _PROBE_PATIENCE_S})
         contact = await probe.contact() if found.end is SearchEnd.STOPPED else None
-        pressed = await probe.touching()  # at the end of the travel too: the probe may know why there was no contact
+        pressed = await probe.touching()  # at the end of the travel too: the probe may report why there was no contact
     except BaseException:
         with suppress(DeviceError):  # the operator needs the reason that ended the search
             await probe.disarm()
@@ -177,7 +177,7 @@ async def _search(
 def _judged(
     line: Line, start: JointReadings, found: SearchResult, contact: Contact | None, *, pressed: bool
 ) -> FoundContact | NoContact:
-    """The contact where it is one with the sphere: it held, the tip still presses, and the place can be right."""
+    """The contact if it is with the sphere: it held, the loop is still closed, and the place is plausible."""
     if contact is None:
         what = f"no contact on {line.sphere} within {line.search_mm:.0f} mm"
         return NoContact("probe", what, "is the sphere where the cell file says, its earth lead on, the tip clean?")
@@ -201,7 +201,7 @@ def _judged(
 
 
 def _joints_at(found: SearchResult, contact: Contact) -> JointReadings | None:
-    """Joints at the contact; None where it was not in the search's time."""
+    """Joints at the contact; None if it was outside the search's time."""
     try:
         return found.joints_at(contact.time_ns)
     except ValueError:

@@ -1,7 +1,7 @@
-"""Back on the way: a robot that was cut off somewhere on a planned way goes on from the way's nearest earlier point.
+"""Rejoins a path: a robot that was interrupted on a planned path continues from the nearest earlier point.
 
-A way is a list of joint readings between which the controller moves in straight joint-space lines, so a robot that was
-stopped on it stands on one of these lines. Elsewhere it was moved by hand, and how it may move is for a person to say.
+A path is a list of joint readings between which the controller moves in straight joint-space lines, so a robot that
+was stopped on it is on one of these lines. Otherwise it was moved by hand, and a person must decide how it may move.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from math import dist
 from cellctl.devices import DeviceRefused, JointReadings, SearchingRobot
 
 ON_THE_WAY_DEG = 1.0
-"""How far from a planned line, as norm of the joint vector, a robot still stands on it (braking, following lag)."""
+"""Largest distance from a planned line, as norm of the joint vector, that counts as on it (braking, following lag)."""
 
 AT_A_POINT_DEG = 0.2
-"""Nearer than this to a point of the way, the robot stands there."""
+"""Within this distance of a point of the path, the robot counts as there."""
 
 
 async def rejoin(robot: SearchingRobot, way: Sequence[JointReadings], speed_percent: float) -> int:
-    """Bring the robot to a point of `way`, back along it, and say which (index).
+    """Move the robot back along `way` to one of its points; returns the index.
 
-    Moves nothing where it stands at the first point. Raises DeviceRefused where it stands off the way; DeviceLost.
+    Does not move if it is at the first point. Raises DeviceRefused if it is off the path; DeviceLost.
     """
     here = await robot.joints()
     index = last_point_before(way, here)
@@ -38,9 +38,9 @@ async def rejoin(robot: SearchingRobot, way: Sequence[JointReadings], speed_perc
 
 
 def last_point_before(way: Sequence[JointReadings], here: JointReadings) -> int | None:
-    """Index of the point of `way` that a robot at `here` passed last; None where it does not stand on the way.
+    """Index of the point of `way` that a robot at `here` passed last; None if it is off the path.
 
-    Where it stands on several lines (the way crosses itself) the earliest counts: from there all of the way is planned.
+    If it is on several lines (the path crosses itself), the earliest counts: from there the whole path is planned.
     """
     if dist(here, way[0]) <= AT_A_POINT_DEG:
         return 0

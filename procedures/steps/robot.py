@@ -1,4 +1,4 @@
-"""Steps of the robot alone."""
+"""Steps that use only the robot."""
 
 from __future__ import annotations
 

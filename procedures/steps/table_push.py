@@ -1,4 +1,4 @@
-"""The run's table: from its file to the controller, the proof that it is there, and out of force again."""
+"""The run's table: push from its file to the controller, check of the active table, and rollback."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from cellctl.records import TablePushRow, TableStateRow
 async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> TableStateRow:
     """Push the table in the run folder, read the active one back, compare; the row to record.
 
-    A `TablePushRow` is recorded before: a run that is cut off in the push has said which table may be in force. Where
-    the table is in force already (a resumed run) it is not pushed again: a rollback would go from the table to itself.
+    A `TablePushRow` is recorded before: after an interruption of the push, it names the table that may be active. If
+    the table is already active (a resumed run) it is not pushed again: a rollback would restore the same table.
 
-    Raises InputError where the file is not table `table_id` or must not go to this controller, DeviceFault where the
-    controller holds something else, and what the device raises.
+    Raises InputError if the file is not table `table_id` or must not go to this controller, DeviceFault if the
+    controller has another table, and the device's errors.
     """
     file = context.run_folder / "table.json"
     table, identity = TableFile.load(file), context.identity("robot")
@@ -36,16 +36,16 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
 
 
 async def require_in_force(robot: TableStore, table_id: str) -> None:
-    """Raise DeviceRefused where the run's table is not in force: the rows of another one lead elsewhere."""
+    """Raise DeviceRefused if the run's table is not active: another table's rows have other targets."""
     if not in_force(await robot.table_state(), table_id):
         cure = "Run the procedure anew; one whose push has `on_resume: always` can be resumed after its clean-up."
         raise DeviceRefused("robot", f"table {table_id[:12]} of this run is not in force; nothing was moved", cure)
 
 
 async def take_back(context: StepContext, robot: TableStore, row: TableStateRow) -> TableStateRow:
-    """Put the table before the run's one, whose last row is `row`, into force again; the row that says so, recorded.
+    """Activate the table before the run's one, whose last row is `row`; records the new state and returns its row.
 
-    Nothing is done where the run's table is not in force. Raises DeviceUncertain where it may be afterwards.
+    No action if the run's table is not active. Raises DeviceUncertain if it may still be active afterwards.
     """
     try:
         state = await robot.table_state()
@@ -63,7 +63,7 @@ async def take_back(context: StepContext, robot: TableStore, row: TableStateRow)
 
 
 async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
-    """`take_back` of a table that this run pushed and has not proved; nothing where there is none."""
+    """`take_back` of a table that this run pushed and has not proved; no action if there is none."""
     table = PushedTable.of(context)
     if table is not None and table.unproved_in_force:
         await take_back(context, robot, table.row)

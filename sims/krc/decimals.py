@@ -1,4 +1,4 @@
-"""Numbers on the controller's wires: ASCII decimals of a bounded size, and nothing else that Python would take."""
+"""Numbers on the controller's wires: ASCII decimals of a bounded size; Python's other formats are refused."""
 
 from __future__ import annotations
 

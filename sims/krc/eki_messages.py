@@ -92,7 +92,7 @@ def print_ident(serial: str, model: str, kss: str) -> str:
 
 
 def print_state(sequence: int, prog: str, message: str, joints: Joints) -> bytes:
-    """`<Stat …>`; the mode is always EXT: nobody turns the key."""
+    """`<Stat …>`; the mode is always EXT."""
     head = f'<Stat Seq="{sequence}" Mode="EXT" Prog="{prog}" Msg={quoteattr(message)}>'
     return f"{head}{_joints(joints)}</Stat>".encode()
 

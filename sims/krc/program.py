@@ -75,7 +75,7 @@ class Program:
         self.send_state()
 
     def disconnected(self) -> None:
-        """The connection is lost: what moves is stopped, and nobody is left to answer."""
+        """The connection is lost: motions are stopped; there is no receiver of replies."""
         self._send = None
         self._halts.clear()
         if self._running:
@@ -88,7 +88,7 @@ class Program:
         self._put(print_state(self._sequence, self._prog, self._message, self._robot.readings()))
 
     def execute(self, document: bytes) -> None:
-        """Do what a document asks for, or say why not."""
+        """Execute a document's command, or reply why not."""
         try:
             command = read_command(document, len(self._rsi.limits))
         except Unreadable as error:

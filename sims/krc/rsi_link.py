@@ -34,11 +34,11 @@ class RsiLink:
 
     @property
     def has_target(self) -> bool:
-        """Whether the controller knows where the PC is."""
+        """Whether the controller has the PC's address."""
         return self._socket is not None
 
     def set_target(self, host: str, port: int) -> None:
-        """Where the PC listens (`<IP_NUMBER>` and `<PORT>` of its configuration)."""
+        """The address of the PC (`<IP_NUMBER>` and `<PORT>` of its configuration)."""
         self.close()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -75,7 +75,7 @@ class RsiLink:
         self._kernel.alive(PEER)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self.answered()
         if self._socket:
             self._kernel.unwatch(self._socket)
@@ -88,7 +88,7 @@ class RsiLink:
                 data = self._socket.recv(_RECEIVE)
             except BlockingIOError:
                 return
-            except ConnectionRefusedError:  # nobody is bound there: no answer will come
+            except ConnectionRefusedError:  # no process is bound there: no answer will arrive
                 self.answered()
                 continue
             self.on_datagram(data)

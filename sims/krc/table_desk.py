@@ -23,7 +23,7 @@ class TableDesk:
         self._serial = serial
 
     def ask(self, request: Request) -> tuple[Code, str, str]:
-        """Do what is asked, or say why not: code, text, the reply's inner elements."""
+        """Execute the request or refuse it; returns code, text, the reply's inner elements."""
         try:
             inner = do(request, self._tables, self._serial)
         except WrongSerial as error:

@@ -44,7 +44,7 @@ class Staging:
 
 
 class TableRefused(Exception):
-    """What is asked of the tables cannot be; nothing has changed. The text says why."""
+    """The request to the tables is impossible; nothing has changed. The text gives the reason."""
 
 
 class BadSum(TableRefused):

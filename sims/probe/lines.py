@@ -11,7 +11,7 @@ LONGEST = 120
 """Characters of a line, without its end."""
 
 COMMANDS = frozenset({"ACK", "HELLO", "ARM", "DISARM", "SYNC"})
-"""What this probe knows; each has its number and no further field."""
+"""The commands of this probe; each has its number and no further field."""
 
 _HOST_LINE = re.compile(rb"([A-Z]+),(0|[1-9][0-9]{0,4})((?:,[^,*]*)*)\*([0-9A-F]{4})")
 

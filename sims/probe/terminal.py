@@ -14,14 +14,14 @@ from typing import final
 from sims.kernel import Kernel
 
 _UNREAD = 1000
-"""Characters unread after which, with no host known, it is plain that nobody reads."""
+"""Number of unread characters that shows, without a known host, that no process reads."""
 
 
 @final
 class Terminal:
     """A raw pseudo-terminal; hosts open `path`.
 
-    Until a host has spoken the simulator keeps the host's end open itself: with nobody there, the operating system
+    Until a host has spoken the simulator keeps the host's end open itself: without any host, the operating system
     reports a hang-up without end. After that it lets go, so that the host's own hang-up can be seen.
     """
 
@@ -37,7 +37,7 @@ class Terminal:
         kernel.watch(self._ours, self._readable)
 
     def write(self, data: bytes) -> bool:
-        """Give `data` to the host. False where it was lost, because nobody reads."""
+        """Give `data` to the host. False if it was lost, because no process reads."""
         self._forget_unread()
         try:
             return os.write(self._ours, data) == len(data)

@@ -83,7 +83,7 @@ class MovingArm:
         return not isinstance(self._motion, Standing)
 
     def stance(self) -> Stance:
-        """Where it would stand if it stood still now: to be remembered."""
+        """Its stance if it stopped now, to be stored."""
         commanded = self.readings() if self.moving else self.commanded
         scatter = self._scatter_now(self._kernel.now)
         slack = self._slack_at(self._kernel.now)
@@ -109,7 +109,7 @@ class MovingArm:
         return tuple(joint + ahead for joint, ahead in zip(joints, self._slack_at(time_ns), strict=True))
 
     def tcp(self, time_ns: int) -> Vector:
-        """The tool centre point at a moment of this motion, mm."""
+        """The TCP at a moment of this motion, mm."""
         return self._world.tcp(self.links(time_ns), self._scatter_now(time_ns))
 
     def move(self, target: Joints, percent: float, then: Then) -> None:
@@ -125,7 +125,7 @@ class MovingArm:
         self._look_ahead()
 
     def brake(self, then: Then) -> None:
-        """Stop from whatever goes on; `then` is called when the robot stands."""
+        """Stop any motion; `then` is called at standstill."""
         now = self._kernel.now
         state = self.state()
         self._scatter = self._scatter_before = self._scatter_now(now)

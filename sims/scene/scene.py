@@ -23,9 +23,9 @@ SAVE_EVERY_NS = 500_000_000
 class Scene:
     """The true world, the arm that moves in it, and the contact between its tip and the spheres.
 
-    A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's asks where the tool is
-    (`tcp`) and what is in the way of its beam (`blocked`). None of them needs another one's simulator. The arm is where
-    `memory` has it, else at home. Points are in the robot's base frame, mm. Raises BadMemory.
+    A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's reads the tool's place
+    (`tcp`) and what is in the way of its beam (`blocked`). Each works without the other simulators. The arm is at the
+    position in `memory`, else at home. Points are in the robot's base frame, mm. Raises BadMemory.
     """
 
     def __init__(
@@ -55,11 +55,11 @@ class Scene:
         kernel.after(SAVE_EVERY_NS, self._save_on_the_way)
 
     def tcp(self, time_ns: int | None = None) -> Vector:
-        """The true tool centre point now, or at another moment of the motion that goes on."""
+        """The true TCP now, or at another moment of the present motion."""
         return self.arm.tcp(self._kernel.now if time_ns is None else time_ns)
 
     def blocked(self, start: Vector, end: Vector, time_ns: int | None = None) -> bool:
-        """Is there a body between two points, now or at another moment of the motion that goes on?
+        """Whether a body is between two points, now or at another moment of the present motion.
 
         Bodies: spheres, their stems and plate, the arm's forearm and wrist, the tool's tube. A reflector on a bracket
         is outside all of them; a point inside a body is blocked.

@@ -1,4 +1,4 @@
-"""Where and how the robot stands, as it is remembered from one process to the next."""
+"""The robot's position and state, stored from one process to the next."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Falls(ArithmeticError):
 class Compliance:
     """Sag of every joint of one robot.
 
-    `axes`: the true ones; `tcp`: where a payload hangs, at model zero, mm; `scale` multiplies what joints turn by;
+    `axes`: the true ones; `tcp`: the payload's place, at model zero, mm; `scale` multiplies what joints turn by;
     `down`: which way weight pulls, a unit vector in the base frame.
     """
 

@@ -1,4 +1,4 @@
-"""What is wrong with this one robot: errors drawn once from its seed, each kind from a generator of its own.
+"""The errors of this robot: drawn once from its seed, each kind from a separate generator.
 
 A generator per kind, so that switching one kind off leaves the others as they were. Sizes: Wang et al. 2024,
 doi 10.3390/app14219824, table 3, as standard deviations.
@@ -43,7 +43,7 @@ def joint_zero_errors(joints: int, seed: int, scale: float) -> list[float]:
 
 
 def tool_error(seed: int, scale: float) -> Vector:
-    """From the taught to the true tool centre point, in the flange frame, mm: its length is 1.5 × `scale`."""
+    """From the taught to the true TCP, in the flange frame, mm: its length is 1.5 × `scale`."""
     return vector(scale * TOOL_MM * unit_vector(generator(seed, "tool")))
 
 

@@ -32,7 +32,7 @@ ALONG = (0.3, 0.5)
 """The centre of mass, as share of the way from a link's axis to the next: the drives sit at its beginning."""
 ASIDE_MM = 15.0
 TOOL_ALONG = (0.4, 0.6)
-"""The tool's centre of mass, as share of the way from the flange to the taught tool centre point."""
+"""The tool's centre of mass, as share of the way from the flange to the taught TCP."""
 RATED_KG_PER_M = 4.0
 """Rated load, per metre of reach; held so far before the flange and beside its axis:"""
 RATED_AT_MM = (100.0, 0.0, 100.0)

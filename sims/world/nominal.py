@@ -1,4 +1,4 @@
-"""The robot as its file says: joint axes and home pose of the flange, from the link table or as they stand there."""
+"""The robot from its file: joint axes and home pose of the flange, from the link table or as they stand there."""
 
 from __future__ import annotations
 

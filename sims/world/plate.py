@@ -1,4 +1,4 @@
-"""The calibration spheres as they stand: spacings as certified, the plate not quite where the cell file says."""
+"""The true calibration spheres: spacings as certified, the plate slightly off its place in the cell file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STEPS = 50
 @final
 @dataclass(frozen=True, slots=True)
 class TrueSphere:
-    """A sphere and the tip that touches it: `touch_mm` is the distance tool centre – sphere centre at contact."""
+    """A sphere and the tip that touches it: `touch_mm` is the distance TCP – sphere centre at contact."""
 
     id: str
     centre: Vector
@@ -44,7 +44,7 @@ def true_spheres(artefact: Artefact, seed: int, scale: float) -> list[TrueSphere
 
 
 def true_plate_z(artefact: Artefact, spheres: Sequence[TrueSphere]) -> float | None:
-    """Where the plate really is: as far below the spheres, in the mean, as the cell file says. None without a plate."""
+    """The true height of the plate: its mean distance below the spheres is the cell file's. None without a plate."""
     if artefact.plate is None or not spheres:
         return None
     raised = [true.centre[2] - rough.centre[2] for true, rough in zip(spheres, artefact.spheres, strict=True)]

@@ -1,4 +1,4 @@
-"""The simulated truth: where the tool centre point of this one robot really is, and what it touches."""
+"""The simulated truth: the true TCP of this robot, and its contacts."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class World:
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
     def true_tcp(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Vector:
-        """The mean tool centre point, bent as it is, without the robot's scatter. Raises Falls."""
+        """The mean TCP, with deflection, without the robot's scatter. Raises Falls."""
         chain, angles = self._at(readings, conditions)
         return self._tip(chain, angles, NO_SCATTER)
 
@@ -91,7 +91,7 @@ class World:
         return *self._tip(chain, angles, NO_SCATTER), *_angles_abc(along_x, along_z)
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
-        """The tool centre point now, `scatter` being what `scatter()` drew for this approach.
+        """The TCP now, `scatter` being what `scatter()` drew for this approach.
 
         `readings`: less what the joints' play holds back, where there is any. Raises Falls.
         """
@@ -128,7 +128,7 @@ class World:
         )
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
-        """The unbent tool centre point and the flange's z; warm links are longer, the tool is not."""
+        """The unbent TCP and the flange's z; warm links are longer, the tool is not."""
         expansion = self.ageing.expansion
         if not expansion:
             return chain.arm.carry(angles, chain.tcp, chain.flange_z)

@@ -1,1 +1,1 @@
-"""What a person loads on a KUKA controller for a cell: programs, channel and Ethernet configuration, instructions."""
+"""Files to load on a KUKA controller for a cell: programs, channel and Ethernet configuration, instructions."""

@@ -33,9 +33,9 @@ _WILDCARDS = ("0.0.0.0", "::")
 
 
 def controller_files(cell: str, address: Address, surroundings: Surroundings) -> dict[str, str]:
-    """File name → text of all that the controller of the cell named `cell` needs.
+    """File name → text of all files that the controller of the cell named `cell` needs.
 
-    Raises ValueError with what is wrong with the address, the Ethernet configuration that it names, or the limits.
+    Raises ValueError for errors in the address, the Ethernet configuration that it names, or the limits.
     """
     search = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
     settings = RsiSettings.of(address, surroundings.folder)
@@ -64,7 +64,7 @@ def controller_files(cell: str, address: Address, surroundings: Surroundings) ->
 
 
 def _context(cell: str, settings: RsiSettings, limits: SearchLimits) -> Context:
-    """The RSI context; its links are the channels (INDX) in the person's own Ethernet configuration."""
+    """The RSI context; its links are the channels (INDX) in the user's own Ethernet configuration."""
     elements = ElementTree.parse(settings.ethernet).iterfind("RECEIVE/ELEMENTS/ELEMENT")
     channels = {element.get("TAG", ""): element.get("INDX", "") for element in elements}
     return Context(
@@ -92,7 +92,7 @@ def _filled(template: str, places: dict[str, str]) -> str:
 
 
 def _received() -> list[str]:
-    """The elements that the channel takes apart: every attribute of a `<Cmd>` document, and its end."""
+    """The elements that the channel parses: every attribute of a `<Cmd>` document, and its end."""
     kinds = {
         "Cmd/@Id": "INT",
         "Cmd/@Op": "STRING",
@@ -113,7 +113,7 @@ def _received() -> list[str]:
 
 
 def _ethernet(settings: RsiSettings) -> str:
-    """The person's own file, with the address' host and port where the address has them."""
+    """The user's own file, with host and port of the address if it has them."""
     text = settings.ethernet.read_text(encoding="utf-8")
     host, port = settings.bind
     if host not in _WILDCARDS:

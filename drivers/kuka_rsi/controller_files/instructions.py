@@ -1,4 +1,4 @@
-"""README.txt for whoever loads the files: what goes where, what the RSI context holds, what has to be tried first."""
+"""README.txt for loading the files: where each file goes, the RSI context's content, and what to test first."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Two formats of the same objects. `.rsix` (RSI 4 and 5): names in CamelCase, inputs, outputs and parameters counted from
 0. `.rsi.xml` (RSI 3): names in capitals, counted from 1; AXISCORR keeps parameters 7 to 12 and 19 to 24 for external
-axes. Both hold what the controller reads; the drawing that RSI Visual shows is not in them.
+axes. Both contain the data that the controller reads, without the diagram of RSI Visual.
 Source: the contexts that ros-industrial/kuka_experimental and kroshu/kuka-external-control-sdk publish.
 """
 

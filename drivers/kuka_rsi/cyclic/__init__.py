@@ -1,1 +1,1 @@
-"""The RSI process: what answers the controller in every cycle. It imports nothing of the engine's side."""
+"""The RSI process: it answers the controller in every cycle. It imports nothing from the engine's side."""

@@ -1,4 +1,4 @@
-"""The UDP line on which only the controller is heard: bound exclusively, every other sender counted and dropped."""
+"""The UDP line that accepts only the controller: bound exclusively; other senders are counted and dropped."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from contextlib import suppress
 from typing import Any, Self, final
 
 Place = Any
-"""Where a datagram came from, as the socket gives it: (host, port, …)."""
+"""The sender of a datagram, as the socket reports it: (host, port, …)."""
 
 _LARGEST_DATAGRAM = 65535
 
 _MOST_AT_ONCE = 512
-"""Datagrams read in one go. A stall of 2 s leaves as many telegrams; a flood must not keep the newest unanswered."""
+"""Datagrams read at once. A stall of 2 s leaves this many telegrams; a flood must not delay the newest answer."""
 
 _BUFFER = 1 << 20
-"""Bytes that the kernel buffers, where it grants as much: 2 s of telegrams, whatever is in them."""
+"""Bytes that the kernel buffers, if it grants this size: 2 s of telegrams of any content."""
 
 _UNFILTERED = 16
-"""So many foreign datagrams are looked at, so that their sender can be named; then the kernel drops them unseen."""
+"""Number of foreign datagrams that are read to name their sender; then the kernel drops them."""
 
 _SO_ATTACH_FILTER = 26
 _SO_MEMINFO = 55
 _MEMINFO = struct.Struct("=9I")
-"""The ninth counts what the kernel dropped."""
+"""The ninth counts the datagrams that the kernel dropped."""
 _SOURCE_ADDRESS = 0xFFF00000 + 12
 """Of the IPv4 header, to a socket filter (SKF_NET_OFF)."""
 
@@ -36,7 +36,7 @@ class ControllerLine:
     """A non-blocking socket that accepts the host `controller` (an address as `recvfrom` writes it).
 
     `foreign`: datagrams from other senders, with those that the kernel dropped; `last_foreign`: the sender of
-    the last one that was seen.
+    the last one that was read.
     """
 
     def __init__(self, line: socket.socket, controller: str) -> None:
@@ -48,7 +48,7 @@ class ControllerLine:
 
     @classmethod
     def bind(cls, host: str, port: int, controller: str) -> Self:
-        """Bound exclusively: with SO_REUSEADDR another program would silently eat the telegrams. Raises OSError."""
+        """Bound exclusively: with SO_REUSEADDR another program could silently take the telegrams. Raises OSError."""
         family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         flags = socket.AI_V4MAPPED if family == socket.AF_INET6 else 0
         heard = socket.getaddrinfo(controller, 0, family, socket.SOCK_DGRAM, flags=flags)[0][4][0]
@@ -74,7 +74,7 @@ class ControllerLine:
         return self._seen_foreign + self._dropped()
 
     def receive(self) -> list[tuple[bytes, Place]]:
-        """The controller's datagrams that wait, in the order of arrival, with their senders; bounded in number."""
+        """The waiting datagrams of the controller, in the order of arrival, with their senders; limited in number."""
         heard = []
         for _ in range(_MOST_AT_ONCE):
             try:
@@ -92,7 +92,7 @@ class ControllerLine:
         self.last_foreign = sender[0], sender[1]
         self._seen_foreign += 1
         if self._seen_foreign == _UNFILTERED:
-            with suppress(OSError, ValueError):  # not this kernel, or IPv6: they go on being dropped here
+            with suppress(OSError, ValueError):  # other kernels, or IPv6: foreign datagrams are still dropped here
                 self._attach_filter()
 
     def send(self, reply: bytes, place: Place) -> None:
@@ -100,11 +100,11 @@ class ControllerLine:
         self._line.sendto(reply, place)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._line.close()
 
     def _attach_filter(self) -> None:
-        """A classic BPF program: pass what has the controller's IPv4 address, drop the rest."""
+        """A classic BPF program: pass datagrams from the controller's IPv4 address, drop the rest."""
         address = int(ipaddress.IPv4Address(self._controller))
         program = ((0x20, 0, 0, _SOURCE_ADDRESS), (0x15, 0, 1, address), (0x06, 0, 0, 0xFFFFFFFF), (0x06, 0, 0, 0))
         code = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *instruction) for instruction in program))

@@ -1,4 +1,4 @@
-"""Absolute and relative corrections: what `RSI_ON(#ABSOLUTE)` and `RSI_ON(#RELATIVE)` make of the numbers sent."""
+"""Absolute and relative corrections: the meaning of the values after `RSI_ON(#ABSOLUTE)` and `RSI_ON(#RELATIVE)`."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class CorrectionMode(StrEnum):
     """How the controller's program switches RSI on; the address must agree."""
 
     ABSOLUTE = "absolute"
-    """Each cycle's value is the offset from the pose at RSI_ON; zero is the way back to it."""
+    """Each cycle's value is the offset from the pose at RSI_ON; zero returns to it."""
 
     RELATIVE = "relative"
-    """Each cycle's value is added to the sum of those before; zero is standing still."""
+    """Each cycle's value is added to the sum of those before; zero is standstill."""
 
     @property
     def holdon(self) -> str:
-        """The only HOLDON of the six corrections that stands still where an answer is missing.
+        """The only HOLDON of the six corrections that stops the robot after a missing answer.
 
         Absolute and 0: the output falls to zero, a leap back to the start. Relative and 1: the last increment is added
         again in every cycle.
@@ -33,11 +33,11 @@ class CorrectionMode(StrEnum):
 
 @final
 class WrittenCorrections:
-    """What to write in each cycle so that the set-point is at a given offset from the pose at RSI_ON.
+    """The values to write in each cycle so that the set-point is at a given offset from the pose at RSI_ON.
 
-    Relative: what the offset lacks of the sum written so far, as rounded on the wire, so that roundings do not add up.
-    An increment in an answer that came late is lost and not repeated: the controller's sum lags behind ours, and the
-    robot stops short of a limit, never beyond. `short_deg`: how far it may lag, as length of the path.
+    Relative: the offset less the sum written so far, as rounded on the wire, so that roundings do not accumulate.
+    An increment in a late answer is lost and not repeated: the controller's sum lags behind ours, and the
+    robot stops short of a limit, never beyond. `short_deg`: its largest lag, as length of the path.
     """
 
     def __init__(self, mode: CorrectionMode) -> None:
@@ -57,5 +57,5 @@ class WrittenCorrections:
         return steps
 
     def not_taken(self) -> None:
-        """The controller may not have taken what was written last."""
+        """The controller may not have taken the last values."""
         self.short_deg += math.hypot(*self._last)

@@ -1,4 +1,4 @@
-"""The cycle, from the controller's count and the arrivals: its length, what is lost, what is late."""
+"""Cycle timing, from the controller's count and the arrivals: cycle length, lost telegrams, late answers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class CycleTiming:
     """Learns one session's cycle from its first telegrams.
 
     KUKA counts milliseconds, 4 or 12 a cycle; some simulators count telegrams. A step of 1 leaves the length to the
-    median of the arrivals, rounded to whole milliseconds. With any other step, telegrams were lost: more are taken in.
+    median of the arrivals, rounded to whole milliseconds. With any other step, telegrams were lost: more are used.
     `ipoc_step`: count per cycle; `cycle_ns`: its length in the cell's time; both 0 until learnt.
     """
 
@@ -38,7 +38,7 @@ class CycleTiming:
         return self.cycle_ns > 0
 
     def learn(self, ipoc: int, arrival_ns: int, *, nothing_lost: bool = True) -> None:
-        """Take in one of the first telegrams, in the order of their counts; where cycles were lost, begin anew."""
+        """Add one of the first telegrams, by count; restart if cycles were lost."""
         if not nothing_lost:
             self._seen.clear()
         self._seen.append((ipoc, arrival_ns))
@@ -47,7 +47,7 @@ class CycleTiming:
             self._conclude()
 
     def gap(self, before: int, now: int) -> int:
-        """Cycles from one count to the next: 1 where nothing was lost between, 0 where the cycle learnt is wrong."""
+        """Cycles from one count to the next: 1 if none was lost, 0 if the learnt cycle is wrong."""
         return round((now - before) / self.ipoc_step)
 
     def _conclude(self) -> None:
@@ -62,9 +62,9 @@ class CycleTiming:
 
 @final
 class AnswerDelay:
-    """How long after the telegram's departure an answer left, by the least delay seen lately.
+    """Time from a telegram's departure to its answer, by the smallest recent delay.
 
-    The clocks' offset is unknown, so the fastest telegram of the last one or two windows counts as delivered at once.
+    The clocks' offset is unknown, so the fastest telegram of the last one or two windows counts as having no delay.
     """
 
     def __init__(self) -> None:

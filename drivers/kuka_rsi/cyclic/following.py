@@ -1,4 +1,4 @@
-"""Do the reported joints follow what was sent? It bounds what piles up where no Delay reports ignored answers."""
+"""Checks that the reported joints follow the set-points; limits their lead if no Delay reports ignored answers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from drivers.kuka_rsi.cyclic.limits import Correction
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 LONGEST_LAG_S = 0.15
-"""Joints that follow show a set-point after this at the latest.
+"""Longest time after which joints that follow reach a set-point.
 
 24 ms of servo, 100 ms by which a source of AIPos may be shifted, and two cycles of 12 ms.
 """
 
 NOISE_DEG = 0.02
-"""Beside the telegram's last decimal: encoder noise and friction."""
+"""In addition to the telegram's last decimal: encoder noise and friction."""
 
 _FARTHEST_ASTRAY_DEG = 0.25
 """Ahead of the set-point, or beside the line. No servo leads, and a telegram may show steps of 0.1 deg."""
@@ -35,8 +35,8 @@ class Follows(Enum):
 class Following:
     """Compares the joints of each telegram with the set-points sent, along the line and axis by axis.
 
-    A robot that follows is between the set-point of `LONGEST_LAG_S` ago and the last one. So where a controller ignores
-    every answer and then takes one, an axis leaps by at most its speed × (`LONGEST_LAG_S` + four cycles) +
+    A robot that follows is between the set-point of `LONGEST_LAG_S` ago and the last one. So if a controller ignores
+    every answer and then takes one, an axis jumps by at most its speed × (`LONGEST_LAG_S` + four cycles) +
     `NOISE_DEG` + twice the telegram's resolution (2 deg/s, 4 ms, four decimals: 0.36 deg).
     `start`: reported joints at the start; `line`: offset at the line's end; degrees.
     """
@@ -54,7 +54,7 @@ class Following:
         self._sent.append((ipoc, place_deg))
 
     def look(self, telegram: Telegram, short_deg: float) -> Follows:
-        """Where the joints are; `short_deg` of the path may be lost in increments that the controller did not take."""
+        """The finding for the joints; `short_deg` of the path may be lost in increments not taken."""
         if not self._sent:
             return Follows.YES
         while len(self._sent) > 1 and self._sent[1][0] <= telegram.ipoc - self._lag:

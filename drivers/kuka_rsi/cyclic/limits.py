@@ -1,4 +1,4 @@
-"""Limits of a search: refused before it starts, and watched in every cycle by the process that sends corrections."""
+"""Limits of a search: checked before it starts, and in every cycle by the process that sends corrections."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ class Limit(IntEnum):
 
 
 TCP_SPEED_MM_S = 250.0
-"""ISO 10218-1: at reduced speed, which a person beside the robot can avoid, the TCP moves at most this fast, mm/s."""
+"""ISO 10218-1: maximum TCP speed, mm/s, at reduced speed, which a person beside the robot can avoid."""
 
 _MAIN_AXES = 3
 """Axes that move the TCP at full reach. A joint vector of norm w then moves it at w × reach × sqrt(3) at most."""
 
 UNKNOWN_REACH_MM = 3900.0
-"""Taken where the reach is not known: the longest of KUKA's six-axis arms. A longer arm has lower ceilings."""
+"""Used if the reach is unknown: the longest of KUKA's six-axis arms. A longer arm has lower ceilings."""
 
 SHORTEST_REACH_MM = 500.0
-"""A shorter reach counts as this one: the ceilings do not grow without end for a robot file with a missing link."""
+"""A shorter reach counts as this one: this bounds the ceilings for a robot file with a missing link."""
 
 _SPEED_RAMP_S = 0.1
-"""From a stand to 250 mm/s in no less than this: 2.5 m/s² at the TCP, a quarter of g, which no tool or grip minds."""
+"""Least time from standstill to 250 mm/s: 2.5 m/s² at the TCP, a quarter of g, safe for any tool or grip."""
 
 _ACCELERATION_RAMP_S = 0.04
-"""To the full acceleration in no fewer than ten telegrams of 4 ms. A shorter ramp is a step to the drives, and excites
+"""Least time to the full acceleration: ten telegrams of 4 ms. A shorter ramp is a step to the drives, and excites
 an arm's lowest resonance (10 to 25 Hz)."""
 
 _AXISCORR_DEG = 5.0
-"""What AXISCORR allows an axis unless it is raised (RSI stops by itself at 6). No touch is planned longer than
-4.5 deg, so that no search needs more; a longer one has an error in it."""
+"""AXISCORR's default limit of an axis (RSI itself stops at 6). Touches are planned with at most
+4.5 deg, so no search needs more; a longer one is an error."""
 
 SEARCH_NEEDS = {"speed_deg_s": 2.5, "acceleration_deg_s2": 20.0, "jerk_deg_s3": 400.0}
 """What the shipped searches need. Speed: 10 mm/s at the TCP, the most that the procedures offer, on a line of 18 mm and
@@ -57,9 +57,9 @@ at most 4.5 deg. With this acceleration and jerk, that speed is reached within 1
 
 
 def ceilings(reach_mm: float | None) -> dict[str, float]:
-    """The most that each limit of a search may be set to, by its name; hundredths, rounded down.
+    """The highest value of each limit of a search, by its name; hundredths, rounded down.
 
-    `reach_mm`: the TCP's greatest distance from the first axis, None where it is not known.
+    `reach_mm`: the TCP's greatest distance from the first axis, None if unknown.
     """
     reach = max(reach_mm or UNKNOWN_REACH_MM, SHORTEST_REACH_MM)
     speed = math.degrees(TCP_SPEED_MM_S / (reach * math.sqrt(_MAIN_AXES)))
@@ -77,7 +77,7 @@ def ceilings(reach_mm: float | None) -> dict[str, float]:
 @final
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
-    """What a search may ask of the robot. Raises ValueError for a limit that is not positive or above its ceiling.
+    """The limits of a search. Raises ValueError for a limit that is not positive or above its ceiling.
 
     `correction_deg`: of each axis, from the pose at RSI_ON; `travel_deg`: of the Euclidean norm of the joint vector;
     `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3`: derivatives of that path length. The stop on contact has a
@@ -98,9 +98,9 @@ class SearchLimits:
 
     @classmethod
     def from_settings(cls, settings: dict[str, float], reach_mm: float | None = None) -> Self:
-        """Limits as the cell file sets them; the others take low defaults, at most their ceilings.
+        """Limits from the cell file; the others have low defaults, at most their ceilings.
 
-        `reach_mm`: of the arm, None where it is not known. Raises ValueError with every error.
+        `reach_mm`: of the arm, None if unknown. Raises ValueError with every error.
         """
         if found := limit_errors(settings, reach_mm):
             raise ValueError("; ".join(found.values()))
@@ -109,7 +109,7 @@ class SearchLimits:
         return cls(**values, reach_mm=reach_mm or UNKNOWN_REACH_MM)
 
     def passed_by(self, correction: Correction, speed_deg_s: float) -> list[str]:
-        """What a search to `correction` at `speed_deg_s` would pass, in words; empty where it may go."""
+        """The limits that a search to `correction` at `speed_deg_s` would exceed, as text; empty if allowed."""
         largest, travel = max(map(abs, correction)), math.hypot(*correction)
         asked = {"correction_deg": largest, "travel_deg": travel, "speed_deg_s": speed_deg_s}
         return [
@@ -124,7 +124,7 @@ LIMIT_NAMES = tuple(ceilings(None))
 
 
 def limit_errors(settings: dict[str, float], reach_mm: float | None) -> dict[str, str]:
-    """What is wrong with each of these limits, by its name; empty where nothing is. `reach_mm` as in `ceilings`."""
+    """The error of each of these limits, by its name; empty without errors. `reach_mm` as in `ceilings`."""
     checked = {name: _limit_error(name, value, ceilings(reach_mm), reach_mm) for name, value in settings.items()}
     return {name: what for name, what in checked.items() if what}
 
@@ -153,11 +153,11 @@ def _reason(name: str, reach_mm: float | None) -> str:
 
 @final
 class CycleWatch:
-    """Looks at each correction about to be sent, against the three sent before it.
+    """Checks each correction before it is sent, against the three sent before it.
 
     Differences of a set-point sampled every cycle are means of its derivatives, so a path within the limits passes and
-    one outside does not. Braking is allowed `speed_deg_s` / (2 × cycle) and any jerk: that is what standing still in
-    the second telegram takes (2 deg/s at 4 ms: 250 deg/s²; 5 deg/s: 625 deg/s²).
+    one outside does not. Braking is allowed `speed_deg_s` / (2 × cycle) and any jerk: standstill in
+    the second telegram requires that (2 deg/s at 4 ms: 250 deg/s²; 5 deg/s: 625 deg/s²).
     """
 
     def __init__(self, limits: SearchLimits, cycle_s: float) -> None:
@@ -166,14 +166,14 @@ class CycleWatch:
         self._sent: deque[Correction] = deque([(0.0,) * AXES] * 3, maxlen=3)
 
     def look(self, correction: Correction, *, braking: bool = False) -> Limit:
-        """The first limit that sending `correction` now would pass; it counts as sent only where that is none."""
+        """The first limit that sending `correction` now would pass; it counts as sent only if there is none."""
         passed = self._place(correction) or self._motion(correction, braking)
         if passed is Limit.NONE:
             self._sent.append(correction)
         return passed
 
     def stood(self) -> None:
-        """The controller held the last correction for a while: whatever moved before, it stands now."""
+        """The controller held the last correction for a while: the robot has come to a stop."""
         self._sent.extend([self._sent[-1]] * 3)
 
     def _place(self, correction: Correction) -> Limit:

@@ -1,8 +1,8 @@
-"""The process that answers the controller each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
+"""The process that answers the controller in each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
 
-It imports nothing of the engine, has its garbage collector off, and is in real time as far as permitted. It holds the
-robot and leaves when its parent is gone. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout reports where it
-listens, or why it cannot.
+It imports nothing from the engine, has its garbage collector off, and runs in real time as far as permitted. It holds
+the robot and exits when its parent has ended. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout reports its
+address, or why it cannot listen.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from drivers.kuka_rsi.cyclic.task import CyclicTask, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 _LOOK_S = 0.05
-"""Longest wait for a telegram before orders and the parent are looked at."""
+"""Longest wait for a telegram before orders and the parent are checked."""
 
 _SOON_S = 0.001
-"""The same while a telegram of this cycle waits for the word that its session has begun."""
+"""The same while a telegram of this cycle waits for its session's start."""
 
 _LEAVE_S = 3.0
-"""Longest a search that is being held may keep the process."""
+"""Longest delay of the exit by a search that is being held."""
 
 _PR_SET_PDEATHSIG = 1
 
@@ -43,11 +43,11 @@ _PR_SET_PDEATHSIG = 1
 @final
 @dataclass(frozen=True, slots=True)
 class CyclicOrders:
-    """What the process is given on its command line.
+    """The process's settings from its command line.
 
-    `host`, `port`: to bind; `controller`: the host that is heard; `tolerance`: cycles without an answer after which a
+    `host`, `port`: to bind; `controller`: the accepted host; `tolerance`: cycles without an answer after which a
     session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
-    template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `parent`: whose death ends it.
+    template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `parent`: process ends with it.
     """
 
     host: str
@@ -73,12 +73,12 @@ class CyclicOrders:
 
 
 class _Leaving:
-    """Whether to go: asked to, or orphaned."""
+    """Whether to exit: on request, or because the parent ended."""
 
     def __init__(self, parent: int) -> None:
         self._parent = parent
         self._asked = False
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the engine's to handle: it holds the robot first
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the engine handles Ctrl-C: it holds the robot first
         signal.signal(signal.SIGTERM, self._ask)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
@@ -90,7 +90,7 @@ class _Leaving:
 
 
 def run(orders: CyclicOrders) -> int:
-    """Bind, report where, and answer until asked to leave; the exit code."""
+    """Bind, report the address, and answer until told to exit; returns the exit code."""
     leaving = _Leaving(orders.parent)
     try:
         line = ControllerLine.bind(orders.host, orders.port, orders.controller)

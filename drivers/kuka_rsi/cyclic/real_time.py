@@ -1,4 +1,4 @@
-"""What keeps the cyclic process in time: priority, memory that stays, a processor of its own; each where permitted."""
+"""Real-time settings of the cyclic process: priority, locked memory, a reserved processor; each if permitted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import resource
 from pathlib import Path
 
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
-"""The processors that the scheduler leaves alone, as `2-3,7`."""
+"""The processors that the scheduler does not use, as `2-3,7`."""
 
 _PRIORITY = 40
 _MCL_CURRENT = 1
@@ -17,7 +17,7 @@ _MCL_FUTURE = 2
 
 
 def become_real_time() -> dict[str, bool]:
-    """Take what is permitted: `fifo` (SCHED_FIFO), `mlock` (no page is swapped out), `affinity` (its own processor)."""
+    """Apply the permitted settings: `fifo` (SCHED_FIFO), `mlock` (no page is swapped out), `affinity`."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -33,7 +33,7 @@ def _take_priority() -> bool:
 
 
 def _lock_memory() -> bool:
-    """Memory to come is locked only where there is no bound: beyond one, an allocation would fail."""
+    """Future memory is locked only if there is no limit: beyond a limit, an allocation would fail."""
     _, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     unlimited = hard == resource.RLIM_INFINITY or os.geteuid() == 0
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (hard, hard))
@@ -42,10 +42,10 @@ def _lock_memory() -> bool:
 
 
 def _move_to_isolated_processor() -> bool:
-    """To one that the kernel gives to no other process (`isolcpus`).
+    """Pins to a processor that the kernel gives to no other process (`isolcpus`).
 
-    On one that others use too, it waits for them: on two busy cores, with priority, 0.5 % of the answers came after
-    more than 4 ms (at most 9.3 ms) where it was pinned, and none (at most 0.8 ms) where it could change.
+    On a shared processor it waits for others: on two busy cores, with priority, 0.5 % of the answers came after
+    more than 4 ms (at most 9.3 ms) when pinned, and none (at most 0.8 ms) when not pinned.
     """
     try:
         isolated = _ISOLATED.read_text().strip()

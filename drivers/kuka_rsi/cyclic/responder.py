@@ -1,7 +1,7 @@
 """Answers the controller: receive, read stop and guards, plan, reply; in this order, once for the newest telegram.
 
-Nothing is answered before a task is ordered and its session announced, nor after the release. Not answering is safe: a
-session's output begins at zero, and later it is held. Zero is not.
+It answers only from the order of a task and the announcement of its session to the release. Not answering is safe: a
+session's output begins at zero, and later it is held. Answering zero is not safe.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Responder:
 
     @property
     def waits_for_announcement(self) -> bool:
-        """Whether a telegram of this cycle waits for the word that its session has begun."""
+        """Whether a telegram of this cycle waits for the announcement of its session."""
         return bool(self._early)
 
     def answer(self, *, leave: bool = False) -> None:
-        """Look at orders and line once, and answer the newest telegram that may be answered.
+        """Check orders and line once, and answer the newest admissible telegram.
 
         The older ones are kept as samples and counted as skipped.
         """
@@ -76,7 +76,7 @@ class Responder:
             self._answer_newest(self._task, admitted, now_ns, leave)
 
     def take_order(self) -> None:
-        """Look whether a task was ordered or released since."""
+        """Check whether a task was ordered or released since."""
         number = self._block.words[Slot.ORDER]
         if number == (self._task.number if self._task else 0):
             return
@@ -85,7 +85,7 @@ class Responder:
             self._block.publish(self._task, 0)
 
     def _expect(self, task: CyclicTask | None) -> None:
-        """From now on only telegrams of the session of `task` are answered; without one, none."""
+        """From now on answer only telegrams of the session of `task`; without a task, none."""
         self._task = task
         self._sender: Place | None = None
         self._early: list[_Waiting] = []
@@ -94,17 +94,17 @@ class Responder:
         self._reported: int | None = None
 
     def _current(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
-        """The telegrams that wait; before the session is announced none, and the newest is kept for its cycle."""
+        """The waiting telegrams; none before the session is announced, but the newest is kept for its cycle."""
         waiting = self._early + self._read(received, now_ns)
         self._early = []
-        if self._sender is None:  # none was answered yet: whatever is older may be another session's
+        if self._sender is None:  # none was answered yet: older ones may belong to another session
             waiting = [one for one in waiting[-1:] if now_ns - one.arrival_ns < _SHORTEST_CYCLE_NS]
         if self._task and self._block.words[Slot.SESSION] != self._task.number:
             self._early, waiting = waiting, []
         return waiting
 
     def _read(self, received: list[tuple[bytes, Place]], now_ns: int) -> list[_Waiting]:
-        """What can be read of the controller's; the session's first telegram shows its port."""
+        """The controller's readable telegrams; the session's first one shows its port."""
         waiting = []
         for datagram, sender in received:
             if self._sender not in (None, sender):
@@ -132,7 +132,7 @@ class Responder:
         return admission is Admission.ANSWERABLE
 
     def _answer_newest(self, task: CyclicTask, admitted: list[_Waiting], now_ns: int, leave: bool) -> None:
-        """Nothing that others read changes after the reply has left: in lockstep the reply advances the cell's time."""
+        """Shared data do not change after the reply is sent: in lockstep the reply advances the cell's time."""
         if task.phase is Phase.OVER:  # by a later telegram among these
             return
         for one in admitted:
@@ -143,7 +143,7 @@ class Responder:
         self._count_late(task, newest.telegram, now_ns)
         try:
             self._line.send(reply, newest.sender)
-        except OSError:  # the sender's socket is gone; it counts the answer as late
+        except OSError:  # the sender's socket is closed; it counts the answer as late
             self._count(Slot.LATE)
 
     def _take_in(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
@@ -169,7 +169,7 @@ class Responder:
             self._count(Slot.LATE)
 
     def _count_reported(self, telegram: Telegram) -> None:
-        """Controllers differ in whether a good answer sets their count back: only its rises are summed."""
+        """On some controllers a valid answer resets the count: only its rises are summed."""
         before, self._reported = self._reported, telegram.delay
         if before is not None and telegram.delay is not None:
             self._count(Slot.LATE_REPORTED, max(0, telegram.delay - before))

@@ -1,4 +1,4 @@
-"""One search, cycle by cycle: what to answer to each telegram. Pure: telegrams, time and slots in, corrections out."""
+"""One search, cycle by cycle: the answer to each telegram. Pure: telegrams, time and slots in, corrections out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 _STANDING_DEG = 0.001
-"""Joints that stay within this span over `_STANDING_CYCLES` stand still (twice a common encoder's step)."""
+"""Joints within this span over `_STANDING_CYCLES` are at standstill (twice a common encoder's step)."""
 
 _STANDING_CYCLES = 10
 
@@ -26,18 +26,18 @@ _SHORTEST_HOLD_S = 0.06
 _LONGEST_HOLD_S = 1.0
 
 _START_TOLERANCE_DEG = 0.1
-"""The pose at RSI_ON may differ by this from the one that the search was planned from."""
+"""Largest difference of the pose at RSI_ON from the planned start."""
 
 
 @final
 class SearchCycle:
     """One search, in one RSI session: a CyclicTask.
 
-    No answer differs from anything that the controller may still hold by more than the limits allow. It holds either
-    the last set-point known to be taken or the last one sent, and the next one is not sent before the last is known to
+    No answer differs by more than the limits from any set-point that the controller may hold: either the last one
+    known to be taken or the last one sent. The next one is sent only when the last is known to
     be taken. Until then the last one is repeated, and the path is planned again from standstill. Two allowances: the
-    repeated set-point, where it is taken at last, is one step (speed × cycle) from standstill, as a lost answer is one
-    to a stand; and braking on a stop, see `CycleWatch`. Without Delay, see `Following` for what may pile up.
+    repeated set-point, when finally taken, is one step (speed × cycle) from standstill, as a lost answer is one
+    to a standstill; and braking on a stop, see `CycleWatch`. Without Delay, see `Following` for the possible lead.
 
     `detail` is the guard slot, which limit, or the rise of the count, by `cause`; `age_ns` is the guard's.
     """
@@ -74,7 +74,7 @@ class SearchCycle:
         return self._session.timing
 
     def admit(self, telegram: Telegram) -> Admission:
-        """Whether `telegram` may be answered. One that may not is to be counted, and nothing else."""
+        """Whether `telegram` may be answered. Otherwise it is only counted."""
         admission = self._session.admit(telegram)
         if self._session.over and self.phase is not Phase.OVER:
             self.cause, self.detail, self.phase = Cause.LOST, self._session.over_by, Phase.OVER
@@ -110,7 +110,7 @@ class SearchCycle:
         return taken
 
     def _check_start(self, joints: tuple[float, ...]) -> None:
-        """Otherwise the session ends before it moved; zero is right there, as nothing was corrected yet."""
+        """Otherwise the session ends before any motion; zero is correct then, as there was no correction yet."""
         self._start = joints
         if max(abs(a - b) for a, b in zip(joints, self.order.start, strict=True)) > _START_TOLERANCE_DEG:
             self.cause, self.phase = Cause.START, Phase.LEAVING
@@ -134,7 +134,7 @@ class SearchCycle:
             self._look_at_guards(now_ns, beats)
 
     def _look_whether_it_follows(self, telegram: Telegram) -> None:
-        """Ahead: the controller sums up offsets, and holding would be going on; RSI is left without standing first."""
+        """Ahead: the controller sums up offsets, and holding would keep moving; leave RSI without standstill."""
         if not self.timing.learnt or self.phase is Phase.LEAVING:
             return
         follows = self._following.look(telegram, self._written.short_deg)
@@ -144,7 +144,7 @@ class SearchCycle:
             self._end(Cause.BEHIND)
 
     def _look_at_guards(self, now_ns: int, beats: Sequence[int]) -> None:
-        """A guard's beat counts from the search's start at the earliest, whether it ever beat before or not."""
+        """The age of a guard's beat counts from the search's start at the earliest, even without an earlier beat."""
         for slot, oldest_ns in enumerate(self.order.guards_ns):
             age_ns = now_ns - max(beats[slot], self._began_ns or 0)
             if 0 < oldest_ns < age_ns:
@@ -160,7 +160,7 @@ class SearchCycle:
             self.phase = Phase.SETTLING
 
     def _move(self, taken: bool) -> None:
-        """One step; none while the last answer is not known to be taken: the controller stands, at either of two."""
+        """One step; none until the last answer is known to be taken: the controller holds one of two set-points."""
         if self.phase not in (Phase.MOVING, Phase.BRAKING):
             return
         if not taken:
@@ -204,7 +204,7 @@ class SearchCycle:
             self._following.sent(telegram.ipoc, self._set_point.place_deg)
 
     def _settle(self, joints: tuple[float, ...]) -> None:
-        """Hold until the joints stand still, at most a while; then ask the controller to leave RSI."""
+        """Hold until the joints are at standstill, for a limited time; then tell the controller to leave RSI."""
         if self.phase is not Phase.SETTLING:
             return
         self._held_cycles += 1

@@ -9,15 +9,15 @@ from drivers.kuka_rsi.cyclic.cycle_timing import CYCLES_MS, CycleTiming
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 DEFAULT_TOLERANCE = 100
-"""Cycles without an answer after which the ETHERNET object gives up, as most contexts set its `Timeout`."""
+"""Cycles without an answer after which the ETHERNET object stops, the `Timeout` of most contexts."""
 
 
 class Admission(Enum):
-    """What becomes of a telegram."""
+    """How a telegram is treated."""
 
     ANSWERABLE = auto()
     STALE = auto()
-    """Its count is not greater than the last: a duplicate, or overtaken on the way."""
+    """Its count is not greater than the last: a duplicate, or overtaken in transit."""
     BEYOND = auto()
     """Its count lies further from the last answer than the controller tolerates, or the session is over."""
 
@@ -28,8 +28,8 @@ class Session:
 
     `over`: no telegram is answered any more; `over_by`: the rise of the count that ended it.
 
-    An answer is taken where the next telegram is the next cycle's and its Delay has not risen. That holds for a count
-    that a good answer sets back and for one that it does not. Where a cycle is missing between, nothing is concluded.
+    An answer is taken if the next telegram is the next cycle's and its Delay has not risen. That holds whether or not
+    a valid answer resets the count. After a missing cycle there is no conclusion.
     """
 
     def __init__(self, tolerance_cycles: int = DEFAULT_TOLERANCE) -> None:
@@ -41,7 +41,7 @@ class Session:
         self._answered: Telegram | None = None
 
     def admit(self, telegram: Telegram) -> Admission:
-        """Whether `telegram` may be answered; a gap beyond the tolerance ends the session for good."""
+        """Whether `telegram` may be answered; a gap beyond the tolerance ends the session permanently."""
         if self.over:
             return Admission.BEYOND
         if self._newest is not None:

@@ -1,4 +1,4 @@
-"""The set-point on its way along a joint-space line: jerk-limited out, and to a stand within two telegrams."""
+"""The set-point along a joint-space line: a jerk-limited motion, and a stop within two telegrams."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SetPoint:
 
     @property
     def place_deg(self) -> float:
-        """Length of the line gone so far, degrees."""
+        """Distance travelled on the line, degrees."""
         return self._here
 
     @property
@@ -63,7 +63,7 @@ class SetPoint:
         self._move_to(self._profile.at_time(min(self._elapsed, self._profile.duration))[0][0])
 
     def brake(self) -> None:
-        """Half of the last step, as constant deceleration to a stand within one cycle gives; then `hold`."""
+        """Half of the last step, from constant deceleration to a stop within one cycle; then `hold`."""
         self._move_to(min(self._here + (self._here - self._before) / 2, self._length))
 
     def hold(self) -> None:

@@ -1,7 +1,7 @@
 """Memory shared by the engine and the cyclic process: slots of eight bytes, each written by one side only.
 
-An aligned slot is read and written whole. What must be seen together is written first, and the slot that announces it
-(`ORDER`, `SESSION`, `SEARCH`, `HEAD`) last. The memory has no name: it is gone when both processes are.
+An aligned slot is read and written atomically. Data that belong together are written first, the slot that announces
+them (`ORDER`, `SESSION`, `SEARCH`, `HEAD`) last. The memory has no name: it is freed when both processes end.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ROW_SLOTS = 3 + AXES
 class Slot(IntEnum):
     """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
 
-    `STOP`: number of the search to be stopped, 0 where no stop stands. `SESSION`: number of the search for which the
+    `STOP`: number of the search to be stopped, 0 without a stop. `SESSION`: number of the search for which the
     controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
     """
 
@@ -67,7 +67,7 @@ class Slot(IntEnum):
 _SIZE = 8 * (Slot.RING + ROWS * _ROW_SLOTS)
 
 NEVER = -(1 << 62)
-"""A beat that has not been."""
+"""No beat yet."""
 
 
 @final
@@ -119,7 +119,7 @@ class SharedBlock:
     # the engine's side
 
     def place_order(self, order: SearchOrder) -> None:
-        """Ask for a search; it begins with the first telegram once its session is announced."""
+        """Order a search; it begins with the first telegram once its session is announced."""
         self._put_reals(Slot.START, order.start)
         self._put_reals(Slot.CORRECTION, order.correction)
         self.reals[Slot.SPEED] = order.speed_deg_s
@@ -128,7 +128,7 @@ class SharedBlock:
         self.words[Slot.ORDER] = order.number
 
     def keep_stop(self, number: int) -> None:
-        """Where a stop stands from before, it is meant for search `number` too."""
+        """A stop that is already set also applies to search `number`."""
         if self.words[Slot.STOP]:
             self.words[Slot.STOP] = number
 
@@ -137,22 +137,22 @@ class SharedBlock:
         self.words[Slot.SESSION] = number
 
     def release(self) -> None:
-        """The session is over: from now on nothing is answered."""
+        """The session is over: from now on there are no answers."""
         self.words[Slot.ORDER] = 0
 
     def foreign_sender(self) -> str:
-        """The sender of the last datagram that did not come from the controller, `HOST:PORT`; empty where not known."""
+        """The sender of the last datagram that did not come from the controller, `HOST:PORT`; empty if unknown."""
         packed = self.words[Slot.FOREIGN_FROM]
         return f"{IPv4Address(packed >> 16)}:{packed & 0xFFFF}" if packed else ""
 
     def status(self) -> SearchStatus:
-        """What the cyclic process last published."""
+        """The last state that the cyclic process published."""
         words = self.words
         number, *rest = (words[slot] for slot in range(Slot.SEARCH, Slot.CYCLE + 1))
         return SearchStatus(number, Phase(rest[0]), Cause(rest[1]), *rest[2:])
 
     def samples(self, tail: int) -> tuple[list[Sample], int]:
-        """Samples from count `tail` on that the ring still holds, and the count to go on from."""
+        """Samples from count `tail` on that the ring still holds, and the count to continue from."""
         head = self.words[Slot.HEAD]
         first = max(tail, head - ROWS + 1)
         return [self._sample(count) for count in range(first, head)], head
@@ -160,7 +160,7 @@ class SharedBlock:
     # the cyclic process's side
 
     def order(self) -> SearchOrder:
-        """The order that stands."""
+        """The current order."""
         words = self.words
         oldest = tuple(words[Slot.OLDEST : Slot.OLDEST + GUARDS])
         start, correction = self._reals(Slot.START), self._reals(Slot.CORRECTION)
@@ -174,7 +174,7 @@ class SharedBlock:
                 self.words[Slot.FOREIGN_FROM] = int(IPv4Address(sender[0])) << 16 | sender[1]
 
     def beats(self) -> memoryview:
-        """Last beat of each guard, ns of the cell's time, as it is at each look."""
+        """Last beat of each guard, ns of the cell's time, current at each read."""
         return self.words[Slot.BEATS : Slot.BEATS + GUARDS]
 
     def publish(self, task: CyclicTask, telegrams: int) -> None:

@@ -1,4 +1,4 @@
-"""What the RSI process does in a session, as the code around it sees it: an order in, corrections in each cycle out."""
+"""The interface of a task in an RSI session: input is an order, output the corrections in each cycle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 
 class Phase(IntEnum):
-    """Where a search is."""
+    """Phase of a search."""
 
     IDLE = 0
     LEARNING = 1
@@ -26,7 +26,7 @@ class Phase(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why the set-point was brought to a stand."""
+    """Why the set-point was stopped."""
 
     NONE = 0
     STOPPED = 1
@@ -43,10 +43,10 @@ class Cause(IntEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class SearchOrder:
-    """What is asked of the cyclic process.
+    """An order to the cyclic process.
 
     `start`: the joints from which the line was planned; `correction`: offset at its end, degrees; `speed_deg_s`;
-    `guards_ns`: oldest beat allowed per guard slot, 0 where the slot guards nothing.
+    `guards_ns`: oldest beat allowed per guard slot, 0 if the slot is unused.
     """
 
     number: int
@@ -57,11 +57,11 @@ class SearchOrder:
 
 
 class CyclicTask(Protocol):
-    """What is answered to the controller's telegrams from one order until its release, in one RSI session.
+    """The answers to the controller's telegrams from one order until its release, in one RSI session.
 
     Pure: telegrams, time and slots in, corrections out; within the cycle. `number`: of the order; `cause`, `detail` and
     `age_ns`: why it ended; `stop_cycles` counts the telegrams answered from the first with the stop known to the
-    first whose set-point stood still, both included; `missed`: telegrams not answered, by the controller's count.
+    first with a constant set-point, both included; `missed`: telegrams not answered, by the controller's count.
     """
 
     number: int
@@ -77,7 +77,7 @@ class CyclicTask(Protocol):
         """The cycle of the session."""
 
     def admit(self, telegram: Telegram) -> Admission:
-        """Whether `telegram` may be answered. One that may not is to be counted, and nothing else."""
+        """Whether `telegram` may be answered. Otherwise it is only counted."""
 
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False

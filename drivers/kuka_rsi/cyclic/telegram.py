@@ -12,12 +12,12 @@ from drivers.kuka_rsi.axes import AXIS_NAMES
 from drivers.kuka_rsi.cyclic.limits import Correction
 
 DECIMALS = 6
-"""Of the corrections in a reply."""
+"""Decimals of the corrections in a reply."""
 
 LARGEST_IPOC = 10**15
 LARGEST_DELAY = 10**9
 FARTHEST_JOINT_DEG = 3600.0
-"""Ranges of the values in a telegram; a telegram with others is not a controller's."""
+"""Ranges of the values in a telegram; others show that it is not from a controller."""
 
 COARSEST_DEG = 0.1
 """Step of the joints at `Precision` 1, the coarsest that RSI has by default."""
@@ -28,10 +28,10 @@ _NUMBER = re.compile(r"[-+]?[0-9]{1,20}(?:\.([0-9]{0,30}))?(?:[eE][-+]?[0-9]{1,3
 @final
 @dataclass(frozen=True, slots=True)
 class Telegram:
-    """What the controller sent in one cycle.
+    """The controller's data of one cycle.
 
     `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count, 0 … 10^15; `joints`: A1…A6 actual
-    (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, where it sends one; `resolution_deg`:
+    (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, if it sends one; `resolution_deg`:
     last decimal of the joints.
     """
 
@@ -45,7 +45,7 @@ class Telegram:
 def read_telegram(datagram: bytes) -> Telegram:
     """Read a `<Rob>` telegram by the names in it; order, attributes of the root and unknown tags do not matter.
 
-    Raises ValueError where it is no telegram, lacks IPOC or AIPos, or has a number out of range.
+    Raises ValueError if it is not a telegram, lacks IPOC or AIPos, or has a number out of range.
     """
     if b"<!" in datagram:
         raise ValueError("a telegram has no DOCTYPE, comment or CDATA")
@@ -71,7 +71,7 @@ def _count(text: str) -> int:
 
 
 def _number(text: str, lowest: float, highest: float) -> tuple[float, int]:
-    """The number in ASCII digits, and how many decimals it is written with."""
+    """The number in ASCII digits, and its number of decimals."""
     written = _NUMBER.fullmatch(text)
     if written is None or not lowest <= float(text) <= highest:
         raise ValueError(f"'{text[:40]}' is no number within {lowest:g} … {highest:g}")
@@ -96,7 +96,7 @@ class ReplyFormat:
 
     @classmethod
     def of(cls, sentype: str, tags: tuple[ReplyTag, ...], correction: str, stop: str) -> ReplyFormat:
-        """The format for the tags of a RECEIVE section, in its order; tags that are not ours are sent as zero."""
+        """The format for the tags of a RECEIVE section, in its order; tags of others are sent as zero."""
         places = {f"{correction}.{name}": f"{{{i}:.{DECIMALS}f}}" for i, name in enumerate(AXIS_NAMES)} | {
             stop: "{6:d}"
         }

@@ -1,4 +1,4 @@
-"""The transfer channel, client side: commands with their replies, the controller's state, and silence noticed."""
+"""The transfer channel, client side: commands with their replies, the controller's state, and detection of silence."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cellctl.devices import DeviceError, DeviceLost, DeviceUnreachable, JointRea
 from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, read_document, write_command
 
 ANSWER_S = 10.0
-"""Longest wait, in the cell's time, for what the controller does at once."""
+"""Longest wait, in the cell's time, for an immediate action of the controller."""
 
 SILENCE_S = 2.0
-"""The controller reports its state every 100 ms; after this long without a word it is lost."""
+"""The controller reports its state every 100 ms; after this time without a document it is lost."""
 
 _OPEN_S = 5.0
 _CHUNK = 4096
@@ -23,7 +23,7 @@ _CHUNK = 4096
 
 @final
 class Pending:
-    """A command under way: its replies in order, or the error that ended the connection."""
+    """A command in progress: its replies in order, or the error that ended the connection."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -39,13 +39,13 @@ class Pending:
         return reply
 
     def put(self, reply: Reply | DeviceError) -> None:
-        """A reply came, or none will."""
+        """A reply arrived, or the connection ended."""
         self._replies.put_nowait(reply)
 
 
 @final
 class EkiChannel:
-    """One connection. `unreadable` counts documents that were neither reply nor state."""
+    """One connection. `unreadable` counts documents other than reply and state."""
 
     def __init__(self, device: str, place: tuple[str, int], clock: Clock) -> None:
         self.unreadable = 0
@@ -68,7 +68,7 @@ class EkiChannel:
         host, port = self._place
         try:
             with self._clock.standing():
-                async with asyncio.timeout(_OPEN_S):  # wall time: the host's network stack knows no other
+                async with asyncio.timeout(_OPEN_S):  # wall time: the host's network stack uses it
                     reader, self._writer = await asyncio.open_connection(host, port)
                 self._wire = self._clock.wire(self._device)
         except (OSError, TimeoutError) as error:
@@ -79,7 +79,7 @@ class EkiChannel:
         self._tasks = [asyncio.create_task(self._read(reader, self._wire)), asyncio.create_task(self._watch())]
 
     async def close(self) -> None:
-        """Let go of the connection; what is under way ends with DeviceLost."""
+        """Close the connection; commands in progress end with DeviceLost."""
         self._fail("the connection was closed")
         for task in self._tasks:
             task.cancel()
@@ -99,7 +99,7 @@ class EkiChannel:
 
     @property
     def latest_joints(self) -> JointReadings:
-        """The joints that came with the last document. Raises DeviceLost."""
+        """The joints in the last document. Raises DeviceLost."""
         return self._joints or self.stat.joints
 
     async def first_stat(self) -> Stat:
@@ -120,16 +120,16 @@ class EkiChannel:
         command = write_command(number, operation, content)
         self._writer.write(command)
         self._wire.wrote(len(command))
-        with suppress(OSError):  # the reader sees the same, and reports it
+        with suppress(OSError):  # the reader detects and reports it
             await self._writer.drain()
         return pending
 
     async def ask(self, operation: str, content: str = "", timeout_s: float = ANSWER_S) -> Reply:
-        """Send a command and wait for its only reply. Raises DeviceLost, also where none comes."""
+        """Send a command and wait for its only reply. Raises DeviceLost, also without a reply."""
         return await self.answer_to(await self.send(operation, content), operation, timeout_s)
 
     async def answer_to(self, pending: Pending, operation: str, timeout_s: float = ANSWER_S) -> Reply:
-        """The only reply to a command that was sent. Raises DeviceLost, also where none comes."""
+        """The only reply to a command that was sent. Raises DeviceLost, also without a reply."""
         try:
             return await pending.reply(timeout_s)
         except TimeoutError:

@@ -21,9 +21,9 @@ _TOKEN = re.compile(
 @final
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """`<Rep>`: `code` as in the reference; `joints` actual, degrees, where sent; `ident` of HELLO.
+    """`<Rep>`: `code` as in the reference; `joints` actual, degrees, if sent; `ident` of HELLO.
 
-    `document`: all of it, for what only some commands are answered with.
+    `document`: the complete reply, for elements that only some commands have.
     """
 
     id: int
@@ -47,7 +47,7 @@ class Stat:
 
 @final
 class DocumentStream:
-    """Splits a stream of XML documents where each root element ends, however TCP cuts it."""
+    """Splits a stream of XML documents at the end of each root element, for any TCP segmentation."""
 
     def __init__(self) -> None:
         self._buffer = b""
@@ -55,7 +55,7 @@ class DocumentStream:
         self._depth = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The documents that `data` completes. Raises ValueError where one grows past 4 KiB."""
+        """The documents that `data` completes. Raises ValueError if one exceeds 4 KiB."""
         self._buffer += data
         documents = []
         while end := self._end_of_document():
@@ -86,7 +86,7 @@ class DocumentStream:
 
 
 def read_document(document: bytes) -> Reply | Stat:
-    """Read one document of the controller. Raises ValueError where it is neither `<Rep>` nor `<Stat>`."""
+    """Read one document of the controller. Raises ValueError if it is neither `<Rep>` nor `<Stat>`."""
     try:
         root = ElementTree.fromstring(document)
     except (ElementTree.ParseError, LookupError) as error:

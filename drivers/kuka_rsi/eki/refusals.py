@@ -23,12 +23,12 @@ _RESET = "Look at the message at the pendant, remove its cause, acknowledge it a
 
 
 def cure_of(message: str) -> str:
-    """What a person does about a message of the controller."""
+    """The cure for a message of the controller."""
     return next((cure for number, cure in _CURES.items() if number in message), _RESET)
 
 
 def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
-    """The error that a reply with a code other than 0 and 1 stands for; `doing`: what was asked."""
+    """The error for a reply with a code other than 0 and 1; `doing`: the requested action."""
     text = f" ({reply.text})" if reply.text else ""
     match reply.code:
         case 10:

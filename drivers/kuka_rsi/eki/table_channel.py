@@ -1,4 +1,4 @@
-"""Compensation tables over the transfer channel: staged, read back, compared, activated; never half of one."""
+"""Compensation tables over the transfer channel: staged, read back, compared, activated; never partially."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ class TableChannel:
         return await see_through(self._activated(pending, TableInfo(table.id, len(rows), checksum(rows))))
 
     async def state(self) -> TableState:
-        """What tables the controller names."""
+        """The tables that the controller reports."""
         reply = await self._ask("TSTATE", "", "table state")
         with self._understood("TSTATE"):
             return read_state(reply.document)
 
     async def read(self) -> ControllerTable | None:
-        """The active table as the controller holds it, its check sum verified; see `TableStore.read_table`."""
+        """The active table as stored on the controller, its check sum verified; see `TableStore.read_table`."""
         state = await self.state()
         if state.staged:
             what = f"table {_short(state.staged.id)} was staged and never activated; it is read in place of the active"
@@ -84,7 +84,7 @@ class TableChannel:
         """Swap active and previous, once; see `TableStore.rollback_table`."""
         return await see_through(self._rolled_back(await self._eki.send("TROLLBACK")))
 
-    # inner works
+    # internal
 
     async def _stage(self, table: ControllerTable, rows: Sequence[WrittenRow]) -> None:
         await self._ask("TSTAGE", staging(table, rows), "stage a table")
@@ -92,7 +92,7 @@ class TableChannel:
             await self._ask("TBLOCK", block(numbers, rows), f"stage rows {numbers.start} … {numbers.stop - 1}")
 
     async def _compare(self, table: ControllerTable, rows: Sequence[WrittenRow]) -> None:
-        """Every letter that came back against the one that was sent."""
+        """Compare every character read back with the one sent."""
         back = [row for numbers in blocks(len(rows)) for row in await self._read(numbers)]
         for sent, found in zip_longest(rows, back):
             if sent != found:
@@ -157,7 +157,7 @@ def _told(row: WrittenRow | None) -> str:
 
 
 def _differs(expected: TableInfo, found: TableInfo) -> str:
-    """What differs, in words; empty where nothing does."""
+    """The difference as text; empty if there is none."""
     pairs = {"id": (expected.id, found.id), "rows": (expected.rows, found.rows)}
     pairs["check sum"] = (expected.checksum, found.checksum)
     return ", ".join(f"{name} {b} instead of {a}" for name, (a, b) in pairs.items() if a != b)

@@ -13,8 +13,8 @@ from cellctl.devices import ControllerTable, TableInfo, TableRow, TableState
 from drivers.kuka_rsi.axes import AXIS_NAMES
 
 BLOCK_ROWS = 2
-"""Rows sent or asked for at once; the channel allows ten. The controller works their sums out in KRL, some 3500
-statements a row, and its answer is waited for 10 s."""
+"""Rows per request; the channel allows ten. The controller computes their sums in KRL, some 3500
+statements a row, and the time limit of its answer is 10 s."""
 
 MOST_ROWS = 500
 
@@ -22,7 +22,7 @@ MOST_ROWS = 500
 @final
 @dataclass(frozen=True, slots=True)
 class WrittenRow:
-    """A row letter by letter: its number from 1, and the two joint sets as they are written on the wire."""
+    """A row as text: its number from 1, and the two joint sets in wire format."""
 
     number: str
     nominal: tuple[str, ...]
@@ -30,12 +30,12 @@ class WrittenRow:
 
     @classmethod
     def of(cls, number: int, row: TableRow) -> Self:
-        """Six decimals; a zero never carries a sign, which a controller's REAL might not keep."""
+        """Six decimals; a zero has no sign, since a controller's REAL might lose it."""
         return cls(str(number), _written(row.nominal), _written(row.compensated))
 
     @classmethod
     def read(cls, element: ElementTree.Element) -> Self:
-        """`<R>` as it came. Raises ValueError where an axis or the number is missing."""
+        """`<R>` as received. Raises ValueError if an axis or the number is missing."""
         return cls(_attribute(element, "N"), _axes(element, "Q"), _axes(element, "C"))
 
     @property
@@ -45,16 +45,16 @@ class WrittenRow:
 
     @property
     def element(self) -> str:
-        """`<R>` as it is sent."""
+        """`<R>` to send."""
         return f'<R N="{self.number}">{_joints("Q", self.nominal)}{_joints("C", self.compensated)}</R>'
 
     def numbers(self) -> TableRow:
-        """The row in degrees. Raises ValueError where a letter is no number."""
+        """The row in degrees. Raises ValueError if a text is not a number."""
         return TableRow(tuple(map(float, self.nominal)), tuple(map(float, self.compensated)))
 
 
 def written_rows(table: ControllerTable) -> list[WrittenRow]:
-    """The table's rows as they are sent."""
+    """The table's rows to send."""
     return [WrittenRow.of(number, row) for number, row in enumerate(table.rows, 1)]
 
 

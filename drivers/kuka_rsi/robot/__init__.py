@@ -1,1 +1,1 @@
-"""The engine's side: the robot as campaigns use it, on the EthernetKRL channel and the RSI process."""
+"""The engine's side: the robot for campaigns, through the EthernetKRL channel and the RSI process."""

@@ -1,4 +1,4 @@
-"""Proof of life of other devices, left where the cyclic process looks at it each cycle."""
+"""Proof of life of other devices, in slots that the cyclic process checks in each cycle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OLDEST_ENGINE_BEAT_S = 0.25
 
 @final
 class GuardSlots:
-    """The guards that beat, by slot; `block`: the shared block in use, another one after a reconnection."""
+    """The guards that beat, by slot; `block`: the shared block in use, replaced at a reconnection."""
 
     def __init__(self, device: str, block: Callable[[], SharedBlock | None]) -> None:
         self._device = device
@@ -29,7 +29,7 @@ class GuardSlots:
         return tuple(self._slots)
 
     def guard(self, name: str) -> Guard:
-        """The slot of `name`, the same one each time. Raises ValueError where all are taken."""
+        """The slot of `name`, always the same one. Raises ValueError if all are taken."""
         slot = self._slots.setdefault(name, len(self._slots))
         if slot >= GUARDS:
             del self._slots[name]
@@ -37,7 +37,7 @@ class GuardSlots:
         return _SlotGuard(self._block, slot)
 
     def oldest_ns(self, guards: dict[str, float]) -> tuple[int, ...]:
-        """Oldest beat allowed per slot, from names and seconds; 0 where a slot guards nothing."""
+        """Oldest beat allowed per slot, from names and seconds; 0 if a slot is unused."""
         oldest = [0] * GUARDS
         for name, seconds in {ENGINE: _OLDEST_ENGINE_BEAT_S, **guards}.items():
             self.guard(name)
@@ -47,7 +47,7 @@ class GuardSlots:
 
 @final
 class _SlotGuard:
-    """Leaves beats in a slot of the shared block, whichever block is in use."""
+    """Writes beats to a slot of the shared block in use."""
 
     def __init__(self, block: Callable[[], SharedBlock | None], slot: int) -> None:
         self._block = block

@@ -1,4 +1,4 @@
-"""How controller and RSI process are, as text and figures."""
+"""The health of controller and RSI process, as text and figures."""
 
 from __future__ import annotations
 

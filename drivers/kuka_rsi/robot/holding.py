@@ -1,4 +1,4 @@
-"""One command at a time, and the robot held wherever a motion ends otherwise than by the controller's own word."""
+"""Allows one command at a time, and holds the robot unless the controller itself reports the end of a motion."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _HALT_S = 10.0
 
 @final
 class Holding:
-    """Whether a command is under way, and how it is stopped.
+    """The command in progress, and how it is stopped.
 
-    `search`: number of the search under way, or else of the next.
+    `search`: number of the search in progress, else of the next.
     """
 
     def __init__(self, device: str, lines: ControllerLines) -> None:
@@ -26,18 +26,18 @@ class Holding:
         self._device = device
         self._lines = lines
         self._busy = False
-        self._adrift = False  # a motion was cut off, and no standstill was confirmed since
+        self._adrift = False  # a motion was interrupted, and standstill is not confirmed since
 
     def stop_now(self) -> None:
         """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
         self._put_stop(self.search)
 
     def clear_stop(self) -> None:
-        """Forget the stop that stands."""
+        """Clear the stop."""
         self._put_stop(0)
 
     async def stop(self) -> None:
-        """Hold the robot whatever it does. Raises DeviceUncertain where the controller does not confirm it."""
+        """Hold the robot in any state. Raises DeviceUncertain if the controller does not confirm it."""
         self.stop_now()
         if not self._stands() and not await see_through(self._halt()):
             raise DeviceUncertain(
@@ -48,7 +48,7 @@ class Holding:
 
     @contextmanager
     def one_at_a_time(self) -> Iterator[None]:
-        """A command is under way. Raises DeviceRefused where another one is."""
+        """A command is in progress. Raises DeviceRefused if another one is."""
         if self._busy:
             raise DeviceRefused(self._device, "another command is under way")
         self._busy = True
@@ -59,7 +59,7 @@ class Holding:
 
     @asynccontextmanager
     async def held_in_trouble(self) -> AsyncIterator[None]:
-        """One motion at a time; where it ends otherwise than by the controller's own word, the robot is halted."""
+        """One motion at a time; halts the robot unless the controller itself reports the end of the motion."""
         with self.one_at_a_time():
             try:
                 yield
@@ -75,9 +75,9 @@ class Holding:
             block.words[Slot.STOP] = number
 
     async def _halt(self) -> bool:
-        """Ask for standstill and wait for it; whether the controller has confirmed it.
+        """Request standstill and wait for it; returns whether the controller confirmed it.
 
-        The search is released only once RSI is known to be off: until then the robot is held where it is.
+        The search is released only once RSI is known to be off: until then the robot is held in place.
         """
         if self._lines.connected:
             self._adrift = True
@@ -89,7 +89,7 @@ class Holding:
         return not self._adrift
 
     def _stands(self) -> bool:
-        """Whether the controller reports that nothing moves; false where it is lost."""
+        """Whether the controller reports standstill; false if it is lost."""
         if not self._lines.connected:
             return True
         with suppress(DeviceLost):

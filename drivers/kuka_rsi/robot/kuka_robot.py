@@ -1,4 +1,4 @@
-"""The robot as campaigns use it: moves by the controller, searches by RSI, always held."""
+"""The robot for campaigns: moves by the controller, searches by RSI, held after each motion."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from drivers.kuka_rsi.seen_through import see_through
 from drivers.kuka_rsi.settings import RsiSettings
 
 _SLOW_AXIS_DEG_S = 30.0
-"""No axis is slower at 100 %; from it a move's time-out is computed."""
+"""Least speed of any axis at 100 %; a move's time limit follows from it."""
 
 _SLOWEST_PERCENT = 0.01
 """Below this a move would last for hours; the controller refuses it too."""
 
 _FARTHEST_DEG = 720.0
-"""No axis turns further in a move whose target only the controller knows."""
+"""Largest rotation of an axis in a move whose target only the controller has."""
 
 _MOVE_BESIDES_S = 15.0
 
@@ -52,7 +52,7 @@ _CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message 
 
 @final
 class KukaRobot:
-    """A KUKA robot: RSI in a process of its own, EthernetKRL for the rest. A CompensatedRobot and Listener."""
+    """A KUKA robot: RSI in a separate process, EthernetKRL for the rest. A CompensatedRobot and Listener."""
 
     def __init__(self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.name = name
@@ -74,12 +74,12 @@ class KukaRobot:
         """Start the RSI process, open the EthernetKRL channel and ask for the identity.
 
         Raises DeviceRefused (errors in the Ethernet configuration), DeviceUnreachable (port taken, no controller),
-        DeviceFault (the controller shows a message). No telegram is needed for it, and nothing moves.
+        DeviceFault (the controller shows a message). This needs no telegram, and nothing moves.
         """
         return self._lines.identity or await self._lines.open(self.guard(ENGINE))
 
     async def close(self) -> None:
-        """Stop the robot, end the process, let go of the line."""
+        """Stop the robot, end the process, close the lines."""
         with suppress(DeviceError):
             await self.stop()
         await see_through(self._lines.close())
@@ -93,7 +93,7 @@ class KukaRobot:
         return health_of(self.name, self._lines)
 
     def conditions(self) -> Mapping[str, str]:
-        """What an interlock can name."""
+        """The conditions that an interlock can name."""
         return _CONDITIONS
 
     async def holds(self, condition: str) -> bool:
@@ -157,15 +157,15 @@ class KukaRobot:
         self._holding.stop_now()
 
     def clear_stop(self) -> None:
-        """Forget the stop that stands."""
+        """Clear the stop."""
         self._holding.clear_stop()
 
     async def stop(self) -> None:
-        """Hold the robot whatever it does. Raises DeviceUncertain where the controller does not confirm it."""
+        """Hold the robot in any state. Raises DeviceUncertain if the controller does not confirm it."""
         await self._holding.stop()
 
     def guard(self, name: str) -> Guard:
-        """The slot in which `name`'s proof of life is left. Raises ValueError where all are taken."""
+        """The slot for the proof of life of `name`. Raises ValueError if all are taken."""
         return self._guards.guard(name)
 
     # compensation tables
@@ -179,23 +179,23 @@ class KukaRobot:
             return await self._tables().push(table)
 
     async def table_state(self) -> TableState:
-        """What tables the controller has."""
+        """The controller's tables."""
         return await self._tables().state()
 
     async def read_table(self) -> ControllerTable | None:
-        """The active table as the controller holds it; see TableStore."""
+        """The active table as stored on the controller; see TableStore."""
         with self._holding.one_at_a_time():
             return await self._tables().read()
 
     async def rollback_table(self) -> TableState:
-        """Put the table before into force again; see TableStore."""
+        """Activate the previous table again; see TableStore."""
         with self._holding.one_at_a_time():
             return await self._tables().rollback()
 
-    # inner works
+    # internal
 
     async def _transfer(self, operation: str, content: str, farthest_deg: float, speed_percent: float) -> JointReadings:
-        """A move planned by the controller, over at most `farthest_deg` of any axis; the actual joints on arrival."""
+        """A move planned by the controller, at most `farthest_deg` in any axis; returns the joints on arrival."""
         limit_s = 2 * farthest_deg / (_SLOW_AXIS_DEG_S * speed_percent / 100) + _MOVE_BESIDES_S
         pending = await self._lines.eki.send(operation, content)
         try:

@@ -22,7 +22,7 @@ _BEAT_S = 0.05
 
 @final
 class ControllerLines:
-    """Opened and closed together. `identity`: as the controller reports it, None where it is not connected."""
+    """Opened and closed together. `identity`: from the controller, None if not connected."""
 
     def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.identity: Identity | None = None
@@ -36,30 +36,30 @@ class ControllerLines:
 
     @property
     def connected(self) -> bool:
-        """Whether there is an EthernetKRL channel, opened or about to be."""
+        """Whether there is an EthernetKRL channel, open or being opened."""
         return self._eki is not None
 
     @property
     def block(self) -> SharedBlock | None:
-        """The memory shared with the RSI process; None where there is no process."""
+        """The memory shared with the RSI process; None without a process."""
         return self._process and self._process.block
 
     @property
     def process(self) -> CyclicProcess:
-        """The RSI process. Raises DeviceLost where the robot is not connected."""
+        """The RSI process. Raises DeviceLost if the robot is not connected."""
         if self._process is None:
             raise DeviceLost(self._device, "not connected")
         return self._process
 
     @property
     def eki(self) -> EkiChannel:
-        """The EthernetKRL channel. Raises DeviceLost where the robot is not connected."""
+        """The EthernetKRL channel. Raises DeviceLost if the robot is not connected."""
         if self._eki is None:
             raise DeviceLost(self._device, "not connected")
         return self._eki
 
     async def open(self, engine: Guard) -> Identity:
-        """Start the process, open the channel, ask for the identity; `engine`: the guard that its heartbeat is for.
+        """Start the process, open the channel, ask for the identity; `engine`: the guard for the engine's heartbeat.
 
         Raises DeviceRefused, DeviceUnreachable, DeviceFault; then all is closed again.
         """
@@ -75,7 +75,7 @@ class ControllerLines:
         return self.identity
 
     async def close(self) -> None:
-        """End the process and let go of the channel, in any state."""
+        """End the process and close the channel, in any state."""
         if self._beating:
             self._beating.cancel()
             await asyncio.gather(self._beating, return_exceptions=True)
@@ -110,7 +110,7 @@ class ControllerLines:
         return Identity(self._device, serial, model, f"KSS {kss}", serial.startswith("SIM-"))
 
     async def _beat(self, engine: Guard) -> None:
-        """The engine's own proof of life: where its loop hangs, these stop and the RSI process holds the robot."""
+        """The engine's own proof of life: if its loop hangs, the beats stop and the RSI process holds the robot."""
         while True:
             engine.beat(self._clock.now_ns())
             await self._clock.sleep(_BEAT_S)

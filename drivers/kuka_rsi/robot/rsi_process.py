@@ -1,4 +1,4 @@
-"""The engine's end of the cyclic process: starts it, watches it, ends it."""
+"""The engine's side of the cyclic process: starts, monitors and ends it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drivers.kuka_rsi.settings import RsiSettings
 
 _START_S = 60.0
 _END_S = 10.0
-"""Wall time: whether a program starts and ends is no matter of the cell's. One that dies is not waited for."""
+"""Wall time limit for a program to start and end. If it dies, the wait ends at once."""
 
 
 @final
@@ -28,7 +28,7 @@ class CyclicProcess:
     """A running cyclic process.
 
     `listening`: host and port bound; `heard`: the only accepted host; `tolerance`: cycles without an answer after
-    which a session is over; `block`: the memory shared with it; `granted`: what it got of real time, `fifo` (priority),
+    which a session is over; `block`: the memory shared with it; `granted`: its real-time settings, `fifo` (priority),
     `mlock` (locked memory) and `affinity` (its own processor).
     """
 
@@ -52,7 +52,7 @@ class CyclicProcess:
 
     @classmethod
     async def start(cls, device: str, settings: RsiSettings, clock: str, reply: str, limits: SearchLimits) -> Self:
-        """Start it and wait until it listens. Raises DeviceUnreachable where the port is taken or it dies.
+        """Start it and wait until it listens. Raises DeviceUnreachable if the port is taken or it dies.
 
         `clock`: source of the cell's time; `reply`: template of the reply.
         """
@@ -68,7 +68,7 @@ class CyclicProcess:
             asdict(limits),
             os.getpid(),
         )
-        errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
         command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", orders.to_json()]
         try:
             child = subprocess.Popen(
@@ -90,11 +90,11 @@ class CyclicProcess:
         return self._child.poll() is None
 
     def last_error_line(self) -> str:
-        """The last line that it left on its error output."""
+        """The last line of its error output."""
         return _last_line(self._errors)
 
     async def end(self) -> None:
-        """End it: asked first, killed where it does not go."""
+        """End it: by request, then by a kill if it does not exit."""
         self._child.terminate()
         await _reap(self._child)
         self._errors.close()

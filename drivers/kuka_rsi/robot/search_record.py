@@ -1,4 +1,4 @@
-"""The samples of a search as they come out of the ring, and the result made of them."""
+"""The samples of a search from the ring, and the result made from them."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class SearchRecord:
         self._before = self._counts()
 
     def collect(self) -> None:
-        """Take what has come since; often enough that the ring does not overtake it."""
+        """Read the new samples; call it before the ring overwrites them."""
         new, self._tail = self._block.samples(self._tail)
         self.samples += [sample for sample in new if sample.search == self._number]
 
     def counts(self) -> dict[str, int]:
-        """`late`, `lost` and `skipped` telegrams of this search; late is our count or the controller's, the larger."""
+        """`late`, `lost` and `skipped` telegrams of this search; late: the larger of our count and the controller's."""
         rises = {slot: now - self._before[slot] for slot, now in self._counts().items()}
         late = max(rises[Slot.LATE], rises[Slot.LATE_REPORTED])
         return {"late": late, "lost": rises[Slot.LOST], "skipped": rises[Slot.SKIPPED]}
 
     def result(self, end: SearchEnd, status: SearchStatus, resting: JointReadings) -> SearchResult:
-        """The search as it went, its samples' times through the count → cell clock fit."""
+        """The record of the search, its samples' times through the count → cell clock fit."""
         return SearchResult(
             end=end,
             times_ns=self._times(status),

@@ -1,4 +1,4 @@
-"""One search, from the engine's side: RSI on, watch, RSI off, and what came of it."""
+"""One search, from the engine's side: RSI on, monitoring, RSI off, and the result."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ _SILENCE_S = 2.0
 _POLL_S = 0.02
 
 _LOOK_S = 0.05
-"""Wall time between two looks at the cyclic process."""
+"""Wall time between two checks of the cyclic process."""
 
 _BESIDES_THE_LINE_S = 15.0
 
 _FOLLOWED_DEG = 0.1
-"""Where an axis rests further than this from the end of the line, the corrections had no full effect."""
+"""If an axis rests further than this from the end of the line, the corrections had no full effect."""
 
 
 def foreign_datagrams(process: CyclicProcess) -> str:
-    """How many datagrams came from another address than the controller's, as text."""
+    """The number of datagrams from other addresses than the controller's, as text."""
     sender = process.block.foreign_sender()
     last = f" (the last one seen from {sender})" if sender else ""
     return f"{process.block.words[Slot.FOREIGN]} datagrams came from other hosts than {process.heard}{last}"
@@ -42,7 +42,7 @@ def foreign_datagrams(process: CyclicProcess) -> str:
 @final
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A search ordered of the cyclic process. `guards`: names by slot, for messages about them."""
+    """A search ordered from the cyclic process. `guards`: names by slot, for messages about them."""
 
     device: str
     clock: Clock
@@ -53,7 +53,7 @@ class Search:
     configuration: str
 
     async def run(self) -> SearchResult:
-        """RSI on, go, RSI off. Raises as `SearchingRobot.search` does; where it is cut short, the caller halts."""
+        """RSI on, search, RSI off. Raises as `SearchingRobot.search` does; after an interruption the caller halts."""
         record = SearchRecord(self.process.block, self.order.number)
         self.process.block.place_order(self.order)
         pending = await self.eki.send("RSI")
@@ -75,7 +75,7 @@ class Search:
             raise refusal(self.device, reply, "search")
 
     async def _first_telegram(self, pending: Pending) -> Reply | None:
-        """Wait for it; the command's last reply where that comes instead."""
+        """Wait for it; returns the command's last reply if that arrives instead."""
         deadline = self.clock.now() + _FIRST_TELEGRAM_S
         while self.clock.now() < deadline:
             if reply := await self._last_reply(pending):
@@ -93,7 +93,7 @@ class Search:
         )
 
     async def _until_off(self, pending: Pending, record: SearchRecord) -> Reply:
-        """Collect until the controller has left RSI. Raises DeviceLost where it does not, or the process is gone."""
+        """Collect until the controller has left RSI. Raises DeviceLost if it does not, or the process has ended."""
         line_s = math.hypot(*self.order.correction) / self.order.speed_deg_s
         deadline = self.clock.now() + 2 * line_s + _BESIDES_THE_LINE_S
         heard, heard_at = 0, self.clock.now()
@@ -114,7 +114,7 @@ class Search:
     async def _last_reply(self, pending: Pending) -> Reply | None:
         """The command's last reply, if it comes within `_POLL_S` of the cell's time.
 
-        A loss is looked for by the wall: while a telegram is not answered, a simulated cell's time may stand still.
+        Losses are detected in wall time: while a telegram is not answered, a simulated cell's time may be stopped.
         """
         with suppress(TimeoutError):
             async with self.clock.timeout(_POLL_S):
@@ -161,12 +161,12 @@ class Search:
         raise self._trouble(status)
 
     def _short_of_the_end(self, resting: tuple[float, ...]) -> str:
-        """The axes that rest away from the end of the line, as text; empty where none does."""
+        """The axes that rest away from the end of the line, as text; may be empty."""
         away = [rest - a - b for rest, a, b in zip(resting, self.order.start, self.order.correction, strict=True)]
         return ", ".join(f"A{i} {off:+.2f} deg off" for i, off in enumerate(away, 1) if abs(off) > _FOLLOWED_DEG)
 
     def _not_followed(self, how: str) -> DeviceFault:
-        """AXISCORR clamps silently, and a wrongly wired context does nothing at all."""
+        """AXISCORR clamps silently, and a wrongly wired context has no effect."""
         return DeviceFault(
             self.device,
             f"the axes did not follow the corrections ({how})",
@@ -176,7 +176,7 @@ class Search:
         )
 
     def _ran_ahead(self) -> DeviceFault:
-        """Offsets taken for increments: the controller would go on ever faster."""
+        """Offsets interpreted as increments: the controller would accelerate without limit."""
         return DeviceFault(
             self.device,
             "the axes ran ahead of the corrections; RSI was left at once",

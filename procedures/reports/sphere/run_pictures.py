@@ -1,4 +1,4 @@
-"""Pictures of what changed in the course of a run: the reference touches, the stops."""
+"""Pictures of changes during a run: the reference touches, the stops."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from procedures.steps.sphere.rows import DriftFigures, ReferenceRow
 
 
 def reference_picture(rows: Sequence[ReferenceRow], drift: DriftFigures | None) -> str:
-    """The shift of the reference touch along its normal over the run, with 1 σ, and the drift where it was modelled."""
+    """The shift of the reference touch along its normal over the run, with 1 σ, and the drift if it was modelled."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -35,7 +35,7 @@ def reference_picture(rows: Sequence[ReferenceRow], drift: DriftFigures | None) 
 
 
 def over_travel_picture(travel: Floats, faulty: Bools) -> str:
-    """The tip's way from contact to rest (N,), mm, touch by touch; crossed where telegrams went wrong (N,)."""
+    """The tip's over-travel from contact to rest (N,), mm, for each touch; crosses mark telegram errors (N,)."""
     at = np.arange(1, len(travel) + 1)
 
     def draw(figure: Figure) -> None:

@@ -1,4 +1,4 @@
-"""The stand-offs as the journal has them: how far each target was from where the model put it."""
+"""The stand-offs in the journal: the distance of each target from its place by the model."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from procedures.steps.sphere.rows import StandOffRow
 @final
 @dataclass(frozen=True, eq=False)
 class StandOffErrors:
-    """N stand-offs. numbers (N,): of the targets. errors (N,): travel to contact less the distance meant, mm, signed.
+    """N stand-offs. numbers (N,): of the targets. errors (N,): travel to contact less intended distance, mm, signed.
 
-    predicted (N,): what the identified model predicted of the error, mm; sigma (N,): 1 σ of the rest, mm.
+    predicted (N,): error predicted by the model; sigma (N,): 1 σ of the rest, mm.
     """
 
     numbers: Floats
@@ -35,7 +35,7 @@ class StandOffErrors:
 
     @property
     def rest(self) -> Floats:
-        """The errors (N,), mm, less what was predicted of them."""
+        """The errors (N,), mm, less their prediction."""
         return np.asarray(self.errors - self.predicted)
 
     @property

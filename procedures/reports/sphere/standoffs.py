@@ -1,4 +1,4 @@
-"""The proof: stand-offs from a sphere that was not used for calibration, before and after."""
+"""The verification: stand-offs from a sphere that was not used for calibration, before and after."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from procedures.steps.sphere.rows import LocateRow, ProofRow, SphereVerdict, Sta
 
 
 def build(run: Run) -> Mapping[str, Any]:
-    """Pictures, and found against predicted."""
+    """Pictures, and observed against predicted errors."""
     rows = run.state.recorded(StandOffRow)
     before, after = StandOffErrors.of(rows, "before"), StandOffErrors.of(rows, "after")
     proof = run.state.last(ProofRow)
@@ -51,14 +51,14 @@ def _sentences(sphere: str, located: int, before: StandOffErrors, after: StandOf
 
 
 def _centre(proof: ProofRow) -> tuple[str, str, str]:
-    """How far apart the two models place the centre; RMS of the touches that located it, before and after, mm."""
+    """Distance between the centres by the two models; RMS of the touches that located it, before and after, mm."""
     apart = np.linalg.norm(np.subtract(proof.nominal_centre, proof.identified_centre))
     sizes = [np.sqrt(np.mean(np.square(each))) for each in (proof.nominal_residuals, proof.identified_residuals)]
     return significant(float(apart)), significant(float(sizes[0])), significant(float(sizes[1]))
 
 
 def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
-    """Stand-off targets before and after, as the verdict has them."""
+    """Stand-off targets before and after, from the verdict."""
     verdict = run.state.last(SphereVerdict)
     found = verdict.standoff if verdict else None
     if found is None or not found.n:

@@ -1,4 +1,4 @@
-"""How the searches stopped: over-travel, cycles, telegrams."""
+"""The stops of the searches: over-travel, cycles, telegrams."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FATES = ("late", "lost", "skipped")
 
 
 def build(run: Run) -> Mapping[str, Any]:
-    """Figures, and a picture where there is a model."""
+    """Figures, and a picture if there is a model."""
     rows, verdict = run.state.recorded(TouchRow), run.state.last(SphereVerdict)
     return {
         "picture": _picture(run.model, rows) if run.model else "",
@@ -36,7 +36,7 @@ def _texts(rows: Sequence[TouchRow], stops: StopFigures | None) -> Iterator[str]
 
 
 def _picture(model: ModelFile, rows: Sequence[TouchRow]) -> str:
-    """The tip's way from contact to rest by the identified robot."""
+    """The tip's over-travel from contact to rest by the identified robot."""
     joints, robot = model.robot.joint_map(), model.robot_model()
     contact = robot.tcp(joints.model(np.array([row.joints for row in rows])))
     rest = robot.tcp(joints.model(np.array([row.resting for row in rows])))

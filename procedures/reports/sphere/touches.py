@@ -40,7 +40,7 @@ def _of_sphere(rows: Residuals) -> dict[str, Any]:
 
 
 def _outside(run: Run, rows: Residuals) -> Iterator[str]:
-    """How many held-out touches lie outside the measured joint region, and the greatest error among them."""
+    """Number of held-out touches outside the measured joint region, and their largest error."""
     outside = rows.held_out & ~run.model.inside(rows.readings) if run.model else np.zeros(len(rows), bool)
     if outside.any():
         greatest = fixed(float(np.abs(rows.signed_after[outside]).max()))

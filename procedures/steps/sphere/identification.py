@@ -23,9 +23,9 @@ from procedures.steps.sphere.setup_errors import WrongSetup, wrong_setup
 @final
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the touches came to: the texts of data set and model file, the verdict on held-out touches, and rows of it.
+    """The result of the touches: the texts of data set and model file, the verdict on held-out touches, and its rows.
 
-    rows: residuals and what else the report draws, for the journal.
+    rows: residuals and other report data, for the journal.
     """
 
     data: str
@@ -37,9 +37,9 @@ class Found:
 def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found | WrongSetup:
     """Identify the robot from the touches, unless they show a set-up error.
 
-    Raises InputError where they do not allow an identification.
+    Raises InputError if they do not allow an identification.
     """
-    from cellctl.report.fit import FitStory, identification_rows  # draws too: not on the engine's loop
+    from cellctl.report.fit import FitStory, identification_rows  # this also draws: not on the engine's loop
 
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
@@ -49,7 +49,7 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
         return wrong
     found = _fitted(touches, choice, None)
     corrected = _fitted(touches, choice, drift) if drift.significant else found
-    modelled = corrected.result.fit.rms < found.result.fit.rms  # else it is something else than the tip that drifts
+    modelled = corrected.result.fit.rms < found.result.fit.rms  # else the drift is not that of the tip
     found = corrected if modelled else found
     data = found.data.text()
     provenance = {
@@ -78,7 +78,7 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
 @final
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    """What to identify, and with the help of what."""
+    """The identification task and its inputs."""
 
     robot: RobotFile
     artefact: Artefact
@@ -89,7 +89,7 @@ class _Choice:
 @final
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """The touches as a data set, as measurements, which were held out, and what the fit made of them."""
+    """The touches as a data set and as measurements, the held-out ones, and the fit's result."""
 
     data: DataSet
     measured: Measurements
@@ -98,7 +98,7 @@ class _Fitted:
 
 
 def _fitted(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> _Fitted:
-    """The fit, with the touches' reach corrected for `drift` where it is given."""
+    """The fit, with the touches' reach corrected for `drift` if given."""
     measured = _measured(touches, choice, drift)
     split = Split.by_column(np.array([of == "test" for of in measured.sets]))
     return _Fitted(measured.data, measured, split, fit(measured.task, split))
@@ -118,7 +118,7 @@ def _measured(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None)
 
 
 def _record(row: TouchRow, artefact: Artefact, drift: Drift | None) -> dict[str, Any]:
-    """A recorded touch as a row of the data set; `drift`: what the touch's reach had changed by, where it had."""
+    """A recorded touch as a row of the data set; `drift`: change of the touch's reach, if any."""
     sphere = artefact.sphere(row.sphere)
     return {
         **{f"A{axis}": float(value) for axis, value in enumerate(row.joints, 1)},
@@ -137,7 +137,7 @@ def _record(row: TouchRow, artefact: Artefact, drift: Drift | None) -> dict[str,
 
 
 def _stops(robot: RobotFile, touches: Sequence[TouchRow]) -> StopFigures:
-    """How the searches stopped: the tip's way from contact to rest in mm by the nominal model; telegrams by fate."""
+    """The stops of the searches: the tip's travel from contact to rest, mm, by the nominal model; telegrams."""
     chain, joints = robot.chain(), robot.joint_map()
     contact = chain.forward(joints.model([row.joints for row in touches]))[:, :3, 3]
     rest = chain.forward(joints.model([row.resting for row in touches]))[:, :3, 3]

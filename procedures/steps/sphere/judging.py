@@ -1,4 +1,4 @@
-"""The verdict of a campaign with a proof: held-out touches and stand-offs, and what became of the table."""
+"""The verdict of a campaign with stand-offs: held-out touches, stand-offs, and the state of the table."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from procedures.steps.table_push import take_back
 
 
 def verdict_of(context: StepContext) -> SphereVerdict:
-    """The last verdict with the stand-offs in it, where there were any.
+    """The last verdict, including the stand-offs, if any.
 
-    before, after: of the stand-offs. The campaign's verdict is theirs: it comes this far only with a model that was
-    better on held-out touches.
+    before, after: of the stand-offs. They decide the campaign's verdict: only a model that was better on held-out
+    touches gets this far.
     """
     import numpy as np
 
@@ -52,7 +52,7 @@ def verdict_of(context: StepContext) -> SphereVerdict:
 
 
 async def table_taken_back(context: StepContext, robot: TableStore) -> TableStateRow:
-    """Put the table before into force again; the row of the one that was taken back. Raises DeviceUncertain."""
+    """Activate the previous table again; returns the row of the withdrawn one. Raises DeviceUncertain."""
     row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
     context.say(f"table {row.short} is not better than nominal: rolled back, no longer in force")
     return row

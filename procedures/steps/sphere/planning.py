@@ -1,4 +1,4 @@
-"""From the cell's artefact and robot file to planned touches."""
+"""Plans touches from the cell's artefact and robot file."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def planned_touches(
 ) -> list[TouchPlan]:
     """The touches; the held-out ones drawn at random, evenly over the spheres `names` (or all).
 
-    After each `reference_every` (0: never) comes a return to the first. Raises InputError where the cell has no such
-    sphere, or too few touches can be reached.
+    After each `reference_every` (0: never) follows a return to the first. Raises InputError if the cell has no such
+    sphere, or too few touches are in reach.
     """
     spheres = _named(context, names)
     counts = dict(zip(spheres, _even(fit + held_out, len(spheres)), strict=True))
@@ -44,12 +44,12 @@ def plan_on(
     reference_every: int = 0,
     reference: PlannedTouch | None = None,
 ) -> list[PlannedTouch]:
-    """`counts[name]` touches on each sphere, by ways clear of all of the cell's and their plate.
+    """`counts[name]` touches on each sphere, by paths clear of all spheres of the cell and their plate.
 
     See `cellctl.planning.plan_touches`.
 
-    `centres`: where spheres are better known than by the cell file; `reach`: joint readings to stay within, else the
-    robot's limits. Raises InputError where too few can be reached, or the cell file has no postures.
+    `centres`: better centres than the cell file's, if known; `reach`: allowed joint readings, else the
+    robot's limits. Raises InputError if too few are in reach, or the cell file has no postures.
     """
     artefact = artefact_of(context.cell, ("artefact",))
     robot = RobotFile.load(context.robot_file)
@@ -76,7 +76,7 @@ def plan_on(
 
 
 def check_plan(context: CellContext, known: Mapping[str, Any], names: Sequence[str]) -> None:
-    """Raise InputError where the touches that `sphere.plan` asks for cannot be planned."""
+    """Raise InputError if the touches for `sphere.plan` cannot be planned."""
     wanted = {"fit", "held_out", "reference_every"}
     if wanted <= known.keys():
         planned_touches(context, known["fit"], known["held_out"], names, known["reference_every"])
@@ -87,9 +87,9 @@ def check_plan(context: CellContext, known: Mapping[str, Any], names: Sequence[s
 def check_on_sphere(
     context: CellContext, sphere: str | None, count: int | None, options: TouchOptions | None = None
 ) -> None:
-    """Raise InputError where `sphere` is not there, or `count` touches on it cannot be reached by the nominal robot.
+    """Raise InputError if `sphere` does not exist, or the nominal robot cannot reach `count` touches on it.
 
-    None: not known yet. In the run fewer can be reached: those within the joints of the fit.
+    None: not known yet. In the run fewer are in reach: those within the joints of the fit.
     """
     if sphere is None:
         return
@@ -99,7 +99,7 @@ def check_on_sphere(
 
 
 def assumption(context: CellContext) -> str | None:
-    """What was taken for granted because the cell file does not say it; None where it does."""
+    """The assumption made for data missing in the cell file; None if they are there."""
     artefact = artefact_of(context.cell, ("artefact",))
     if artefact.plate:
         return None
@@ -121,18 +121,18 @@ def sphere_called(context: CellContext, artefact: Artefact, name: str) -> Sphere
 
 
 def _named(context: CellContext, names: Sequence[str]) -> list[str]:
-    """The spheres called `names`, all of them where none is named. Raises InputError where one is not there."""
+    """The spheres called `names`, or all if none is named. Raises InputError if one does not exist."""
     artefact = artefact_of(context.cell, ("artefact",))
     return [sphere_called(context, artefact, name).id for name in names] or [each.id for each in artefact.spheres]
 
 
 def seed_for(context: CellContext, purpose: str) -> int:
-    """A seed of its own for each purpose, following from the run's."""
+    """A separate seed for each purpose, derived from the run's."""
     return int.from_bytes(sha256(f"{context.seed}/{purpose}".encode()).digest()[:4])
 
 
 def as_plan(number: int, touch: PlannedTouch, of: TouchSet, repeats: int = 0) -> TouchPlan:
-    """A planned touch for the steps that move; a reference is one whatever set `of` says, and repeats `repeats`."""
+    """A planned touch for the steps that move; a reference touch ignores the set in `of`, and repeats `repeats`."""
     return TouchPlan(
         number=number,
         sphere=touch.sphere,

@@ -1,4 +1,4 @@
-"""Where to touch the proof sphere: to locate it, and to stand off it. Within the joints that the model saw."""
+"""Plans the touches that locate the proof sphere, and the stand-offs, within the joints of the fit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import TouchPlan
 
 _BEYOND_MM = 8.0
-"""How far inside the expected surface a stand-off's search ends without contact."""
+"""Depth below the expected surface at which a stand-off's search ends without contact."""
 
 
 def worth_proving(context: StepContext) -> bool:
@@ -22,7 +22,7 @@ def worth_proving(context: StepContext) -> bool:
 
 
 def locating_touches(context: StepContext, sphere: str, count: int) -> list[TouchPlan]:
-    """The touches, numbered on from those that were made. Raises InputError."""
+    """The touches, with numbers after those already made. Raises InputError."""
     sphere_called(context, artefact_of(context.cell, ("artefact",)), sphere)
     touches = plan_on(context, {sphere: count}, seed_for(context, "locate"), reach=_seen(context))
     first = 1 + last_number(context, TouchRow, ReferenceRow)
@@ -57,6 +57,6 @@ def standoff_options(distance_mm: float) -> TouchOptions:
 
 
 def _seen(context: StepContext) -> Reach:
-    """The joint readings among those of the fit: elsewhere the model extrapolates, and no table may go there."""
+    """The joint range of the fit: outside it the model extrapolates, and no table may go there."""
     region = ModelFile.load(context.run_folder / "model.json").joint_region
     return Reach(tuple(region.min), tuple(region.max), margin=0.0)

@@ -1,4 +1,4 @@
-"""Proving a model on a sphere that it never saw: locate it, compensate, push, stand off it before and after."""
+"""Proves a model on a sphere outside the fit: locate it, compensate, push, stand-offs before and after."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 
 class PlanProofInputs(StepInputs):
-    """Which sphere proves, and by how many touches it is located."""
+    """The proof sphere, and the number of touches that locate it."""
 
     sphere: str
     touches: Annotated[int, Field(ge=4)] = 8
 
 
 class ProofPlan(StepResult):
-    """Touches that locate the proof sphere; none where the model is no better and nothing is to be proved."""
+    """Touches that locate the proof sphere; none if the model is no better and there is nothing to prove."""
 
     touches: list[TouchPlan]
 
@@ -53,7 +53,7 @@ async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan
 
 
 class CompensateInputs(StepInputs):
-    """Stand-off targets on the proof sphere: how many, how far off its surface, and where to go back to in between.
+    """Stand-off targets on the proof sphere: their number, distance from its surface, and reference touch.
 
     `reference`: the touch to return to after each `reference_every` stand-offs (0: never).
     """
@@ -66,14 +66,14 @@ class CompensateInputs(StepInputs):
 
 
 class Compensation(StepResult):
-    """The stand-offs to come, in rounds; the id of the table in the run folder. Nothing where nothing is proved."""
+    """The planned stand-offs, in rounds; the id of the table in the run folder. May be empty."""
 
     rounds: list[Round]
     table: str | None
 
 
 def _standoffs(known: Mapping[str, Any]) -> int:
-    """Each target is stood off twice; a return to the reference comes after each `reference_every` stand-offs."""
+    """Each target has two stand-offs; a return to the reference follows each `reference_every` stand-offs."""
     targets, half = known.get("targets", 0), known.get("reference_every", 0) // 2
     return int(2 * targets + (targets // half if half else 0))
 
@@ -102,13 +102,13 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
 
 
 class PushInputs(StepInputs):
-    """The id of the table in the run folder; None where there is none to push."""
+    """The id of the table in the run folder; None without a table to push."""
 
     table: str | None
 
 
 class Pushed(StepResult):
-    """Whether the run's table is in force on the controller."""
+    """Whether the run's table is active on the controller."""
 
     active: bool
 
@@ -131,7 +131,7 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
 
 class StandOffInputs(StepInputs):
-    """A planned stand-off, and how fast: tip speed of the search, percent of axis speed for transfers."""
+    """A planned stand-off, and its speeds: tip speed of the search, percent of axis speed for transfers."""
 
     target: StandOffPlan
     speed_mm_s: Annotated[float, Field(gt=0, le=50)]
@@ -139,7 +139,7 @@ class StandOffInputs(StepInputs):
 
 
 class StoodOff(StepResult):
-    """The measured error along the normal, mm: travel to contact less the distance that was meant."""
+    """The measured error along the normal, mm: travel to contact less the intended distance."""
 
     error_mm: float
 

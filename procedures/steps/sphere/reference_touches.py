@@ -1,4 +1,4 @@
-"""Going back to one touch: what has shifted since, whether it drifts or has jumped."""
+"""Returns to one touch: the shift since then, and whether it drifts or has jumped."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def touch_sigma_mm(robot: RobotFile) -> float:
 
 
 def reference_row(context: StepContext, row: TouchRow, repeats: int) -> ReferenceRow:
-    """What a return to touch number `repeats` records, from the row of the touch that it was."""
+    """The record of a return to touch number `repeats`, from the row of that touch."""
     import numpy as np
 
     robot = RobotFile.load(context.robot_file)
@@ -44,12 +44,12 @@ def reference_row(context: StepContext, row: TouchRow, repeats: int) -> Referenc
 
 
 def last_number(context: StepContext, *kinds: type[TouchRow]) -> int:
-    """The greatest number of a touch of these kinds that counts."""
+    """The highest number of a touch of these kinds that counts."""
     return max(row.number for kind in kinds for row in context.recorded(kind))
 
 
 def jump(visits: Sequence[ReferenceRow]) -> DeviceFault | None:
-    """What is wrong where the last of `visits` differs from the one before it by more than scatter can."""
+    """The error if the last of `visits` differs from the previous one by more than the scatter."""
     before = visits[-2].shift_mm if len(visits) > 1 else 0.0
     last = visits[-1]
     change, limit = last.shift_mm - before, max(_JUMP_SIGMAS * last.sigma_mm, _JUMP_MM)

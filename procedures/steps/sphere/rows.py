@@ -13,7 +13,7 @@ TouchSet = Literal["fit", "test", "locate", "reference"]
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRow(Row):
-    """A contact and how the search for it went.
+    """A contact and the record of its search.
 
     resting: joints where the robot came to rest. time_ns, time_sigma_ns: the contact's time on the cell's clock and its
     1 σ. tick: the probe's count then. bounces: of the contact. stop_cycles: from the contact to the robot's first
@@ -36,7 +36,7 @@ class ContactRow(Row):
 
 @dataclass(frozen=True, kw_only=True)
 class TouchRow(ContactRow):
-    """A touch of the identification: `fit`, or `test` where it is held out. joints: at the contact."""
+    """A touch of the identification: `fit`, or `test` if held out. joints: at the contact."""
 
     KIND: ClassVar[str] = "touch"
     MEASUREMENT: ClassVar[bool] = True
@@ -47,7 +47,7 @@ class TouchRow(ContactRow):
 @final
 @dataclass(frozen=True, kw_only=True)
 class LocateRow(TouchRow):
-    """A touch that locates the proof sphere; no fit takes it."""
+    """A touch that locates the proof sphere; no fit uses it."""
 
     KIND: ClassVar[str] = "locate"
     MEASUREMENT: ClassVar[bool] = False
@@ -56,10 +56,10 @@ class LocateRow(TouchRow):
 @final
 @dataclass(frozen=True, kw_only=True)
 class ReferenceRow(TouchRow):
-    """A return to touch number `repeats`, after touch number `after_touch`; no fit takes it.
+    """A return to touch number `repeats`, after touch number `after_touch`; no fit uses it.
 
-    shift_mm: by how much the contact has moved along the sphere's normal since the first visit, by the nominal model;
-    positive away from the sphere. sigma_mm: 1 σ of it if nothing has changed.
+    shift_mm: shift of the contact along the sphere's normal since the first visit, by the nominal model;
+    positive away from the sphere. sigma_mm: 1 σ of it without a change.
     """
 
     KIND: ClassVar[str] = "reference"
@@ -76,7 +76,7 @@ class StandOffRow(ContactRow):
     """A stand-off: target `number`, with nominal joints before or with the table's `row` after.
 
     normal: unit vector from the sphere's centre. travel_mm: from the target to the contact. error_mm: travel less the
-    distance meant; positive: the robot stood too far. expected_mm, sigma_mm: what the identified model predicted of the
+    intended distance; positive: the robot was too far. expected_mm, sigma_mm: the identified model's prediction of the
     error, and its 1 σ.
     """
 
@@ -97,7 +97,7 @@ class StandOffRow(ContactRow):
 @final
 @dataclass(frozen=True)
 class ProofRow(Row):
-    """The proof sphere as either model finds it: centre, residuals of the touches that located it; the table's id."""
+    """The proof sphere located by either model: centre, residuals of the touches that located it; the table's id."""
 
     KIND: ClassVar[str] = "proof"
     sphere: str
@@ -114,7 +114,7 @@ class ProofRow(Row):
 @final
 @dataclass(frozen=True)
 class HeldOutFigures:
-    """What the held-out touches said of the model."""
+    """The verdict of the held-out touches on the model."""
 
     verdict: str
     before: Figures | None
@@ -124,7 +124,7 @@ class HeldOutFigures:
 @final
 @dataclass(frozen=True)
 class StandOffFigures:
-    """Stand-offs: errors before and after on `n` targets; rms of the predicted σ and of what was not predicted, mm."""
+    """Stand-offs: errors before and after on `n` targets; rms of the predicted σ and of the unpredicted rest, mm."""
 
     before: Figures
     after: Figures
@@ -151,7 +151,7 @@ class DriftFigures:
 @final
 @dataclass(frozen=True)
 class StopFigures:
-    """How the searches stopped: the way from contact to rest by the nominal model; telegrams by fate."""
+    """The stops of the searches: travel from contact to rest by the nominal model; telegrams by outcome."""
 
     overtravel_mean_mm: float
     overtravel_max_mm: float
@@ -161,7 +161,7 @@ class StopFigures:
     skipped: int
 
     def line(self) -> str:
-        """In a line, for the operator."""
+        """One line for the operator."""
         return (
             f"Stops: over-travel {self.overtravel_mean_mm:.3f} mm mean ({self.overtravel_max_mm:.3f} max), within "
             f"{self.stop_cycles_max} cycles; telegrams late {self.late}, lost {self.lost}, skipped {self.skipped}."
@@ -171,7 +171,7 @@ class StopFigures:
 @final
 @dataclass(frozen=True, kw_only=True)
 class SphereVerdict(VerdictRow):
-    """The verdict on held-out touches; with `standoff` that of the whole campaign. noise_scale: of the fit."""
+    """The verdict on held-out touches; with `standoff`, that of the whole campaign. noise_scale: of the fit."""
 
     SECTION: ClassVar[tuple[str, ...]] = ("held_out", "standoff", "drift", "stops")
     drift: DriftFigures

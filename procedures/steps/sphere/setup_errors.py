@@ -1,4 +1,4 @@
-"""Set-up errors end a campaign before it identifies anything."""
+"""Set-up errors end a campaign before its identification."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cellctl.procedure import StepContext
 @final
 @dataclass(frozen=True, slots=True)
 class WrongSetup:
-    """The touches show a set-up error: the text of their data set, so that nothing has to be measured again; the error.
+    """The touches show a set-up error: the text of their data set, so that no new measurement is needed; the error.
 
-    error: what is wrong, where, and the cure; it names the data set in the run folder.
+    error: what is wrong, where, and the cure, with the data set in the run folder.
     """
 
     data: str
@@ -25,7 +25,7 @@ class WrongSetup:
 
 
 def wrong_setup(context: StepContext, measured: Measurements) -> WrongSetup | None:
-    """Check robot file and cell file against the touches, as `cellctl fit` does; None where they agree."""
+    """Check robot file and cell file against the touches, as `cellctl fit` does; None if they agree."""
     data = context.run_folder / "dataset.csv"
     files = SetupFiles(load_yaml(context.robot_file), data, Path(context.cell.file))
     again = f"cellctl fit {context.robot_file} {data} --artefact {context.cell.file} --column set"

@@ -1,4 +1,4 @@
-"""What a stand-off measured: the way from arrival to contact along the normal, through the model under test."""
+"""The measurement of a stand-off: travel from arrival to contact along the normal, by the model under test."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact
 
 @lru_cache(maxsize=1)
 def _models(file: Path) -> tuple[JointMap, dict[str, RobotModel]]:
-    """Joint map, nominal and identified robot of a run's model, which nothing changes once it is there."""
+    """Joint map, nominal and identified robot of a run's model, which is constant once written."""
     from cellctl.calibration import RobotModel
     from cellctl.formats.table_making import nominal_chain
 

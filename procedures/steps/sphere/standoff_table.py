@@ -1,4 +1,4 @@
-"""From located sphere to stand-off targets, compensated joints, table and what to expect."""
+"""Makes stand-off targets, compensated joints, table and predictions from the located sphere."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Wanted(Protocol):
-    """What the procedure asks for."""
+    """The procedure's settings."""
 
     @property
     def sphere(self) -> str:
@@ -34,11 +34,11 @@ class Wanted(Protocol):
 
     @property
     def targets(self) -> int:
-        """How many stand-offs."""
+        """Number of stand-offs."""
 
     @property
     def distance_mm(self) -> float:
-        """How far off the surface."""
+        """Distance from the surface."""
 
     @property
     def reference(self) -> TouchPlan:
@@ -46,7 +46,7 @@ class Wanted(Protocol):
 
     @property
     def reference_every(self) -> int:
-        """After how many stand-offs."""
+        """Number of stand-offs between returns."""
 
 
 @final
@@ -63,7 +63,7 @@ class Prepared:
 @final
 @dataclass(frozen=True, eq=False)
 class _Sphere:
-    """The proof sphere as either model finds it. reach: distance tip centre – sphere centre at contact, mm."""
+    """The proof sphere located by either model. reach: distance tip centre – sphere centre at contact, mm."""
 
     nominal: LocatedSphere
     identified: LocatedSphere
@@ -73,8 +73,8 @@ class _Sphere:
 def standoffs_and_table(context: StepContext, wanted: Wanted) -> Prepared:
     """Locate the sphere by either model, plan targets off it, compensate them, make the table.
 
-    Before: nominal joints to targets about the centre that the nominal model found. After: compensated joints to the
-    same targets about the identified centre. Raises InputError where targets cannot be reached.
+    Before: nominal joints to targets about the centre by the nominal model. After: compensated joints to the
+    same targets about the identified centre. Raises InputError if targets cannot be reached.
     """
     model = ModelFile.load(context.run_folder / "model.json")
     sphere = _located(context, model, wanted.sphere)
@@ -106,7 +106,7 @@ def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
 
 
 def _drifted(context: StepContext, numbers: ArrayLike) -> Floats:
-    """By how much the tip's reach has changed at touch `numbers` (N,), mm; 0 unless the fit allowed for it."""
+    """Change of the tip's reach at touch `numbers` (N,), mm; 0 unless the fit modelled it."""
     drift = context.recorded(SphereVerdict)[-1].drift
     return drift_of(context).at(numbers) if drift.modelled else np.zeros(np.shape(numbers))
 
@@ -134,7 +134,7 @@ def _compensated(
 
 
 def _about_identified(model: ModelFile, sphere: _Sphere, readings: Floats) -> Floats:
-    """Poses (N, 4, 4) about the identified centre as the nominal ones at `readings` (N, n), deg, are about its own."""
+    """Poses (N, 4, 4) relative to the identified centre, like the nominal ones at `readings` (N, n), deg, to theirs."""
     poses = nominal_chain(model).forward(model.robot.joint_map().model(readings))
     poses[:, :3, 3] += sphere.identified.centre - sphere.nominal.centre
     return np.asarray(poses)
@@ -168,9 +168,9 @@ def _pairs(
     inside: Compensated,
     drifted: Floats,
 ) -> list[list[StandOffPlan]]:
-    """For each target the stand-off before and the one after, which goes on from where the first one ended.
+    """For each target the stand-off before and the one after, which starts at the first one's end.
 
-    The targets are those of the tip as it was at the first touch; what it has `drifted` by (N,), mm, is expected.
+    The targets are for the tip at the first touch; its drift `drifted` (N,), mm, is in the prediction.
     """
     joints = model.robot.joint_map()
     before = np.array([line.start for line in lines])
@@ -219,7 +219,7 @@ def _pairs(
 
 
 def _predicted(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm: Floats) -> tuple[Floats, Floats]:
-    """The error of a move to `readings` (N, n), deg, that the identified model expects (N,), and its 1 σ (N,), mm."""
+    """The error of a move to `readings` (N, n), deg, predicted by the identified model (N,), and its 1 σ (N,), mm."""
     q = model.robot.joint_map().model(readings)
     expected = sphere.identified.distances(q) - sphere.reach - distance_mm
     return expected, sphere.identified.sigma_of_stand_off(np.array(model.covariance), q)
@@ -228,7 +228,7 @@ def _predicted(model: ModelFile, sphere: _Sphere, readings: Floats, distance_mm:
 def _rounds(
     lines: list[PlannedTouch], pairs: list[list[StandOffPlan]], reference: TouchPlan, number: int
 ) -> list[Round]:
-    """The pairs, cut where the tour returns to the reference touch; `number`: the first return's."""
+    """The pairs, split at the returns to the reference touch; `number`: the first return's."""
     rounds: list[Round] = []
     left, standoffs = iter(pairs), list[StandOffPlan]()
     for line in lines:

@@ -1,4 +1,4 @@
-"""What planning hands on to the steps that move."""
+"""The planning results for the steps that move."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from cellctl.procedure import StepResult
 from procedures.steps.sphere.rows import TouchSet
 
 _IMPLAUSIBLE_SHARE = 0.1
-"""A touch's line is 10 mm to the expected surface and 8 mm on: what comes over 8.2 mm too early is not the sphere.
-Robots of this class, with the sphere within some millimetres of its rough place, come up to 6.5 mm too early."""
+"""A touch's line is 10 mm to the expected surface and 8 mm beyond: a contact over 8.2 mm too early is not with the
+sphere. Robots of this class, with the sphere within some millimetres of its rough place, are up to 6.5 mm too early."""
 
 _UNFORESEEN_MM, _AT_ALL_MM = 4.0, 0.5
-"""By how much a stand-off may come earlier than the model foresees; and its way at the least."""
+"""Largest distance, mm, of a stand-off's contact before the predicted place; and the least travel."""
 
 Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
 """Joint readings, degrees."""
 
 
 class TouchPlan(StepResult):
-    """One touch to come: joints in degrees, see `cellctl.planning.PlannedTouch`.
+    """One planned touch: joints in degrees, see `cellctl.planning.PlannedTouch`.
 
     `set`: to identify from, held out, to locate the proof sphere, or a return to touch number `repeats`.
     """
@@ -39,17 +39,17 @@ class TouchPlan(StepResult):
 
     @property
     def earliest_mm(self) -> float:
-        """Contact sooner than this on the line is not with the sphere, which would be out by most of the way there."""
+        """A contact earlier than this on the line is not with the sphere: it would be far from its expected place."""
         return _IMPLAUSIBLE_SHARE * self.search_mm
 
 
 class StandOffPlan(StepResult):
-    """One stand-off to come: go to a target off the sphere, then search along its normal until contact.
+    """One planned stand-off: go to a target off the sphere, then search along its normal until contact.
 
     `number`: the target, from 0; `run`: with nominal joints before, with the pushed table's `row` after. `nominal`: the
-    target's joints without compensation, `commanded`: those that are moved to, degrees. `normal`: unit vector from the
-    sphere's centre. `distance_mm`: how far off the surface the target is. `expected_mm`: the error that the identified
-    model foresees, `sigma_mm`: its 1 σ.
+    target's joints without compensation, `commanded`: the commanded joints, degrees. `normal`: unit vector from the
+    sphere's centre. `distance_mm`: of the target from the surface. `expected_mm`: the error predicted by the identified
+    model, `sigma_mm`: its 1 σ.
     """
 
     number: int
@@ -70,17 +70,17 @@ class StandOffPlan(StepResult):
 
     @property
     def start(self) -> Joints:
-        """Where the search begins: what is moved to."""
+        """The search's start, which is the commanded position."""
         return self.commanded
 
     @property
     def earliest_mm(self) -> float:
-        """Contact sooner than this on the line is not with the sphere: neither nominal robot nor model explains it."""
+        """An earlier contact on the line is not with the sphere: neither nominal robot nor model explains it."""
         return max(_AT_ALL_MM, self.distance_mm + self.expected_mm - _UNFORESEEN_MM)
 
 
 class Round(StepResult):
-    """Stand-offs, each target before and after at once, and the return to the reference touch behind them."""
+    """Stand-offs, each target's before and after together, followed by the return to the reference touch."""
 
     standoffs: list[StandOffPlan]
     references: list[TouchPlan]

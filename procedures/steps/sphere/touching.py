@@ -14,7 +14,7 @@ from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict,
 from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
 TOUCHES_PER_SPHERE = 6
-"""Touches of the fit that the verdict asks for, for each sphere: two numbers for each coordinate of its centre."""
+"""Touches of the fit that the verdict requires for each sphere: two numbers for each coordinate of its centre."""
 
 
 def _names(spheres: str) -> list[str]:
@@ -22,10 +22,10 @@ def _names(spheres: str) -> list[str]:
 
 
 class PlanInputs(StepInputs):
-    """How many touches, on which spheres (names with commas between; empty: all), and how often back to the first.
+    """Number of touches, spheres (names separated by commas; empty: all), and frequency of returns to the first.
 
-    `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the sphere that the model
-    is to be proved on later, which must not be among those that it is made from.
+    `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the later proof
+    sphere of the model, which must not be among those of the fit.
     """
 
     fit: Annotated[int, Field(ge=5)]
@@ -36,7 +36,7 @@ class PlanInputs(StepInputs):
 
     @property
     def names(self) -> list[str]:
-        """The spheres by name; none where all are meant."""
+        """The spheres by name; empty for all."""
         return _names(self.spheres)
 
     @model_validator(mode="after")
@@ -85,7 +85,7 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
 
 
 class TouchInputs(StepInputs):
-    """A planned touch, and how fast: tip speed of the search, percent of axis speed for transfers."""
+    """A planned touch, and its speeds: tip speed of the search, percent of axis speed for transfers."""
 
     touch: TouchPlan
     speed_mm_s: Annotated[float, Field(gt=0, le=50)]
@@ -93,7 +93,7 @@ class TouchInputs(StepInputs):
 
 
 class Touched(StepResult):
-    """Where contact was: joints in degrees at the contact's time."""
+    """The contact: joints in degrees at the contact's time."""
 
     joints: Joints
 
@@ -124,7 +124,7 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
 
 
 def _row(context: StepContext, planned: TouchPlan, found: FoundContact) -> TouchRow:
-    """Touches on the proof sphere and returns to the reference are kept apart: no fit takes them for its own."""
+    """Touches on the proof sphere and returns to the reference are stored separately: no fit uses them."""
     kind = LocateRow if planned.set == "locate" else TouchRow
     row = kind(
         number=planned.number,
