@@ -27,11 +27,13 @@ def test_a_fit_of_positions_and_its_update_with_a_prior_model(folder):
     same("partial", golden.fit_output(folder, "partial"))
 
 
+@pytest.mark.long
 def test_a_fit_of_poses_what_it_predicts_and_its_compensated_targets(folder):
     same("poses", golden.fit_output(folder, "poses"))
     same("predicted", golden.predicted(folder))
 
 
+@pytest.mark.long
 def test_a_fit_of_touches(folder):
     same("touches", golden.fit_output(folder, "touches"))
 
