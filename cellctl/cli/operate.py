@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cellctl.cli import arguments
+
 if TYPE_CHECKING:
     from cellctl.engine import ActionName
     from cellctl.engine.status import Status
     from cellctl.journal import OperatorAction
 
 _Run = Annotated[Path | None, typer.Argument(help="Run folder or name. Default: the only active run.")]
-_Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
-_Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
 
 _PATIENCE_S = 15.0
 """Wall time within which a running engine takes an action; it looks every 0.2 s."""
@@ -27,7 +27,7 @@ _DONE: dict[ActionName, str] = {
 }
 
 
-def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+def status(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: arguments.Json = None) -> None:
     """Show state, step, progress and time left of a run.
 
     Shows also what the run waits for.
@@ -50,7 +50,7 @@ def status(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) ->
         typer.echo(line)
 
 
-def pause(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+def pause(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: arguments.Json = None) -> None:
     """Pause a run before its next step.
 
     Example: cellctl pause
@@ -58,7 +58,7 @@ def pause(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> 
     _act("pause", run, runs, json_)
 
 
-def continue_(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+def continue_(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: arguments.Json = None) -> None:
     """Continue a paused run, unless an interlock forbids it.
 
     Example: cellctl continue
@@ -66,7 +66,7 @@ def continue_(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None)
     _act("resume", run, runs, json_)
 
 
-def abort(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+def abort(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: arguments.Json = None) -> None:
     """Abort a run: cancel its step, then clean up.
 
     Example: cellctl abort sphere_selfcal-20261121T192433Z
@@ -74,7 +74,7 @@ def abort(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> 
     _act("abort", run, runs, json_)
 
 
-def confirm(run: _Run = None, runs: _Runs = Path("runs"), json_: _Json = None) -> None:
+def confirm(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: arguments.Json = None) -> None:
     """Confirm the step that a run waits at.
 
     `cellctl status` shows the text to confirm.
@@ -129,15 +129,15 @@ async def _taken(name: ActionName, folder: Path) -> OperatorAction:
 
 def _chosen(run: Path | None, runs: Path) -> Path:
     """The folder of `run`, or of the only run in `runs` that is running. Raises InputError."""
-    from cellctl.engine.status import running_in
+    from cellctl.journal import run_place, writer_of
     from cellctl.journal.schema import FILE_NAME
 
     if run is not None:
-        folder = run if run.is_dir() else runs / run
+        folder = run_place(run, runs)
         if not (folder / FILE_NAME).exists():
             _refuse(folder, "there is no run here", "`cellctl runs` lists the runs")
         return folder
-    found = running_in(journal.parent for journal in sorted(runs.glob(f"*/{FILE_NAME}")))
+    found = [journal.parent for journal in sorted(runs.glob(f"*/{FILE_NAME}")) if writer_of(journal)]
     if not found:
         _refuse(runs, "no run is running here", "name a run; `cellctl runs` lists them")
     if len(found) > 1:

@@ -33,9 +33,10 @@ def replay(
     Example: cellctl replay sphere_selfcal-20261121T192433Z -o again
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.journal import run_place
     from cellctl.operations.replay import replay_run
 
-    place = run if run.exists() else runs / run
+    place = run_place(run, runs)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
     _refuse_folder(out, place)
     found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))

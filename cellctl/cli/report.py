@@ -26,9 +26,10 @@ def report(
     Example: cellctl report sphere_selfcal-20261121T192433Z -o report.html
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.journal import run_place
     from cellctl.report import FILE_NAME, write_report
 
-    place = run if run.exists() else runs / run
+    place = run_place(run, runs)
     refuse_outputs(
         {"--out": out, "--json": json_}, [place, *(file for file in place.glob("*") if file.name != FILE_NAME)]
     )

@@ -44,19 +44,17 @@ def run(
     from cellctl.operations.launch import Options
     from cellctl.operations.parent import parent_of_run
     from cellctl.operations.start import new_run, run_to_resume
-    from cellctl.operations.system import require_cells
 
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
     with adding(NOTHING_MOVED):
-        require_cells()
         _refuse(resume, acknowledge, seed, clock)
-        extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)
-        options = Options(seed, clock, extra, None, acknowledge, parent, confirm_all, asking)
         refuse_outputs({"--json": json_}, [procedure, cell])
         campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
         refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
         show_warnings(campaign.cell)
+        extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)
+        options = Options(seed, clock, extra, None, acknowledge, parent, confirm_all, asking)
         if resume:
             prepared = run_to_resume(campaign, runs, resume, set_ or [], options)
         else:

@@ -56,9 +56,9 @@ def show(
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
-    from cellctl.journal import fold, read_journal
+    from cellctl.journal import fold, read_journal, run_place
 
-    place = run if run.exists() else folder / run
+    place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
     entries = list(read_journal(place))
     state = fold(entries)
@@ -85,13 +85,12 @@ def _summary(place: Path, state: RunState) -> dict[str, Any]:
     result = RunResult.of(place.name, state)
     content = result.to_json()
     writer = writer_of(place)
-    alive = state.ended is not None or writer
     return {
         "run": place.name,
         "began": state.started.calendar if state.started else None,
         "procedure": state.started.procedure.path if state.started else None,
         "cell": state.started.cell.path if state.started else None,
-        "state": state.state if alive else f"cut off while {state.state}",
+        "state": state.state_if(running=bool(writer)),
         "points": result.points,
         "attempts": sum(step.attempt for step in state.steps.values()),
         **{name: content[name] for name in ("verdict", "sentence", "before", "after", "table")},

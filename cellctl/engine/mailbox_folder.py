@@ -15,6 +15,7 @@ from typing import Any, cast, final, get_args
 
 from cellctl.clock import calendar_time
 from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
+from cellctl.engine.waiting import beside
 from cellctl.files import write_atomically
 
 _LOOK_EVERY_S = 0.2
@@ -55,13 +56,10 @@ class MailboxFolder:
     async def emptied_into(self, mailbox: Mailbox) -> AsyncIterator[None]:
         """Inside this context, pass each action to `mailbox`; actions that were waiting before are deleted."""
         self._take()
-        looking = asyncio.create_task(self._look(mailbox), name="mailbox folder")
         try:
-            yield
+            async with beside(self._look(mailbox), "mailbox folder"):
+                yield
         finally:
-            looking.cancel()
-            with suppress(asyncio.CancelledError):
-                await looking
             self._take()
             with suppress(OSError):
                 self._folder.rmdir()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 from dataclasses import asdict
 from typing import final
 
@@ -20,7 +19,7 @@ from cellctl.engine.plan import Plan
 from cellctl.engine.recorder import Recorder
 from cellctl.engine.states import State, checked
 from cellctl.engine.step_execution import StepExecution
-from cellctl.engine.waiting import ended, error_of
+from cellctl.engine.waiting import beside, ended, error_of
 from cellctl.engine.watcher import NobodyWatching, Watcher
 from cellctl.journal import DevicesConnected, Journal, RunEnded, RunState, StateChanged
 from cellctl.procedure import Step, inputs_of, step_path
@@ -106,13 +105,8 @@ class Engine:
         self._interlocks.install()
         self._enter(State.RUNNING, "")
         await self._interlocks.look()
-        watching = asyncio.create_task(self._interlocks.watch(), name="interlocks")
-        try:
+        async with beside(self._interlocks.watch(), "interlocks"):
             await self._steps.actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
-        finally:
-            watching.cancel()
-            with suppress(asyncio.CancelledError):
-                await watching
 
     async def _connect(self) -> tuple[Identity, ...]:
         """Connect all devices at once; one error names every one that failed."""

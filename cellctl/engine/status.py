@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -70,12 +69,12 @@ def status_of(run_folder: Path, registry: StepRegistry) -> Status:
             procedure = read_procedure(parse_yaml(state.started.procedure.text, state.started.procedure.path))
             steps.count(procedure.steps, dict(state.parameters), "")
             titles = phase_titles(procedure, registry)
-            left_s = time_left_s(entries, procedure, expected_passes(procedure, state.parameters, registry))
+            left_s = time_left_s(entries, state, procedure, expected_passes(procedure, state.parameters, registry))
     under_way = [step.step for step in state.in_flight] if writer else []
     step = under_way[-1] if under_way else ""
     return Status(
         run=run_folder.name,
-        state=state.state if writer or state.ended else f"cut off while {state.state}",
+        state=state.state_if(running=bool(writer)),
         process=writer.pid if writer else None,
         step=step,
         phase=titles.get(step.rpartition(".")[2], ""),
@@ -87,11 +86,6 @@ def status_of(run_folder: Path, registry: StepRegistry) -> Status:
         held_by=now.held_by if state.state == "paused" else "",
         broken=tuple(now.broken.values()),
     )
-
-
-def running_in(runs: Iterable[Path]) -> list[Path]:
-    """The run folders that a process is writing now."""
-    return [folder for folder in runs if writer_of(folder)]
 
 
 @final

@@ -53,14 +53,16 @@ class StepCount:
             self._loop_begun(path, passes, len(values))
 
 
-def time_left_s(entries: Sequence[Entry], procedure: Procedure, expected: int) -> float | None:
-    """The wall time left, s, as `cellctl run` shows it; None where it is not known yet. `expected`: see `Passes`."""
+def time_left_s(entries: Sequence[Entry], state: RunState, procedure: Procedure, expected: int) -> float | None:
+    """The wall time left, s, as `cellctl run` shows it; None if it is not known yet.
+
+    `state`: of all `entries`; `expected`: see `Passes`.
+    """
     begun = max(index for index, entry in enumerate(entries) if isinstance(entry.event, RunStarted | RunResumed))
     in_loops = (entry for entry in entries[begun:] if isinstance(entry.event, StepStarted) and "[" in entry.event.step)
     first = next(in_loops, None)
     if first is None:
         return None
-    state = fold(entries)
     seconds = [first.time_ns * 1e-9]
     passes = Passes(expected, lambda: seconds[-1])
     for done in (fold(entries[: begun + 1]).finished, state.finished):

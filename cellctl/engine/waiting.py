@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 from cellctl.clock import Clock
@@ -29,6 +29,18 @@ async def ended(task: asyncio.Task[Any], on_cancel: Callable[[], object] | None 
 def error_of(task: asyncio.Task[Any]) -> BaseException | None:
     """The error of an ended task: a CancelledError if it was cancelled, None if it succeeded."""
     return asyncio.CancelledError() if task.cancelled() else task.exception()
+
+
+@asynccontextmanager
+async def beside(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
+    """Do `work` beside the body, and cancel it at the body's end. Raises the error of a `work` that failed."""
+    task = asyncio.create_task(work, name=name)
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
 
 
 @asynccontextmanager

@@ -23,7 +23,7 @@ from cellctl.journal.events import (
 )
 from cellctl.journal.lock import Writer
 from cellctl.journal.pushed_table import PushedTable
-from cellctl.journal.reader import is_being_written, journal_in, read_journal, writer_of
+from cellctl.journal.reader import is_being_written, journal_in, read_journal, run_place, writer_of
 from cellctl.journal.result import RunResult
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
@@ -59,5 +59,6 @@ __all__ = [
     "is_being_written",
     "journal_in",
     "read_journal",
+    "run_place",
     "writer_of",
 ]

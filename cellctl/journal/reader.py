@@ -19,6 +19,11 @@ def journal_in(run: Path) -> Path:
     return run / FILE_NAME if run.is_dir() else run
 
 
+def run_place(run: Path, runs: Path) -> Path:
+    """`run` itself if that path exists, else the run of that name in the folder `runs`."""
+    return run if run.exists() else runs / run
+
+
 def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
     """The committed events of a run (its folder or its journal) with numbers above `after`, in order.
 

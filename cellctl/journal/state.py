@@ -114,6 +114,10 @@ class RunState:
         """The number of the step's next attempt, from 1."""
         return self.steps[step].attempt + 1 if step in self.steps else 1
 
+    def state_if(self, *, running: bool) -> str:
+        """The state; `cut off while …` for a run that has no end and that no process is running."""
+        return self.state if running or self.ended else f"cut off while {self.state}"
+
     @property
     def measurements(self) -> int:
         """How many measured points count."""

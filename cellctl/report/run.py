@@ -99,9 +99,8 @@ class Run:
     @property
     def word(self) -> str:
         """The run's state in one or two words."""
-        if self.state.ended is not None:
-            return self.state.state
-        return "still running" if self.alive else f"cut off while {self.state.state}"
+        still = self.alive and self.state.ended is None
+        return "still running" if still else self.state.state_if(running=self.alive)
 
 
 def _cell(state: RunState) -> Document | None:

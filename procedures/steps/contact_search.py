@@ -6,7 +6,7 @@ import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol, final
+from typing import Any, Protocol, TypeVar, final
 
 from cellctl.devices import (
     Contact,
@@ -20,6 +20,8 @@ from cellctl.devices import (
     SearchResult,
 )
 from procedures.steps.rejoining import rejoin
+
+Recorded = TypeVar("Recorded")
 
 _PROBE_PATIENCE_S = 0.2
 """Largest age of the probe's last sign of life in a search; beyond it the robot holds by itself."""
@@ -113,9 +115,11 @@ async def search_and_retreat(
     line: Line,
     to_start: Callable[[], Awaitable[JointReadings]],
     speeds: Speeds,
-    record: Callable[[FoundContact], Awaitable[None]],
-) -> None:
+    record: Callable[[FoundContact], Awaitable[Recorded]],
+) -> Recorded:
     """Approach, go to the start of the line by `to_start`, search, `record` the contact, retreat.
+
+    Returns what `record` returned.
 
     The contact is recorded before any further motion, so that errors on the retreat cannot lose it; it counts
     once its step is done: the robot is back and the loop open. A robot that was interrupted on this path continues
@@ -127,16 +131,21 @@ async def search_and_retreat(
         await robot.move(tuple(target), speeds.transfer_percent)
     start = await to_start()
     result = await _search(robot, probe, line, start, speeds.search_mm_s)
-    if isinstance(result, FoundContact):
-        await record(result)
-    await robot.move(tuple(line.retreat[0]), speeds.near_percent)
-    for target in line.retreat[1:]:
-        await robot.move(tuple(target), speeds.transfer_percent)
     if isinstance(result, NoContact):
+        await _retreat(robot, line, speeds)
         raise result
+    recorded = await record(result)
+    await _retreat(robot, line, speeds)
     if await probe.touching():
         what = f"the loop is still closed, clear of {line.sphere}: the reported contact was not with the sphere"
         raise ProbeNotOpen("probe", what, "free the tip, clean it, look at its lead; then resume")
+    return recorded
+
+
+async def _retreat(robot: SearchingRobot, line: Line, speeds: Speeds) -> None:
+    await robot.move(tuple(line.retreat[0]), speeds.near_percent)
+    for target in line.retreat[1:]:
+        await robot.move(tuple(target), speeds.transfer_percent)
 
 
 async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -> Sequence[Sequence[float]]:

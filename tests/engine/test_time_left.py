@@ -40,7 +40,8 @@ class Compared:
     def event(self, event: Any) -> None:
         if isinstance(event, StepStarted) and "[" in event.step:
             self._passes.step_begins()
-            left_s = time_left_s(list(read_journal(self._journal.path)), self._engine._plan.procedure, 8)
+            entries = list(read_journal(self._journal.path))
+            left_s = time_left_s(entries, fold(entries), self._engine._plan.procedure, 8)
             self.found.append((left_s, self._passes.left_s))  # compared later: no error in a display ends a run
             if self._passes.done == self._abort_after:
                 self._mailbox.abort()

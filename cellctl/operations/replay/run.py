@@ -124,13 +124,13 @@ def _differences(recorded: dict[str, Any], now: dict[str, Any]) -> list[str]:
 
 def _changed(entries: Sequence[Entry]) -> list[str]:
     """The differences from the run's setting, also after a resume: `numpy 2.3.1 → 2.4.6`."""
-    now = versions()
+    now, code = versions(), code_hash()
     made = [entry.event for entry in entries if isinstance(entry.event, RunStarted | RunResumed)]
     pairs = [
         (name, before, now.get(name, "not installed")) for event in made for name, before in event.versions.items()
     ]
     changed = [f"{name} {before} → {after}" for name, before, after in pairs if before != after]
-    if any(event.code_sha256 != code_hash() for event in made):
+    if any(event.code_sha256 != code for event in made):
         files = next((event.sources for event in made if isinstance(event, RunStarted)), {})
         changed.append(f"the code of cellctl, its drivers or steps has changed{changed_sources(files)}")
     return list(dict.fromkeys(changed))

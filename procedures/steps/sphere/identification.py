@@ -39,16 +39,17 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
 
     Raises InputError if they do not allow an identification.
     """
-    from cellctl.report.fit import FitStory, identification_rows  # this also draws: not on the engine's loop
+    from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
 
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches, drift = context.recorded(TouchRow), drift_of(context)
     choice = _Choice(robot, artefact, model, use_distances)
-    if wrong := wrong_setup(context, _measured(touches, choice, None)):
+    measured = _measured(touches, choice, None)
+    if wrong := wrong_setup(context, measured):
         return wrong
-    found = _fitted(touches, choice, None)
-    corrected = _fitted(touches, choice, drift) if drift.significant else found
+    found = _fitted(measured)
+    corrected = _fitted(_measured(touches, choice, drift)) if drift.significant else found
     modelled = corrected.result.fit.rms < found.result.fit.rms  # else the drift is not that of the tip
     found = corrected if modelled else found
     data = found.data.text()
@@ -97,15 +98,14 @@ class _Fitted:
     result: FitResult
 
 
-def _fitted(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> _Fitted:
-    """The fit, with the touches' reach corrected for `drift` if given."""
-    measured = _measured(touches, choice, drift)
+def _fitted(measured: Measurements) -> _Fitted:
+    """The fit of the touches that the column `set` assigns to it."""
     split = Split.by_column(np.array([of == "test" for of in measured.sets]))
     return _Fitted(measured.data, measured, split, fit(measured.task, split))
 
 
 def _measured(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> Measurements:
-    """The touches as measurements."""
+    """The touches as measurements, with their reach corrected for `drift` if given."""
     data = DataSet.of_records([_record(row, choice.artefact, drift) for row in touches], "dataset.csv")
     return measurements(
         choice.robot,

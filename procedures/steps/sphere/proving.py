@@ -157,7 +157,6 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
 
     robot: CompensatedRobot = context.device("robot")
     target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
-    measured: list[StandOffRow] = []
 
     async def to_target() -> JointReadings:
         if target.row is None:
@@ -165,12 +164,13 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
         await require_in_force(robot, context.recorded(ProofRow)[-1].table)
         return await robot.move_to_row(target.row, speeds.near_percent)
 
-    async def record(found: FoundContact) -> None:
-        measured.append(await context.clock.compute(standoff_row, context, target, found))
-        await context.record(measured[-1])
+    async def record(found: FoundContact) -> StandOffRow:
+        row = await context.clock.compute(standoff_row, context, target, found)
+        await context.record(row)
+        return row
 
-    await search_and_retreat(robot, context.device("probe"), target, to_target, speeds, record)
-    return StoodOff(error_mm=measured[-1].error_mm)
+    row = await search_and_retreat(robot, context.device("probe"), target, to_target, speeds, record)
+    return StoodOff(error_mm=row.error_mm)
 
 
 class Judged(StepResult):

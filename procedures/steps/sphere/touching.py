@@ -109,18 +109,18 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     robot: SearchingRobot = context.device("robot")
     probe: ContactProbe = context.device("probe")
     planned, speeds = inputs.touch, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
-    rows: list[TouchRow] = []
 
-    async def record(found: FoundContact) -> None:
-        rows.append(await context.clock.compute(_row, context, planned, found))
-        await context.record(rows[-1])
+    async def record(found: FoundContact) -> TouchRow:
+        row = await context.clock.compute(_row, context, planned, found)
+        await context.record(row)
+        return row
 
-    await search_and_retreat(
+    row = await search_and_retreat(
         robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds, record
     )
-    if isinstance(rows[-1], ReferenceRow):
-        _look_for_jump(context, rows[-1])
-    return Touched(joints=list(rows[-1].joints))
+    if isinstance(row, ReferenceRow):
+        _look_for_jump(context, row)
+    return Touched(joints=list(row.joints))
 
 
 def _row(context: StepContext, planned: TouchPlan, found: FoundContact) -> TouchRow:
