@@ -1,9 +1,12 @@
 """Protocols, addresses and errors of devices: the interface between campaigns and drivers."""
 
 from cellctl.devices.addresses import Address
+from cellctl.devices.cell_io import CellIO, Temperatures
 from cellctl.devices.conditions import Conditions
+from cellctl.devices.currents import CurrentSource, MotorCurrents
 from cellctl.devices.driver import DriverDescription
 from cellctl.devices.errors import (
+    DeviceBusy,
     DeviceError,
     DeviceFault,
     DeviceLost,
@@ -12,7 +15,20 @@ from cellctl.devices.errors import (
     DeviceUnreachable,
     LimitExceeded,
     NoContact,
+    NotLevelled,
+    OutOfRange,
     ProbeNotOpen,
+    TargetLost,
+)
+from cellctl.devices.points import (
+    Lock,
+    Matrix3,
+    MeasuredPoint,
+    PointSource,
+    Reflector,
+    TwoFaceError,
+    Vector3,
+    Weather,
 )
 from cellctl.devices.protocols import (
     Contact,
@@ -33,12 +49,15 @@ from cellctl.devices.tables import CompensatedRobot, ControllerTable, TableInfo,
 
 __all__ = [
     "Address",
+    "CellIO",
     "CompensatedRobot",
     "Conditions",
     "Contact",
     "ContactProbe",
     "ControllerTable",
+    "CurrentSource",
     "Device",
+    "DeviceBusy",
     "DeviceError",
     "DeviceFault",
     "DeviceLost",
@@ -53,8 +72,16 @@ __all__ = [
     "JointReadings",
     "LimitExceeded",
     "Listener",
+    "Lock",
+    "Matrix3",
+    "MeasuredPoint",
+    "MotorCurrents",
     "NoContact",
+    "NotLevelled",
+    "OutOfRange",
+    "PointSource",
     "ProbeNotOpen",
+    "Reflector",
     "SearchEnd",
     "SearchResult",
     "SearchingRobot",
@@ -63,4 +90,9 @@ __all__ = [
     "TableRow",
     "TableState",
     "TableStore",
+    "TargetLost",
+    "Temperatures",
+    "TwoFaceError",
+    "Vector3",
+    "Weather",
 ]

@@ -46,6 +46,11 @@ class _CellModel(BaseModel):
     limits: dict[str, dict[str, float]] = Field(default_factory=dict)
     artefact: dict[str, Any] | None = None
     postures: dict[str, Any] | None = None
+    station: dict[str, Any] | None = None
+    reflectors: dict[str, Any] | None = None
+    floor: dict[str, Any] | None = None
+    currents: dict[str, Any] | None = None
+    load: dict[str, Any] | None = None
     simulate: _Simulate | None = None
 
 

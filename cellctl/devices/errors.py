@@ -46,3 +46,19 @@ class NoContact(DeviceError):
 
 class ProbeNotOpen(DeviceRefused):
     """The probe's loop is closed at arming: the probe touches something, or is stuck."""
+
+
+class TargetLost(DeviceError):
+    """The instrument has no reflector: the beam is broken, or none or several were found. Aiming again can succeed."""
+
+
+class OutOfRange(DeviceError):
+    """The reflector is too near, too far, or turned away too much. Another pose or station can succeed."""
+
+
+class DeviceBusy(DeviceError):
+    """The device is at work on something else. The same request can succeed later."""
+
+
+class NotLevelled(DeviceFault):
+    """The instrument's compensator is off or out of its range: it must be levelled again."""
