@@ -1,1 +1,1 @@
-"""Measuring methods: frames, tools and verdicts from measured points and contacts. Pure: arrays in, arrays out."""
+"""Measuring with an instrument: frames, poses, checks of station and robot, performance figures. Pure: arrays only."""
