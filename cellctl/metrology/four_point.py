@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self, final
 
 import numpy as np
@@ -64,6 +65,10 @@ class _Linear:
         alike = self.group[:, None] == self.group
         shared = common**2 * alike * (self.directions @ self.directions.T)
         return np.asarray(sigma**2 * np.eye(len(self.residuals)) + shared)
+
+    def loss(self, sigma: float, common: float) -> float:
+        """−2 log of the restricted likelihood of the two sizes."""
+        return self.solved(sigma, common)[2]
 
     def solved(self, sigma: float, common: float) -> tuple[Floats, Floats, float]:
         """The generalised least-squares step (6,), its covariance (6, 6), and −2 log of the restricted likelihood."""
@@ -138,8 +143,8 @@ def _scatter(linear: _Linear, sigma_mm: float) -> tuple[float, float]:
     """Noise σ and common σ of the orientations, mm, by restricted maximum likelihood; σ is at least `sigma_mm`."""
     sigma, common = sigma_mm, 0.0
     for _ in range(4):
-        common = _best(lambda value, sigma=sigma: linear.solved(sigma, value)[2], 0.0)
-        sigma = _best(lambda value, common=common: linear.solved(value, common)[2], sigma_mm)
+        common = _best(partial(linear.loss, sigma), 0.0)
+        sigma = _best(partial(linear.loss, common=common), sigma_mm)
     return sigma, common
 
 
