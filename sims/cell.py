@@ -13,6 +13,8 @@ from sims.robot_file import RobotFile, Triple, read_robot
 from sims.section import Section
 from sims.settings import read_settings
 from sims.simulators import BadSimulator, Simulators, installed
+from sims.spacings import Distance, read_distances
+from sims.station_file import Reflectors, Station, read_reflectors, read_station
 
 ERRORS = {
     "geometry": 1.0,
@@ -29,6 +31,10 @@ ERRORS = {
     "gear": 0.0,
     "backlash": 0.0,
     "expansion": 0.0,
+    "station": 1.0,
+    "reflector": 1.0,
+    "station_drift": 0.0,
+    "air": 0.0,
 }
 """The kinds of error of the simulated cell → the default scale of each."""
 
@@ -49,16 +55,6 @@ class Sphere:
     id: str
     diameter: float
     centre: Triple
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Distance:
-    """A certified distance between two spheres' centres, with its 1 σ, mm."""
-
-    between: tuple[str, str]
-    mm: float
-    sigma: float
 
 
 @final
@@ -99,7 +95,10 @@ class Simulate:
 @final
 @dataclass(frozen=True, slots=True)
 class SimCell:
-    """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg."""
+    """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg.
+
+    `station`, `reflectors`: of a cell with an instrument that measures reflectors.
+    """
 
     path: Path
     name: str
@@ -108,6 +107,8 @@ class SimCell:
     artefact: Artefact
     simulate: Simulate
     home: tuple[float, ...] = ()
+    station: Station | None = None
+    reflectors: Reflectors | None = None
 
     @property
     def folder(self) -> Path:
@@ -144,6 +145,8 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
         artefact=_artefact(cell.below("artefact")),
         simulate=_simulate(cell.below("simulate"), simulators, simulators.catalogue(addresses.values())),
         home=_home(cell.below("postures"), robot),
+        station=read_station(cell.below("station")) if "station" in cell.entries else None,
+        reflectors=read_reflectors(cell.below("reflectors")) if "reflectors" in cell.entries else None,
     )
     if to_run:
         problems += simulators.problems(addresses)
@@ -184,8 +187,7 @@ def _artefact(section: Section) -> Artefact:
         Sphere(sphere.word("id"), sphere.number("diameter", least=0.1), sphere.triple("centre"))
         for sphere in section.each("spheres")
     )
-    names = {sphere.id for sphere in spheres}
-    distances = tuple(_distance(distance, names) for distance in section.each("distances"))
+    distances = read_distances(section, [sphere.id for sphere in spheres], "spheres")
     plate = _plate(section.below("plate")) if "plate" in section.entries else None
     return Artefact(section.number("tip_radius", 0.0, 0.0), spheres, distances, plate)
 
@@ -193,16 +195,6 @@ def _artefact(section: Section) -> Artefact:
 def _plate(section: Section) -> Plate:
     section.only(["z", "stem_radius"])
     return Plate(section.number("z"), section.number("stem_radius", 8.0, 0.0))
-
-
-def _distance(section: Section, names: set[str]) -> Distance:
-    between = section.entries.get("between")
-    if not isinstance(between, list) or len(between) != 2 or any(str(name) not in names for name in between):
-        section.note("between", f"two of the spheres {', '.join(sorted(names))} are expected, not {between!r}")
-        between = ["", ""]
-    return Distance(
-        (str(between[0]), str(between[1])), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0)
-    )
 
 
 def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogue) -> Simulate:

@@ -51,7 +51,9 @@ def _scale(default: float) -> dict[str, Any]:
 
 def _fault(kinds: tuple[FaultKind, ...], events: list[str]) -> dict[str, Any]:
     """At most one key says when; a setting is for the faults alone that have it."""
-    own = {setting.name: setting.schema() for kind in kinds for setting in kind.settings}
+    own: dict[str, dict[str, Any]] = {}
+    for setting in (setting for kind in kinds for setting in kind.settings):
+        own[setting.name] = _common(own.get(setting.name), setting.schema())
     without = {name: [kind.name for kind in kinds if name not in _names(kind)] for name in own}
     properties = {
         "fault": {"enum": [kind.name for kind in kinds]},
@@ -79,6 +81,11 @@ def _fault(kinds: tuple[FaultKind, ...], events: list[str]) -> dict[str, Any]:
         ],
         "dependentRequired": {"count": ["event"]},
     }
+
+
+def _common(one: dict[str, Any] | None, other: dict[str, Any]) -> dict[str, Any]:
+    """What holds for a setting that several faults have."""
+    return other if one is None else {key: value for key, value in other.items() if one.get(key) == value}
 
 
 def _names(kind: FaultKind) -> set[str]:

@@ -14,6 +14,7 @@ from sims.scene.contact_loop import ContactLoop
 from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
 from sims.scene.stance import Stance
 from sims.world.crossings import crossings
+from sims.world.nominal import Matrix
 from sims.world.screws import Vector
 from sims.world.world import World
 
@@ -65,7 +66,7 @@ class MovingArm:
         self.commanded = stance.commanded
         self._scatter = self._draw(stance.joints) if stance.scatter is None else stance.scatter
         self._scatter_before = self._scatter
-        world.ageing.warm(kernel.now)
+        world.warm(kernel.now)
         self._sense()
 
     def joints(self) -> Joints:
@@ -111,6 +112,10 @@ class MovingArm:
     def tcp(self, time_ns: int) -> Vector:
         """The TCP at a moment of this motion, mm."""
         return self._world.tcp(self.links(time_ns), self._scatter_now(time_ns))
+
+    def flange(self, time_ns: int) -> Matrix:
+        """The flange's frame at a moment of this motion, 4×4, base ← flange, mm."""
+        return self._world.flange(self.links(time_ns), self._scatter_now(time_ns))
 
     def move(self, target: Joints, percent: float, then: Then) -> None:
         """Point to point at `percent` of the highest speeds; `then` is called on arrival."""
@@ -166,7 +171,7 @@ class MovingArm:
     def _look_ahead(self) -> None:
         """Schedule what happens on the next stretch of the motion, and its end."""
         start, motion = self._kernel.now, self._motion
-        self._world.ageing.warm(start)
+        self._world.warm(start)
         end = min(start + LOOK_AHEAD_NS, motion.end_ns)
         way_mm = self._most_way(start, end)
         if end > start and self._strikes(end, way_mm):

@@ -18,10 +18,11 @@ from sims.world.ageing import Ageing
 from sims.world.chain import Chain, chain_of
 from sims.world.compliance import Compliance
 from sims.world.drives import Backlash, Gear
+from sims.world.environment import Environment, Surroundings
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.expansion import expansions, grown
 from sims.world.masses import drawn_body
-from sims.world.nominal import Geometry, nominal_geometry, pose, vector
+from sims.world.nominal import Geometry, Matrix, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
@@ -42,8 +43,8 @@ class World:
 
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
     file's `base`), mm; its z is up, unless the file's `mounting` says otherwise. The true chain is a product of
-    perturbed screws, not a link table. `ageing` starts fresh and cold. `backlash`: the joints' play, None where it is
-    switched off; the caller that moves the robot knows which way.
+    perturbed screws, not a link table. `ageing` starts fresh and cold; `warm` brings it up to a
+    time. `backlash`: the joints' play, None where it is switched off; the caller that moves the robot knows which way.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -61,10 +62,13 @@ class World:
         self._true_offsets = [a + zero for a, zero in zip(self._offsets, zeros, strict=True)]
         self._geometry = true
         self._tool_pose = pose(vector(offset), robot.tool.abc)
-        self._chain = chain_of(true, self._tool_pose)
+        self._chain = self._warm_chain = chain_of(true, self._tool_pose)
+        self._warm_c = REFERENCE_C
         self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
         self._compliance = _compliance(robot, nominal, self._chain, seed, errors["compliance"])
         self._expansions = expansions(len(robot.joints), seed, errors["expansion"])
+        self._each_expands = any(self._expansions)
+        self._surroundings = Surroundings(seed, errors["air"])
         self._down = robot.down
         self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
@@ -95,13 +99,49 @@ class World:
 
         `readings`: less what the joints' play holds back, where there is any. Raises Falls.
         """
-        return self._tip(self._chain, self._angles(readings), scatter)
+        return self._tip(self._warm_chain, self._angles(readings), scatter)
+
+    def flange(self, readings: Sequence[float], scatter: Vector) -> Matrix:
+        """The flange now, 4×4, base ← flange, as `tcp`. Raises Falls."""
+        chain = self._warm_chain
+        angles = self._angles(readings)
+        place, along_x, along_z = chain.arm.carry(angles, chain.flange, chain.flange_x, chain.flange_z)
+        found = np.eye(4)
+        found[:3, 0], found[:3, 1], found[:3, 2] = along_x, np.cross(along_z, along_x), along_z
+        found[:3, 3] = (1.0 + self._even_expansion) * np.array(place) + scatter
+        return found
+
+    def environment(self, time_ns: int) -> Environment:
+        """Temperatures and air at a time of the cell."""
+        return self._surroundings.at(self.ageing.on_ns(time_ns), self.ageing.rise_k(time_ns))
+
+    def warm(self, time_ns: int) -> None:
+        """The robot has been on until this time of the cell: its links have the length of their temperature."""
+        self.ageing.warm(time_ns)
+        if self._each_expands:
+            arm_c = round(self.environment(time_ns).arm_c, 2)
+            if arm_c != self._warm_c:
+                self._warm_c, self._warm_chain = arm_c, self._chain_at(arm_c)
+
+    @property
+    def up(self) -> Vector:
+        """Opposite to gravity, a unit vector in the base frame."""
+        x, y, z = self._down
+        return -x, -y, -z
+
+    @property
+    def _even_expansion(self) -> float:
+        """The share by which all links are longer, where they have no rates of their own."""
+        return 0.0 if self._each_expands else self.ageing.expansion
+
+    def _chain_at(self, temperature_c: float) -> Chain:
+        return chain_of(grown(self._geometry, self._expansions, temperature_c), self._tool_pose)
 
     def _at(self, readings: Sequence[float], conditions: Conditions) -> tuple[Chain, list[float]]:
         """The chain and its model angles, rad."""
         chain = self._chain
         if conditions.temperature_c != REFERENCE_C:
-            chain = chain_of(grown(self._geometry, self._expansions, conditions.temperature_c), self._tool_pose)
+            chain = self._chain_at(conditions.temperature_c)
         if self.backlash:
             slack = self.backlash.behind(conditions.directions)
             readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
@@ -129,7 +169,7 @@ class World:
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
         """The unbent TCP and the flange's z; warm links are longer, the tool is not."""
-        expansion = self.ageing.expansion
+        expansion = self._even_expansion
         if not expansion:
             return chain.arm.carry(angles, chain.tcp, chain.flange_z)
         (x, y, z), (a, b, c), across = chain.arm.carry(angles, chain.flange, chain.offset, chain.flange_z)
@@ -160,7 +200,7 @@ class World:
     def _body(self, readings: Sequence[float]) -> tuple[Vector, Vector, Vector, Vector]:
         """Elbow, wrist, flange and tip, the tool taken unbent and unworn, without scatter."""
         angles = self._angles(readings)
-        chain = self._chain
+        chain = self._warm_chain
         flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
         (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
         return elbow, _sum(flange, back), flange, _sum(flange, offset)
