@@ -8,6 +8,7 @@ from typing import Any, Literal, final
 
 import yaml
 
+from sims.conditions import Payload
 from sims.faults import Fault, FaultCatalogue, FaultError
 from sims.robot_file import RobotFile, Triple, read_robot
 from sims.section import Section
@@ -82,7 +83,8 @@ class Artefact:
 class Simulate:
     """The `simulate:` section.
 
-    `errors`: kind → scale, all of `ERRORS`. `settings`: section of an installed simulator → its settings' values.
+    `errors`: kind → scale, all of `ERRORS`. `payload`: what the robot truly carries; None: as the cell's `load:` says.
+    `settings`: section of an installed simulator → its settings' values.
     """
 
     seed: int
@@ -90,6 +92,7 @@ class Simulate:
     errors: dict[str, float]
     settings: dict[str, dict[str, Any]]
     faults: tuple[Fault, ...]
+    payload: Payload | None = None
 
 
 @final
@@ -97,7 +100,8 @@ class Simulate:
 class SimCell:
     """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg.
 
-    `station`, `reflectors`: of a cell with an instrument that measures reflectors.
+    `station`, `reflectors`: of a cell with an instrument that measures reflectors. `load`: what the file says that the
+    robot carries besides its tool.
     """
 
     path: Path
@@ -109,6 +113,12 @@ class SimCell:
     home: tuple[float, ...] = ()
     station: Station | None = None
     reflectors: Reflectors | None = None
+    load: Payload | None = None
+
+    @property
+    def payload(self) -> Payload:
+        """What the robot truly carries besides its tool."""
+        return self.simulate.payload or self.load or Payload()
 
     @property
     def folder(self) -> Path:
@@ -146,6 +156,7 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
         simulate=_simulate(cell.below("simulate"), simulators, simulators.catalogue(addresses.values())),
         home=_home(cell.below("postures"), robot),
         station=read_station(cell.below("station")) if "station" in cell.entries else None,
+        load=_load_of(cell.below("load")),
         reflectors=read_reflectors(cell.below("reflectors")) if "reflectors" in cell.entries else None,
     )
     if to_run:
@@ -199,7 +210,7 @@ def _plate(section: Section) -> Plate:
 
 def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogue) -> Simulate:
     with_settings = [one for one in simulators.all if one.section]
-    section.only(["seed", "clock", "errors", "faults", *(one.section for one in with_settings)])
+    section.only(["seed", "clock", "errors", "payload", "faults", *(one.section for one in with_settings)])
     errors = section.below("errors")
     errors.only(ERRORS)
     lockstep = section.word("clock", "lockstep", ["lockstep", "realtime"]) != "realtime"
@@ -209,7 +220,20 @@ def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogu
         errors={kind: errors.scale(kind, usual) for kind, usual in ERRORS.items()},
         settings={one.section: read_settings(one.settings, section.below(one.section)) for one in with_settings},
         faults=tuple(_faults(section, catalogue)),
+        payload=_payload(section.below("payload")),
     )
+
+
+def _payload(section: Section) -> Payload | None:
+    section.only(["mass", "xyz"])
+    return _load_of(section)
+
+
+def _load_of(section: Section) -> Payload | None:
+    """Of a section with `mass` and `xyz`; another key of it is not for the simulated cell."""
+    if not section.entries:
+        return None
+    return Payload(section.number("mass", least=0.0), section.triple("xyz"))
 
 
 def _faults(section: Section, catalogue: FaultCatalogue) -> list[Fault]:

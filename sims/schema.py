@@ -11,6 +11,7 @@ from sims.settings import FaultKind
 from sims.simulators import Simulators
 
 _COUNT = {"type": "integer", "minimum": 1}
+_TRIPLE = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 _MS = {"type": "number", "minimum": 0}
 
 
@@ -27,6 +28,11 @@ def schema_of(simulators: Simulators) -> dict[str, Any]:
                 "errors": {
                     "description": "Each can be switched off (false) or scaled (a number; 1: as on a real robot).",
                     **_mapping({kind: _scale(default) for kind, default in ERRORS.items()}),
+                },
+                "payload": {
+                    "description": "What the robot truly carries besides its tool; default: the cell file's load.",
+                    **_mapping({"mass": {"type": "number", "minimum": 0}, "xyz": _TRIPLE}),
+                    "required": ["mass", "xyz"],
                 },
                 **{
                     key: _mapping({setting.name: setting.schema() for setting in one.settings})

@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 
 from sims.cell import Artefact, SimCell
-from sims.conditions import REFERENCE_C, USUAL, Conditions
+from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
 from sims.world.ageing import Ageing
 from sims.world.chain import Chain, chain_of
@@ -70,41 +70,45 @@ class World:
         self._each_expands = any(self._expansions)
         self._surroundings = Surroundings(seed, errors["air"])
         self._down = robot.down
-        self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
+        self.payload = cell.payload
+        self._deflection = errors["deflection"]
+        self._tool = float(taught[2]), robot.tool.mass
+        self._sag_mm = self._tool_sag_mm(self.payload)
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
         self._nominal = Arm(nominal.axes)
-        self._tool = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
+        self._taught = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
         self._wrist = vector(np.array(true.axes[-2:][0].point) - true.flange[:3, 3])
         self._upper_arm = Arm(true.axes[:-3])
         self._elbow = true.axes[-3:][0].point
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
         self._obstacles = _obstacles(cell.artefact, self.spheres)
-        self.reach_mm = _reach(self._nominal, self._tool[0])
+        self.reach_mm = _reach(self._nominal, self._taught[0])
         links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
     def true_tcp(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Vector:
         """The mean TCP, with deflection, without the robot's scatter. Raises Falls."""
         chain, angles = self._at(readings, conditions)
-        return self._tip(chain, angles, NO_SCATTER)
+        return self._tip(chain, angles, NO_SCATTER, self._tool_sag_mm(self._payload_of(conditions)))
 
     def true_pose(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Pose:
         """`true_tcp`, and the tool's angles, turned as all joints are but not as the tool bends. Raises Falls."""
         chain, angles = self._at(readings, conditions)
         _, along_x, along_z = chain.arm.carry(angles, chain.tcp, chain.tool_x, chain.tool_z)
-        return *self._tip(chain, angles, NO_SCATTER), *_angles_abc(along_x, along_z)
+        sag_mm = self._tool_sag_mm(self._payload_of(conditions))
+        return *self._tip(chain, angles, NO_SCATTER, sag_mm), *_angles_abc(along_x, along_z)
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
         """The TCP now, `scatter` being what `scatter()` drew for this approach.
 
         `readings`: less what the joints' play holds back, where there is any. Raises Falls.
         """
-        return self._tip(self._warm_chain, self._angles(readings), scatter)
+        return self._tip(self._warm_chain, self._angles(readings, self.payload), scatter, self._sag_mm)
 
     def flange(self, readings: Sequence[float], scatter: Vector) -> Matrix:
         """The flange now, 4×4, base ← flange, as `tcp`. Raises Falls."""
         chain = self._warm_chain
-        angles = self._angles(readings)
+        angles = self._angles(readings, self.payload)
         place, along_x, along_z = chain.arm.carry(angles, chain.flange, chain.flange_x, chain.flange_z)
         found = np.eye(4)
         found[:3, 0], found[:3, 1], found[:3, 2] = along_x, np.cross(along_z, along_x), along_z
@@ -145,9 +149,21 @@ class World:
         if self.backlash:
             slack = self.backlash.behind(conditions.directions)
             readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
-        return chain, self._angles(readings, conditions.payload_kg)
+        return chain, self._angles(readings, self._payload_of(conditions))
 
-    def _angles(self, readings: Sequence[float], payload_kg: float = 0.0) -> list[float]:
+    def _payload_of(self, conditions: Conditions) -> Payload:
+        kg = conditions.payload_kg
+        return self.payload if kg is None else Payload(kg, conditions.payload_at)
+
+    def _tool_sag_mm(self, payload: Payload) -> float:
+        """How far the tool's tip sinks held level."""
+        length_mm, mass_kg = self._tool
+        sag_mm = self._deflection * _sag_mm(length_mm, mass_kg)
+        if payload.at:
+            sag_mm += self._deflection * bent_mm(length_mm, payload.at[2], payload.kg)
+        return sag_mm
+
+    def _angles(self, readings: Sequence[float], payload: Payload) -> list[float]:
         """Model angles, rad, of the true chain: where the links are, not the drives."""
         if self._gear:
             readings = self._gear.turned(readings)
@@ -155,16 +171,20 @@ class World:
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
         ]
-        return self._compliance.sagged(angles, payload_kg) if self._compliance else angles
+        if not self._compliance:
+            return angles
+        flange = self._geometry.flange
+        at = vector(flange[:3, :3] @ payload.at + flange[:3, 3]) if payload.at else None
+        return self._compliance.sagged(angles, payload.kg, at)
 
-    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector) -> Vector:
+    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector, sag_mm: float) -> Vector:
         (x, y, z), (ux, uy, uz) = self._carried(chain, angles)
         gx, gy, gz = self._down  # the load bends the tool by what of it is across the flange's z
-        along = -self._sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
+        along = -sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
         return (
-            x + along * ux + self._sag_mm * gx + scatter[0],
-            y + along * uy + self._sag_mm * gy + scatter[1],
-            z + along * uz + self._sag_mm * gz + scatter[2],
+            x + along * ux + sag_mm * gx + scatter[0],
+            y + along * uy + sag_mm * gy + scatter[1],
+            z + along * uz + sag_mm * gz + scatter[2],
         )
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
@@ -199,7 +219,7 @@ class World:
 
     def _body(self, readings: Sequence[float]) -> tuple[Vector, Vector, Vector, Vector]:
         """Elbow, wrist, flange and tip, the tool taken unbent and unworn, without scatter."""
-        angles = self._angles(readings)
+        angles = self._angles(readings, self.payload)
         chain = self._warm_chain
         flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
         (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
@@ -227,7 +247,7 @@ class World:
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._offsets, strict=True)
         ]
-        place, along_x, along_z = self._nominal.carry(angles, *self._tool)
+        place, along_x, along_z = self._nominal.carry(angles, *self._taught)
         return *place, *_angles_abc(along_x, along_z)
 
 
@@ -268,6 +288,15 @@ def _sum(a: Vector, b: Vector) -> Vector:
 def _sag_mm(length_mm: float, mass_kg: float) -> float:
     """c_t · l³/3 · G, how far the tool's tip sinks held level."""
     return TOOL_COMPLIANCE * (length_mm * 1e-3) ** 3 / 3.0 * mass_kg * GRAVITY_M_S2 * 1e3
+
+
+def bent_mm(length_mm: float, at_mm: float, mass_kg: float) -> float:
+    """How far it sinks by a mass at another place along it: as a cantilever.
+
+    A place beyond the tip is on a stiff extension of the tool; one behind the flange bends nothing.
+    """
+    near, far = sorted((max(length_mm, 0.0) * 1e-3, max(at_mm, 0.0) * 1e-3))
+    return TOOL_COMPLIANCE * near**2 * (3.0 * far - near) / 6.0 * mass_kg * GRAVITY_M_S2 * 1e3
 
 
 def _reach(arm: Arm, tip: Vector) -> float:
