@@ -13,6 +13,7 @@ from sims.scene.contact_log import ContactLog
 from sims.scene.contact_loop import ContactLoop
 from sims.scene.faults import TIP_JUMP
 from sims.scene.measured_places import MeasuredPlaces
+from sims.scene.motor_currents import MotorCurrents
 from sims.scene.stance import Stance, stance_from
 from sims.world.environment import Environment
 from sims.world.nominal import Matrix
@@ -53,6 +54,7 @@ class Scene:
         )
         speeds = [joint.max_speed for joint in joints]
         self.arm = MovingArm(kernel, self.world, self.contact, self.log, stance, speeds)
+        self.currents = MotorCurrents(kernel, self.arm, self.world)
         self._memory.keep("robot", lambda: self.arm.stance().state())
         self._memory.keep("ageing", lambda: self.world.ageing.state(kernel.now))
         self._measured = MeasuredPlaces(cell, self.world.up, faults, self._memory)
@@ -95,6 +97,10 @@ class Scene:
         """
         links = self.arm.links(self._kernel.now if time_ns is None else time_ns)
         return self.world.blocked(links, start, end)
+
+    def motor_currents(self, time_ns: int | None = None) -> tuple[float, ...]:
+        """True mean currents of A1…An, amperes, now or at another moment of the present motion."""
+        return self.currents.at(time_ns)
 
     def _touched(self, closed: bool) -> None:
         """A touch that is over has worn the tip."""

@@ -17,7 +17,7 @@ from procedures.steps.tracker.station import FIRST_SESSION
 @final
 @dataclass(frozen=True, eq=False)
 class Sessions:
-    """The sessions of a run. of_visit: session found at each visit; places: session → the instrument in the base frame."""
+    """The sessions of a run. of_visit: session at each visit; places: session → the instrument, base frame."""
 
     of_visit: Sequence[str]
     places: dict[str, Floats]
