@@ -13,6 +13,7 @@ import os
 import tty
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -40,12 +41,30 @@ def answer(transaction: int, code: int, *params: object, com: int = 0) -> bytes:
     return f"{head},{crc_16_arc((head + tail).encode())}{tail}\r\n".encode()
 
 
+class Counted:
+    """The wire of the driver, as a cell in lockstep counts it."""
+
+    def __init__(self) -> None:
+        self.written = self.was_read = 0
+        self.closed = False
+
+    def wrote(self, count: int) -> None:
+        self.written += count
+
+    def read(self, count: int) -> None:
+        self.was_read += count
+
+    def close(self) -> None:
+        self.closed = True
+
+
 class ScriptedClock(Clock):
     source = "scripted"
 
     def __init__(self) -> None:
         self.time_ns = 5_000_000_000
         self.standing_now = 0
+        self.counted = Counted()
         self.slept: list[float] = []
         self._timers: list[tuple[int, int, SimpleNamespace]] = []
         self._order = itertools.count()
@@ -58,6 +77,18 @@ class ScriptedClock(Clock):
         timer.cancel = lambda: setattr(timer, "live", False)
         heapq.heappush(self._timers, (self.time_ns + round(seconds * 1e9), next(self._order), timer))
         return timer
+
+    def wire(self, device: str) -> Counted:
+        self.counted = Counted()
+        return self.counted
+
+    @contextmanager
+    def standing(self):
+        self.standing_now += 1
+        try:
+            yield
+        finally:
+            self.standing_now -= 1
 
     async def sleep(self, seconds: float) -> None:
         self.slept.append(seconds)
@@ -82,6 +113,8 @@ class Station:
         self.plan: dict[int, list[Callable[[int, bytes], None]]] = defaultdict(list)
         self.requests: list[tuple[int, list[str]]] = []
         self.raw: list[bytes] = []
+        self.received = self.sent = 0
+        self.standing_at_requests: set[int] = set()
         self.codes: dict[int, list[int]] = defaultdict(list)  # return codes to give next
         self.face, self.hz, self.v, self.metres = 1, math.radians(30), math.radians(80), 3.0
         self.collimation, self.index = 0.0, 0.0
@@ -134,7 +167,7 @@ class Station:
     # The line.
 
     def send(self, data: bytes) -> None:
-        os.write(self._master, data)
+        self.sent += os.write(self._master, data)
 
     def send_answer(self, transaction: int, code: int, *params: object, com: int = 0) -> None:
         self.send(answer(transaction, code, *params, com=com))
@@ -157,7 +190,10 @@ class Station:
         return [rpc for rpc, _ in self.requests]
 
     def _read(self) -> None:
-        self._got += os.read(self._master, 4096)
+        data = os.read(self._master, 4096)
+        self.received += len(data)
+        self.standing_at_requests.add(self.clock.standing_now)
+        self._got += data
         *lines, self._got = self._got.split(b"\r\n")
         for line in lines:
             self.raw.append(line)
