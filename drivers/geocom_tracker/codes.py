@@ -129,7 +129,7 @@ CODES: Final[dict[int, Code]] = {
     3108: Code(Meaning.ASLEEP, "is asleep", _SWITCH_ON),
     3109: Code(Meaning.ASLEEP, "is switched off", _SWITCH_ON),
     3110: Code(Meaning.REFUSED, "does not take check sums", "load firmware whose GeoCOM has check sums"),
-    8704: Code(Meaning.FAULT, "did not reach its direction in time", _TURN),
+    8704: Code(Meaning.NO_TARGET, "did not reach its direction or its target in time", _AIM),
     8705: Code(Meaning.FAULT, "was stopped by an obstacle", _TURN),
     8706: Code(Meaning.FAULT, "cannot measure its angles", _SERVICE),
     8707: Code(Meaning.FAULT, "reports an error of its motors", _TURN),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Final, TypeVar, final
+from typing import Final, TypeVar, final
 
 from geocompy.communication import DUMMYLOGGER, Connection
 from geocompy.geo import GeoCom
@@ -169,7 +169,3 @@ class _Handover(Connection):
     def exchange_binary(self, data: bytes) -> bytes:
         """Not used."""
         raise NotImplementedError
-
-
-AnyResponse = GeoComResponse[Any]
-"""A response whose parameters are not looked at."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
-from typing import Final, TypeVar, cast, final
+from typing import Final, final
 
-from geocompy.geo.gcdata import ATR, ATRLock, Inclination, Measurement, Position, PowerSource
+from geocompy.geo.gcdata import Inclination, PowerSource
 
 from cellctl.clock import Clock
 from cellctl.devices import (
@@ -22,41 +20,30 @@ from cellctl.devices import (
     MeasuredPoint,
     NotLevelled,
     Reflector,
-    TargetLost,
     TwoFaceError,
     Vector3,
     Weather,
 )
 from drivers.geocom_tracker import air
 from drivers.geocom_tracker.accuracy import Accuracy
-from drivers.geocom_tracker.codes import Meaning, code_of, error_of
+from drivers.geocom_tracker.codes import code_of
 from drivers.geocom_tracker.faces import Sample, SetUp, order, point_of, two_face_error_of
-from drivers.geocom_tracker.polar import Polar, to_polar
-from drivers.geocom_tracker.session import AnswerLost, Session
+from drivers.geocom_tracker.polar import to_polar
+from drivers.geocom_tracker.session import Session
 from drivers.geocom_tracker.settings import set_air, set_up
+from drivers.geocom_tracker.telescope import MEASURE_S, Telescope
 from drivers.serial_port import SerialPlace
 
-_TURN_S: Final = 60.0
-_SEARCH_S: Final = 60.0
-_MEASURE_S: Final = 30.0
-_EDM_WAIT_S: Final = 10
-"""The instrument waits this long for its distance meter before it answers."""
-_REGAIN_S: Final = 3.0
-_REGAIN_STEP_S: Final = 0.2
-_ATTEMPTS: Final = 3
 _LOW_BATTERY_PERCENT: Final = 10
-_NO_FULL_CORRECTION: Final = 1283
-_LOCKS: Final = {ATRLock.NONE: Lock.NONE, ATRLock.LOCK: Lock.LOCKED, ATRLock.PREDICT: Lock.PREDICTED}
-
-Result = TypeVar("Result")
+_TILT: Final = 22
+_NO_FULL_CORRECTION: Final = (1283, 1288)
 
 
 @final
 class GeocomTracker:
     """A PointSource: a laser station that speaks GeoCOM with check sums on a serial line.
 
-    All requests are bounded in the cell's time. Reads are repeated if their answer is lost; motions and measurements
-    are begun again once, from a known direction and without an old distance, after the instrument has answered again.
+    All requests are bounded in the cell's time.
     """
 
     def __init__(self, name: str, place: SerialPlace, clock: Clock, accuracy: Accuracy) -> None:
@@ -69,6 +56,7 @@ class GeocomTracker:
     async def connect(self) -> Identity:
         """Open the port, wake the instrument if it sleeps, read its identity."""
         await self.close()
+        self._reflector = self._weather = None
         session = self._session = Session(self.name, self._place, self._clock)
         try:
             await session.ping_ns()
@@ -98,11 +86,11 @@ class GeocomTracker:
         if not 0.0 < search_mm < polar.range_mm * math.sin(polar.v):
             what = f"cannot search ± {search_mm:g} mm across the beam at {polar.range_mm:.0f} mm"
             raise LimitExceeded(self.name, what, "search a smaller window, and not above or below the instrument")
-        await self._once_more(lambda: self._aim(polar, search_mm))
+        await self._telescope().aim(polar, search_mm)
 
     async def lock(self) -> Lock:
         """Whether it follows the reflector now."""
-        return _LOCKS[await self._connected().read(lambda geocom: geocom.mot.get_lockon_status())]
+        return await self._telescope().lock()
 
     async def measure(self, samples: int, *, faces: int = 1) -> MeasuredPoint:
         """`samples` in each face, A B b a if there are two; the telescope ends in the first face.
@@ -111,26 +99,24 @@ class GeocomTracker:
         """
         if samples < 1 or faces not in (1, 2):
             raise ValueError(f"samples = {samples}, faces = {faces}: measure at least one sample in 1 or 2 faces")
-        self._initialised()
-        taken = [one for face, count in order(samples, faces) for one in await self._samples(face, count)]
-        centring_mm = self._reflector.centring_mm if self._reflector else 0.0
-        return point_of(taken, SetUp(self._accuracy, centring_mm, self._weather))
+        reflector = self._initialised()
+        taken = await self._samples(samples, faces)
+        return point_of(taken, SetUp(self._accuracy, reflector.centring_mm, self._weather))
 
     async def two_face_error(self, samples: int) -> TwoFaceError:
         """Half the difference of `samples` in each face."""
         self._initialised()
-        taken = [one for face, count in order(samples, 2) for one in await self._samples(face, count)]
-        return two_face_error_of(taken)
+        return two_face_error_of(await self._samples(samples, 2))
 
     async def levelled(self) -> bool:
         """Whether the compensator is on. Raises NotLevelled if it is out of its range."""
         session = self._connected()
         if not await session.read(lambda geocom: geocom.tmc.get_compensator_status()):
             return False
-        answer = await session.answer(lambda geocom: geocom.tmc.get_angle_inclination(Inclination.MEASURE), _MEASURE_S)
-        if answer.code == _NO_FULL_CORRECTION:
-            code = code_of(22)
-            raise NotLevelled(self.name, "has a compensator out of its range (return code 1283)", code.cure)
+        answer = await session.answer(lambda geocom: geocom.tmc.get_angle_inclination(Inclination.MEASURE), MEASURE_S)
+        if answer.code in _NO_FULL_CORRECTION:
+            what = f"has a compensator out of its range (return code {answer.code})"
+            raise NotLevelled(self.name, what, code_of(_TILT).cure)
         return True
 
     async def health(self) -> Health:
@@ -178,77 +164,18 @@ class GeocomTracker:
         if self._weather:
             await set_air(session, self._weather)
 
-    async def _aim(self, polar: Polar, search_mm: float) -> None:
-        session = self._connected()
-        hz_window = 2.0 * math.asin(search_mm / (polar.range_mm * math.sin(polar.v)))
-        v_window = 2.0 * math.asin(search_mm / polar.range_mm)
-        await session.act(lambda geocom: geocom.aut.turn_to(polar.hz, polar.v, Position.PRECISE, ATR.POSITION), _TURN_S)
-        await session.act(lambda geocom: geocom.aut.fine_adjust(hz_window, v_window), _SEARCH_S)
-        await self._lock_in()
+    async def _samples(self, samples: int, faces: int) -> list[Sample]:
+        telescope = self._telescope()
+        return [one for face, count in order(samples, faces) for one in await telescope.samples(face, count)]
 
-    async def _lock_in(self) -> None:
-        await self._connected().act(lambda geocom: geocom.aut.lock_in(), _SEARCH_S)
-        if await self.lock() is Lock.NONE:
-            raise error_of(self.name, 8725, "AUT_LockIn")
+    def _telescope(self) -> Telescope:
+        return Telescope(self.name, self._connected(), self._clock)
 
-    async def _samples(self, face: int, count: int) -> list[Sample]:
-        await self._once_more(lambda: self._turn_over_to(face))
-        return [await self._sample() for _ in range(count)]
-
-    async def _turn_over_to(self, face: int) -> None:
-        """Change the face if the telescope is in the other one, and lock again if it does not follow."""
-        session = self._connected()
-        _, v = await session.read(lambda geocom: geocom.tmc.get_angle(Inclination.AUTO), _MEASURE_S)
-        if (2 if float(v) > math.pi else 1) != face:
-            await session.act(lambda geocom: geocom.aut.change_face(Position.PRECISE, ATR.TARGET), _TURN_S)
-        if await self.lock() is Lock.NONE:
-            await self._lock_in()
-
-    async def _sample(self) -> Sample:
-        for attempt in range(_ATTEMPTS):
-            try:
-                return await self._once_more(self._measured)
-            except TargetLost:
-                if attempt == _ATTEMPTS - 1 or not await self._regained():
-                    raise
-        raise AssertionError("unreachable")
-
-    async def _measured(self) -> Sample:
-        """One distance with its angles. The old distance is cleared first, so it cannot be taken for the new one."""
-        session = self._connected()
-        begun_ns = self._clock.now_ns()
-        await session.act(lambda geocom: geocom.tmc.do_measurement(Measurement.CLEAR, Inclination.AUTO), _MEASURE_S)
-        await session.act(lambda geocom: geocom.tmc.do_measurement(Measurement.DISTANCE, Inclination.AUTO), _MEASURE_S)
-        answer = await session.act(
-            lambda geocom: geocom.tmc.get_complete_measurement(_EDM_WAIT_S, Inclination.MEASURE), _MEASURE_S
-        )
-        code = code_of(answer.code)
-        if code.meaning is Meaning.ANGLES_ONLY:
-            raise error_of(self.name, answer.code, "TMC_GetFullMeas")
-        if answer.params is None:
-            raise DeviceFault(self.name, "measured without values", "check its type and firmware")
-        hz, v, *_, metres, device_ms = cast("tuple[float, ...]", answer.params)  # geocompy declares three of the eight
-        reading = Polar(float(hz), float(v), metres * 1e3)
-        warning = code.what if code.meaning is Meaning.WARNING else ""
-        return Sample(reading, answer.code, warning, round(device_ms), begun_ns, self._clock.now_ns())
-
-    async def _regained(self) -> bool:
-        """Whether the instrument follows the reflector again before its prediction ends."""
-        give_up_ns = self._clock.now_ns() + round(_REGAIN_S * 1e9)
-        while (state := await self.lock()) is Lock.PREDICTED and self._clock.now_ns() < give_up_ns:
-            await self._clock.sleep(_REGAIN_STEP_S)
-        return state is Lock.LOCKED
-
-    async def _once_more(self, operation: Callable[[], Awaitable[Result]]) -> Result:
-        """The operation, begun again if an answer in it was lost: it begins by what makes the state known."""
-        with suppress(AnswerLost):
-            return await operation()
-        return await operation()
-
-    def _initialised(self) -> None:
+    def _initialised(self) -> Reflector:
         self._connected()
         if self._reflector is None:
             raise DeviceRefused(self.name, "is not initialised: its reflector is not known", "initialise it first")
+        return self._reflector
 
     def _connected(self) -> Session:
         if self._session is None:

@@ -85,6 +85,18 @@ def test_older_firmware_is_initialised_by_its_own_requests(station, run):
     run(work)
 
 
+def test_a_new_connection_must_be_initialised_again(station, run):
+    async def work(tracker):
+        await tracker.set_weather(WORKSHOP)
+        await tracker.connect()
+        with pytest.raises(DeviceRefused, match="not initialised"):
+            await tracker.measure(1)
+        await tracker.initialise(Reflector(constant_mm=0.0))
+        assert (await tracker.measure(1)).weather is None
+
+    run(work)
+
+
 def test_measuring_before_initialising_is_refused(station, run):
     async def work(tracker):
         with pytest.raises(DeviceRefused, match="not initialised"):
@@ -373,8 +385,8 @@ def test_a_profile_of_an_instrument_that_does_not_speak_geocom_says_so_everywher
         point = await tracker.measure(1)
         assert (point.accuracy, point.noise_only) == (accuracy, True)
         note = f"noise of {accuracy} only"
-        assert note in (await tracker.connect()).model
         assert note in (await tracker.health()).text
+        assert note in (await tracker.connect()).model
 
     run(work, accuracy=accuracy)
 
