@@ -1,5 +1,6 @@
 """What can go wrong in the scene, whatever devices there are."""
 
+from sims.scene.safety import SAFETY_FAULTS
 from sims.settings import FaultKind, Setting
 
 TIP_JUMP = FaultKind(
@@ -8,4 +9,4 @@ TIP_JUMP = FaultKind(
     (Setting("mm", "number", 0.5, 0.0, what="By how much the tip is shorter."),),
     momentary=True,
 )
-SCENE_FAULTS = (TIP_JUMP,)
+SCENE_FAULTS = (TIP_JUMP, *SAFETY_FAULTS)
