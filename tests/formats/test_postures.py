@@ -12,7 +12,7 @@ def read(request, tmp_path):
 
     def of(text):
         (tmp_path / "cell.yaml").write_text(text)
-        return postures_of(load_yaml(tmp_path / "cell.yaml"), robot)
+        return postures_of(load_yaml(tmp_path / "cell.yaml"), robot, "touch")
 
     return of
 
