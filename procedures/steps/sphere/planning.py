@@ -55,7 +55,7 @@ def plan_on(
     robot = RobotFile.load(context.robot_file)
     targets = [target_of(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
-    postures = postures_of(context.cell, robot)
+    postures = postures_of(context.cell, robot, "touch")
     try:
         return plan_touches(
             robot.chain(),
