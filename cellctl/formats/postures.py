@@ -35,7 +35,8 @@ def postures_of(document: Document, robot: RobotFile, need: Literal["touch", "tu
     postures = validated(document, Postures, ("postures",))
     if not getattr(postures, need):
         what = f"there are no postures '{need}'"
-        raise InputError(document.problem(("postures",), what, f"add `{need}:` with joint readings, degrees", key=True))
+        place = ("postures", need) if need in document.data["postures"] else ("postures",)
+        raise InputError(document.problem(place, what, f"give `{need}:` with joint readings, degrees", key=True))
     problems = _problems(document, ("home",), postures.home, robot)
     if postures.turn is not None:
         problems += _problems(document, ("turn",), postures.turn, robot)

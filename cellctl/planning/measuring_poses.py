@@ -116,6 +116,7 @@ def plan_measuring_poses(
 ) -> MeasuringPoses:
     """Plan the visits of a campaign; begin and end are at `home` (n,), deg. The same seed gives the same plan.
 
+    Held-out postures lie within the joints of the fit: outside, a model extrapolates, and no table may go there.
     Raises OutOfReach where too few postures are found; the text says what rejected most samples. Raises ValueError
     for sides that are not ±1 for each joint, or a late block larger than the held-out postures.
     """
@@ -124,7 +125,7 @@ def plan_measuring_poses(
         raise ValueError(f"a side of 1 or -1 for each of {chain.n} joints, and not more late than held-out postures")
     arm = _Arm(chain.with_base(np.eye(4)), joints, sight, home, options)
     rng = np.random.default_rng([seed, 11])
-    found = _postures(arm, reach, counts.fit + counts.held_out, rng)
+    found = _extremes_first(_postures(arm, reach, counts.fit + counts.held_out, rng))
     visits = _visits(counts, rng)
     side = np.array([visit.sign for visit in visits])[:, None] * np.array(options.side)
     readings = found[[visit.posture for visit in visits]]
@@ -185,6 +186,12 @@ def _postures(arm: _Arm, reach: Reach, count: int, rng: np.random.Generator) -> 
         f"only {len(found)} of {count} measuring poses found among {_BATCH * _BATCHES} samples; most were rejected "
         f"because {most}: move the station, widen the joint limits, or change the reflector"
     )
+
+
+def _extremes_first(postures: Array) -> Array:
+    """The postures (N, n), those with the least or greatest reading of a joint before the others."""
+    extreme = np.unique(np.concatenate([postures.argmin(axis=0), postures.argmax(axis=0)]))
+    return np.concatenate([postures[extreme], np.delete(postures, extreme, axis=0)])
 
 
 @final

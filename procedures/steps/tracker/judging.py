@@ -13,6 +13,7 @@ from cellctl.formats import TableFile
 from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
+from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetFigures, TrackerVerdict
 from procedures.steps.tracker.sessions import Sessions
 
@@ -22,7 +23,7 @@ from procedures.steps.tracker.sessions import Sessions
 class Targets:
     """N held-out targets measured twice. numbers (N,): of the poses; late (N,): in the late block. before, after
     (N, 3): measured less intended place, mm, in the instrument's frame of the first session. noise (N,): 1 σ (3-D) of
-    the point after.
+    the point after, without the part that all points share: the targets are in the same instrument's frame.
     """
 
     numbers: Floats
@@ -41,7 +42,7 @@ class Targets:
         for row in sorted(rows.recorded(CompensatedRow), key=lambda each: each.number):
             ends = [sessions.place(each) for each in (poses[row.number], row)]
             if ends[0] is not None and ends[1] is not None:
-                sigma = float(np.sqrt(np.trace(np.array(row.point.covariance))))
+                sigma = float(np.sqrt(np.trace(points_of([row.point]).alone[0])))
                 found.append((row.number, row.number > last_fit, *(end - np.array(row.target) for end in ends), sigma))
         columns = list(zip(*found, strict=True)) if found else [(), (), (), (), ()]
         empty = np.zeros((0, 3))

@@ -11,7 +11,7 @@ from cellctl.formats.station import Nest, station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepResult, step
 from procedures.steps.tracker.instrument import update_weather
 from procedures.steps.tracker.measuring import PointInputs
-from procedures.steps.tracker.pointing import NotSettled, settled_point
+from procedures.steps.tracker.pointing import NestsDisagree, NotSettled, settled_point
 from procedures.steps.tracker.rows import NestRow, When
 
 
@@ -50,7 +50,7 @@ _LEAST_NESTS = 3
     check=_check_nests,
     needs={"tracker": PointSource},
     uses={"plc": CellIO},
-    errors=(NotSettled,),
+    errors=(NotSettled, NestsDisagree),
     title="visiting the monuments",
 )
 async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:

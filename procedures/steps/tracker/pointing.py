@@ -18,6 +18,11 @@ class NotSettled(DeviceError):
 
 
 @final
+class NestsDisagree(DeviceError):
+    """The nests moved against each other: one is loose, badly seated, or the station moved in the visit."""
+
+
+@final
 @dataclass(frozen=True, slots=True)
 class Settling:
     """samples: for a point. wait_s: before it, and before it is measured again. scatter_mm: limit, 1 σ of a sample."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from cellctl.devices import DeviceFault
 from cellctl.files import InputError
 from cellctl.formats.station import reflectors_of, station_of
 from cellctl.kinematics import inverse_pose
@@ -13,6 +12,7 @@ from cellctl.metrology.monuments import Motion, NestLoose, station_motion
 from cellctl.metrology.points import Points
 from cellctl.metrology.reflector_constant import InsensitiveDistances, KnownDistance, constant_error
 from cellctl.procedure import StepContext
+from procedures.steps.tracker.pointing import NestsDisagree
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, NestRow, StationRow, When
 from procedures.steps.tracker.station import base_from_instrument, session_now
@@ -47,7 +47,7 @@ def recorded_visits(context: StepContext) -> int:
 def judged_visit(context: StepContext, tolerance_mm: float, when: When) -> Judged:
     """Judge the last measurement of the nests against those of the present session.
 
-    A second motion between two visits in succession counts as moving. Raises DeviceFault for a loose nest.
+    A second motion between two visits in succession counts as moving. Raises NestsDisagree.
     """
     visits, session = context.recorded(MonumentsRow), session_now(context)
     first = next((row.visit for row in visits if row.session == session), len(visits))
@@ -66,7 +66,7 @@ def judged_visit(context: StepContext, tolerance_mm: float, when: When) -> Judge
         )
     except NestLoose as error:
         what, _, cure = str(error).rpartition(": ")
-        raise DeviceFault("tracker", what, cure) from error
+        raise NestsDisagree("tracker", what, cure) from error
     moved = found.verdict is Motion.MOVED
     verdict = Motion.MOVING if moved and visits[-1].verdict == MOVED else found.verdict
     station = None

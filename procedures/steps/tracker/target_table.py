@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, postures_of
-from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
+from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of, valid_region
 from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import StepContext
 from procedures.steps.tracker.plans import PosePlan, Round
@@ -45,7 +45,9 @@ def compensated_rounds(context: StepContext, monuments_every: int) -> Prepared:
     targets = nominal_chain(model).forward(model.robot.joint_map().model(readings))
     found = compensated_targets(model, targets, readings)
     commanded = model.robot.joint_map().readings(found.compensated_q)
-    good = _good(context, found.converged, commanded - readings)
+    region = valid_region(model)
+    inside = ((commanded >= region.min) & (commanded <= region.max)).all(axis=1)
+    good = _good(context, found.converged & inside, commanded - readings)
     if not good.any():
         what = "no held-out pose can be compensated within the limit of a correction"
         raise InputError(context.cell.problem(("limits",), what, "limits: {table: {correction_deg: …}}"))
@@ -76,13 +78,14 @@ def compensated_rounds(context: StepContext, monuments_every: int) -> Prepared:
     ]
     sentence = f"{row.rows} held-out poses compensated, joints by up to {row.max_correction_deg:.3f}°"
     if left_out:
-        sentence += f"; {len(left_out)} left out (near a singularity, or measured while the station moved)"
+        sentence += f"; {len(left_out)} left out: near a singularity, at the edge of the fit's joints, or ambiguous"
     return Prepared(rounds, table.text(), row, sentence)
 
 
-def _good(context: StepContext, converged: Bools, corrections: Floats) -> Bools:
+def _good(context: StepContext, reached: Bools, corrections: Floats) -> Bools:
+    """Which targets (N,) get a row: those reached inside the measured region, with a correction below the limit."""
     limit = _SHARE_OF_LIMIT * table_correction_deg(context.cell)
-    return np.asarray(converged & (np.abs(corrections).max(axis=1) < limit))
+    return np.asarray(reached & (np.abs(corrections).max(axis=1) < limit))
 
 
 def _plans(context: StepContext, table: TableFile, rows: list[PoseRow]) -> list[PosePlan]:
