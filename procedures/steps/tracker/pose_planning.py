@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from hashlib import sha256
 from typing import Protocol
 
@@ -15,6 +16,7 @@ from cellctl.planning import OutOfReach
 from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
+from procedures.steps.sphere.planning import spheres_around
 from procedures.steps.tracker.plans import PosePlan, Round
 from procedures.steps.tracker.station import rough_station
 from procedures.steps.tracker.turn_planning import return_pose, rounded, turn_posture
@@ -78,9 +80,9 @@ def _poses(
         margin=_MARGIN_DEG,
     )
     counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
-    options = PoseOptions(side=(1,) * len(robot.joints))
+    options = PoseOptions(side=(1,) * len(robot.joints), around=spheres_around(context))
     if floor:
-        options = PoseOptions(side=options.side, floor=floor.z, clearance=floor.clearance_mm)
+        options = replace(options, floor=floor.z, clearance=floor.clearance_mm)
     try:
         seed = int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
         return plan_measuring_poses(robot.chain(), robot.joint_map(), reach, sight, counts, home, seed, options)
