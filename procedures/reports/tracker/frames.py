@@ -28,9 +28,7 @@ def build(run: Run) -> Mapping[str, Any] | None:
         ],
         "circles": [(axis, with_sigma(radius, sigma), significant(rest)) for axis, radius, sigma, rest in circles],
         "outliers": row.outliers,
-        "reflector": [
-            with_sigma(value, sigma) for value, sigma in zip(row.reflector, row.reflector_sigma, strict=True)
-        ],
+        "reflector": list(map(with_sigma, row.reflector, row.reflector_sigma)),
         "off": significant(off),
         "gravity": _gravity(row),
     }
@@ -66,8 +64,8 @@ SECTION = ReportSection(
         ),
     ),
     template="""\
-<p>{B}: z on A1, x along the common perpendicular of A1 and A2. {T}: x on A6, z perpendicular to A5 and A6, origin at the
-reflector.</p>
+<p>{B}: z on A1, x along the common perpendicular of A1 and A2. {T}: x on A6, z perpendicular to A5 and A6, origin at
+the reflector.</p>
 <table>
 <thead><tr><th>frame</th><th>X, mm</th><th>Y, mm</th><th>Z, mm</th><th>A, °</th><th>B, °</th><th>C, °</th></tr></thead>
 <tbody>

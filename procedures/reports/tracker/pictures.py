@@ -58,7 +58,7 @@ def arrows_picture(places: Floats, before: Floats, after: Floats) -> str:
 
 def nests_picture(nests: Sequence[NestRow], visits: Sequence[MonumentsRow], returns: Sequence[ReturnRow]) -> str:
     """Displacement of each nest, and of the return pose, since the first visit, over the run."""
-    began = min(row.point.time_ns for row in (*nests, *returns))
+    began = min([row.point.time_ns for row in nests] + [row.point.time_ns for row in returns])
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()

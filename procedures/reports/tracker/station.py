@@ -39,8 +39,8 @@ def _sentence(visits: int, moved: list[MonumentsRow]) -> str:
 
 
 def _instrument(run: Run) -> Iterator[tuple[str, str]]:
-    rows = run.state.recorded(PoseRow) or run.state.recorded(ReturnRow)
-    point = rows[0].point if rows else run.state.recorded(NestRow)[0].point
+    pose = run.state.last(PoseRow)
+    point = pose.point if pose else run.state.recorded(NestRow)[0].point
     note = " (noise of such an instrument only)" if point.noise_only else ""
     yield "accuracy profile", f"{point.accuracy}{note}"
     yield "samples of a point", str(point.samples)
