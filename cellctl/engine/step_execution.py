@@ -162,6 +162,7 @@ class StepExecution:
             attempt=attempt,
             run=self._run,
             needs=frozenset(kind.needs),
+            uses=frozenset(kind.uses),
             journal=self._record,
             append=self._recorder.append,
         )

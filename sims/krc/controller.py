@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, final
 from urllib.parse import parse_qsl, urlsplit
 
-from sims.krc.currents import MotorCurrents
+from sims.krc.currents import CurrentDisplay
 from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.eki_messages import print_ident
 from sims.krc.eki_server import EkiServer
@@ -73,7 +73,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
     config = _config(setup)
     settings = rsi_settings(setup.settings, setup.address)
     speeds = [joint.max_speed for joint in joints]
-    currents = MotorCurrents(kernel, arm, world, cell.robot.tool.mass)
+    currents = CurrentDisplay(setup.scene.motor_currents, cell.simulate.seed)
     late = LateCounter(settings.timeout_cycles, settings.counter)
     draw = random.Random(f"{cell.simulate.seed} controller")
     context = RsiContext(
@@ -127,7 +127,7 @@ def _config(setup: Setup) -> EthernetConfig:
     return read_config(setup.cell.folder / named)
 
 
-def _values(robot: MovingArm, world: World, currents: MotorCurrents, late: LateCounter) -> dict[str, Value]:
+def _values(robot: MovingArm, world: World, currents: CurrentDisplay, late: LateCounter) -> dict[str, Value]:
     """What each tag shows that is not zero. Under correction only the actual values move: the program stands still."""
     return {
         "RIst": lambda: world.shown_pose(robot.readings()),

@@ -12,16 +12,18 @@ from typing import final
 import numpy as np
 
 from sims.cell import Artefact, SimCell
-from sims.conditions import REFERENCE_C, USUAL, Conditions
+from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
 from sims.world.ageing import Ageing
 from sims.world.chain import Chain, chain_of
 from sims.world.compliance import Compliance
 from sims.world.drives import Backlash, Gear
+from sims.world.environment import Environment, Surroundings
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.expansion import expansions, grown
-from sims.world.masses import drawn_body
-from sims.world.nominal import Geometry, nominal_geometry, pose, vector
+from sims.world.masses import Body, drawn_body
+from sims.world.motors import Motors
+from sims.world.nominal import Matrix, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
@@ -42,8 +44,8 @@ class World:
 
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
     file's `base`), mm; its z is up, unless the file's `mounting` says otherwise. The true chain is a product of
-    perturbed screws, not a link table. `ageing` starts fresh and cold. `backlash`: the joints' play, None where it is
-    switched off; the caller that moves the robot knows which way.
+    perturbed screws, not a link table. `ageing` starts fresh and cold; `warm` brings it up to a
+    time. `backlash`: the joints' play, None where it is switched off; the caller that moves the robot knows which way.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -61,53 +63,110 @@ class World:
         self._true_offsets = [a + zero for a, zero in zip(self._offsets, zeros, strict=True)]
         self._geometry = true
         self._tool_pose = pose(vector(offset), robot.tool.abc)
-        self._chain = chain_of(true, self._tool_pose)
+        self._chain = self._warm_chain = chain_of(true, self._tool_pose)
+        self._warm_c = REFERENCE_C
         self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
-        self._compliance = _compliance(robot, nominal, self._chain, seed, errors["compliance"])
+        body = drawn_body(robot, nominal, seed)
+        self._compliance = _compliance(robot, body, self._chain, errors["compliance"])
+        self.motors = Motors(body, true.axes, self._signs, robot.down, seed)
         self._expansions = expansions(len(robot.joints), seed, errors["expansion"])
+        self._each_expands = any(self._expansions)
+        self._surroundings = Surroundings(seed, errors["air"])
         self._down = robot.down
-        self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
+        self.payload = cell.payload
+        self._deflection = errors["deflection"]
+        self._tool = float(taught[2]), robot.tool.mass
+        self._sag_mm = self._tool_sag_mm(self.payload)
         tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
         self._nominal = Arm(nominal.axes)
-        self._tool = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
+        self._taught = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
         self._wrist = vector(np.array(true.axes[-2:][0].point) - true.flange[:3, 3])
         self._upper_arm = Arm(true.axes[:-3])
         self._elbow = true.axes[-3:][0].point
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
         self._obstacles = _obstacles(cell.artefact, self.spheres)
-        self.reach_mm = _reach(self._nominal, self._tool[0])
+        self.reach_mm = _reach(self._nominal, self._taught[0])
         links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
     def true_tcp(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Vector:
         """The mean TCP, with deflection, without the robot's scatter. Raises Falls."""
         chain, angles = self._at(readings, conditions)
-        return self._tip(chain, angles, NO_SCATTER)
+        return self._tip(chain, angles, NO_SCATTER, self._tool_sag_mm(self._payload_of(conditions)))
 
     def true_pose(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Pose:
         """`true_tcp`, and the tool's angles, turned as all joints are but not as the tool bends. Raises Falls."""
         chain, angles = self._at(readings, conditions)
         _, along_x, along_z = chain.arm.carry(angles, chain.tcp, chain.tool_x, chain.tool_z)
-        return *self._tip(chain, angles, NO_SCATTER), *_angles_abc(along_x, along_z)
+        sag_mm = self._tool_sag_mm(self._payload_of(conditions))
+        return *self._tip(chain, angles, NO_SCATTER, sag_mm), *_angles_abc(along_x, along_z)
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
         """The TCP now, `scatter` being what `scatter()` drew for this approach.
 
         `readings`: less what the joints' play holds back, where there is any. Raises Falls.
         """
-        return self._tip(self._chain, self._angles(readings), scatter)
+        return self._tip(self._warm_chain, self._angles(readings, self.payload), scatter, self._sag_mm)
+
+    def flange(self, readings: Sequence[float], scatter: Vector) -> Matrix:
+        """The flange now, 4×4, base ← flange, as `tcp`. Raises Falls."""
+        chain = self._warm_chain
+        angles = self._angles(readings, self.payload)
+        place, along_x, along_z = chain.arm.carry(angles, chain.flange, chain.flange_x, chain.flange_z)
+        found = np.eye(4)
+        found[:3, 0], found[:3, 1], found[:3, 2] = along_x, np.cross(along_z, along_x), along_z
+        found[:3, 3] = (1.0 + self._even_expansion) * np.array(place) + scatter
+        return found
+
+    def environment(self, time_ns: int) -> Environment:
+        """Temperatures and air at a time of the cell."""
+        return self._surroundings.at(self.ageing.on_ns(time_ns), self.ageing.rise_k(time_ns))
+
+    def warm(self, time_ns: int) -> None:
+        """The robot has been on until this time of the cell: its links have the length of their temperature."""
+        self.ageing.warm(time_ns)
+        if self._each_expands:
+            arm_c = round(self.environment(time_ns).arm_c, 2)
+            if arm_c != self._warm_c:
+                self._warm_c, self._warm_chain = arm_c, self._chain_at(arm_c)
+
+    @property
+    def up(self) -> Vector:
+        """Opposite to gravity, a unit vector in the base frame."""
+        x, y, z = self._down
+        return -x, -y, -z
+
+    @property
+    def _even_expansion(self) -> float:
+        """The share by which all links are longer, where they have no rates of their own."""
+        return 0.0 if self._each_expands else self.ageing.expansion
+
+    def _chain_at(self, temperature_c: float) -> Chain:
+        return chain_of(grown(self._geometry, self._expansions, temperature_c), self._tool_pose)
 
     def _at(self, readings: Sequence[float], conditions: Conditions) -> tuple[Chain, list[float]]:
         """The chain and its model angles, rad."""
         chain = self._chain
         if conditions.temperature_c != REFERENCE_C:
-            chain = chain_of(grown(self._geometry, self._expansions, conditions.temperature_c), self._tool_pose)
+            chain = self._chain_at(conditions.temperature_c)
         if self.backlash:
             slack = self.backlash.behind(conditions.directions)
             readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
-        return chain, self._angles(readings, conditions.payload_kg)
+        return chain, self._angles(readings, self._payload_of(conditions))
 
-    def _angles(self, readings: Sequence[float], payload_kg: float = 0.0) -> list[float]:
+    def _payload_of(self, conditions: Conditions) -> Payload:
+        kg = conditions.payload_kg
+        return self.payload if kg is None else Payload(kg, conditions.payload_at)
+
+    def _tool_sag_mm(self, payload: Payload) -> float:
+        """How far the tool's tip sinks held level."""
+        length_mm, mass_kg = self._tool
+        sag_mm = self._deflection * _sag_mm(length_mm, mass_kg)
+        if payload.at:
+            sag_mm += self._deflection * bent_mm(length_mm, payload.at[2], payload.kg)
+        return sag_mm
+
+    def _angles(self, readings: Sequence[float], payload: Payload) -> list[float]:
         """Model angles, rad, of the true chain: where the links are, not the drives."""
         if self._gear:
             readings = self._gear.turned(readings)
@@ -115,21 +174,25 @@ class World:
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
         ]
-        return self._compliance.sagged(angles, payload_kg) if self._compliance else angles
+        if not self._compliance:
+            return angles
+        flange = self._geometry.flange
+        at = vector(flange[:3, :3] @ payload.at + flange[:3, 3]) if payload.at else None
+        return self._compliance.sagged(angles, payload.kg, at)
 
-    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector) -> Vector:
+    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector, sag_mm: float) -> Vector:
         (x, y, z), (ux, uy, uz) = self._carried(chain, angles)
         gx, gy, gz = self._down  # the load bends the tool by what of it is across the flange's z
-        along = -self._sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
+        along = -sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
         return (
-            x + along * ux + self._sag_mm * gx + scatter[0],
-            y + along * uy + self._sag_mm * gy + scatter[1],
-            z + along * uz + self._sag_mm * gz + scatter[2],
+            x + along * ux + sag_mm * gx + scatter[0],
+            y + along * uy + sag_mm * gy + scatter[1],
+            z + along * uz + sag_mm * gz + scatter[2],
         )
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
         """The unbent TCP and the flange's z; warm links are longer, the tool is not."""
-        expansion = self.ageing.expansion
+        expansion = self._even_expansion
         if not expansion:
             return chain.arm.carry(angles, chain.tcp, chain.flange_z)
         (x, y, z), (a, b, c), across = chain.arm.carry(angles, chain.flange, chain.offset, chain.flange_z)
@@ -159,8 +222,8 @@ class World:
 
     def _body(self, readings: Sequence[float]) -> tuple[Vector, Vector, Vector, Vector]:
         """Elbow, wrist, flange and tip, the tool taken unbent and unworn, without scatter."""
-        angles = self._angles(readings)
-        chain = self._chain
+        angles = self._angles(readings, self.payload)
+        chain = self._warm_chain
         flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
         (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
         return elbow, _sum(flange, back), flange, _sum(flange, offset)
@@ -176,6 +239,10 @@ class World:
         sigma = self._repeatability / sqrt(3.0)
         return draw.gauss(0.0, sigma), draw.gauss(0.0, sigma), draw.gauss(0.0, sigma)
 
+    def holding_currents(self, readings: Sequence[float]) -> tuple[float, ...]:
+        """Amperes of each motor that hold links and tool there, without friction. Raises Falls."""
+        return self.motors.holding(self._angles(readings, self.payload))
+
     def encoder(self, joints: Sequence[float]) -> list[float]:
         """What the controller reads where the joints are at `joints`, degrees."""
         step = self._resolution
@@ -187,7 +254,7 @@ class World:
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._offsets, strict=True)
         ]
-        place, along_x, along_z = self._nominal.carry(angles, *self._tool)
+        place, along_x, along_z = self._nominal.carry(angles, *self._taught)
         return *place, *_angles_abc(along_x, along_z)
 
 
@@ -197,10 +264,8 @@ def _drives(joints: int, seed: int, errors: Mapping[str, float]) -> tuple[Gear |
     return Gear(joints, seed, gear) if gear else None, Backlash(joints, seed, backlash) if backlash else None
 
 
-def _compliance(robot: RobotFile, nominal: Geometry, true: Chain, seed: int, scale: float) -> Compliance | None:
-    if not scale:
-        return None
-    return Compliance(drawn_body(robot, nominal, seed), true.arm.axes, true.tcp, scale, robot.down)
+def _compliance(robot: RobotFile, body: Body, true: Chain, scale: float) -> Compliance | None:
+    return Compliance(body, true.arm.axes, true.tcp, scale, robot.down) if scale else None
 
 
 def _angles_abc(x: Vector, z: Vector) -> Vector:
@@ -228,6 +293,15 @@ def _sum(a: Vector, b: Vector) -> Vector:
 def _sag_mm(length_mm: float, mass_kg: float) -> float:
     """c_t · l³/3 · G, how far the tool's tip sinks held level."""
     return TOOL_COMPLIANCE * (length_mm * 1e-3) ** 3 / 3.0 * mass_kg * GRAVITY_M_S2 * 1e3
+
+
+def bent_mm(length_mm: float, at_mm: float, mass_kg: float) -> float:
+    """How far it sinks by a mass at another place along it: as a cantilever.
+
+    A place beyond the tip is on a stiff extension of the tool; one behind the flange bends nothing.
+    """
+    near, far = sorted((max(length_mm, 0.0) * 1e-3, max(at_mm, 0.0) * 1e-3))
+    return TOOL_COMPLIANCE * near**2 * (3.0 * far - near) / 6.0 * mass_kg * GRAVITY_M_S2 * 1e3
 
 
 def _reach(arm: Arm, tip: Vector) -> float:

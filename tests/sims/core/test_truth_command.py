@@ -94,6 +94,11 @@ def flexible(cell, tmp_path):
         (",D6,D5,D4,D3,D2,D1", ",1,0,-1,1,-1,1", Conditions((1, -1, 1, -1, 0, 1))),
         (",temperature", ",31.5", Conditions(temperature_c=31.5)),
         (",payload", ",4.5", Conditions(payload_kg=4.5)),
+        (
+            ",payload,payload_x,payload_y,payload_z",
+            ",4.5,20,-5,90",
+            Conditions(payload_kg=4.5, payload_at=(20.0, -5.0, 90.0)),
+        ),
         (",payload,temperature,D1,D2,D3,D4,D5,D6", ",,,,-1,,,,", Conditions((0, -1, 0, 0, 0, 0))),
     ],
 )
@@ -119,6 +124,7 @@ def test_asked_for_the_pose_it_gives_the_tools_angles_too(flexible, truth):
         ("D1,D2", "1,1", ":1: columns D1…D6 are expected, each once"),
         ("D1,D2,D3,D4,D5,D6", "1,1,1,1,1,2", ":2: D6 is 1, -1 or 0, not '2'"),
         ("temperature", "warm", ":2: temperature is a number of °C, not 'warm'"),
+        ("payload,payload_x,payload_y", "5,1,2", ":2: payload_x, payload_y, payload_z are three numbers of mm"),
         ("payload", "-1", ":2: payload is at least 0 kg, not '-1'"),
         ("payload,payload", "1,1", ":1: column payload is there more than once"),
         ("payload", "1e7", ":2: the joints are too soft for what they carry"),
