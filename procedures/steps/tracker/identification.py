@@ -133,8 +133,8 @@ def _lines(setup: SetUpRow, points: Sequence[MeasuredPoint], ambiguous: int) -> 
     if points[0].noise_only:
         lines[0] += " The profile is the noise of such an instrument only, not its behaviour."
     lines.append(
-        f"Not in σ: {common:.2f} mm (1 σ) in every point alike, by the instrument's range zero and scale, refraction and "
-        "centring. They change the robot's size; this instrument alone cannot show that."
+        f"Not in σ: {common:.2f} mm (1 σ) in every point alike, by the instrument's range zero and scale, refraction "
+        "and centring. They change the robot's size; this instrument alone cannot show that."
     )
     if ambiguous:
         lines.append(f"{ambiguous} poses were measured while the station moved; they were left out.")
