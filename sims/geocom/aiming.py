@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import degrees
+from math import degrees, pi
 from typing import final
 
 from sims.geocom import optics
@@ -21,6 +21,9 @@ LONGEST_SEARCH_S = 5.0
 
 SWEEP_DEG_S = 30.0
 """Rate of a search with the fan of light, about the standing axis."""
+
+SWING_RAD = pi / 20
+"""10 gon."""
 
 ATTEMPT_S = 2.0
 """A search that finds nothing, besides its sweep."""
@@ -78,15 +81,19 @@ class Aiming:
         seen.sort(key=lambda one: optics.difference(optics.direction_of(one.xyz, centre.face).hz, centre.hz))
         return self._fan(seen, degrees(range_hz))
 
-    def search_next(self, clockwise: bool) -> Step:
-        """The fan of light about the standing axis from here on: the next reflector in that sense of rotation."""
+    def search_next(self, *, clockwise: bool, swing: bool) -> Step:
+        """The fan of light about the standing axis from here on: the next reflector in that sense of rotation.
+
+        swing: the search begins 10 gon back.
+        """
         axis = self._instrument.axis()
+        begin = SWING_RAD if swing else -FIELD_OF_VIEW_RAD
 
         def way(one: Seen) -> float:
             ahead = optics.direction_of(one.xyz, axis.face).hz - axis.hz
-            return (ahead if clockwise else -ahead) % optics.TURN
+            return ((ahead if clockwise else -ahead) + begin) % optics.TURN
 
-        seen = [one for one in self._instrument.targets() if way(one) > FIELD_OF_VIEW_RAD]
+        seen = list(self._instrument.targets())
         seen.sort(key=way)
         return self._fan(seen, degrees(way(seen[0])) if seen else 360.0)
 

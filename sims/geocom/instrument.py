@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass
+from enum import Enum
 from math import cos, radians, sin
 from typing import final
 
@@ -22,6 +23,14 @@ from sims.kernel import Kernel
 
 HOME = Direction(0.0, radians(90.0))
 WORST_PPM = 20.0
+
+
+class Power(Enum):
+    """Whether it answers."""
+
+    ON = "on"
+    ASLEEP = "asleep"
+    OFF = "off"
 
 
 @final
@@ -50,7 +59,7 @@ class Instrument:
         self.sight = sight
         self.build = build
         self.configuration = Configuration()
-        self.sleeping = False
+        self.power = Power.ON
         self.telescope = Telescope(build.speed_deg_s, HOME)
         self.noise = Noise(build.seed, build.profile, build.noise_scale)
         self.lock = Lock(kernel, self.telescope, self.seen, sight.changes, seconds(build.predict_s))
@@ -142,10 +151,10 @@ class Instrument:
             return Code.TMC_NO_FULL_CORRECTION
         return Code.TMC_ACCURACY_GUARANTEE if weak else Code.OK
 
-    def fall_asleep(self) -> None:
-        """As when nobody has used it for long, or at COM_SwitchOffTPS."""
+    def switch(self, power: Power) -> None:
+        """On, asleep or off; whatever it does ends."""
         self.stop_movement()
-        self.sleeping = True
+        self.power = power
 
     @property
     def lock_state(self) -> State:

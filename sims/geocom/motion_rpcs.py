@@ -7,7 +7,7 @@ from math import pi
 from sims.geocom.aiming import Aiming
 from sims.geocom.codes import Code
 from sims.geocom.instrument import Instrument
-from sims.geocom.procedures import BOOLEANS, Procedure, Procedures, above, among, getter, setter
+from sims.geocom.procedures import BOOLEANS, BadParameter, Procedure, Procedures, above, among, getter, setter
 from sims.geocom.work import DONE, Answer, Step
 
 CONTROLLER_MODES = range(8)
@@ -29,8 +29,11 @@ def _aiming(instrument: Instrument, aiming: Aiming) -> Procedures:
         among(mode, BOOLEANS)
         return aiming.change_face(recognise=bool(among(recognise, BOOLEANS)))
 
-    def fine_adjust(half_hz: float, half_v: float, _: int) -> Step:
-        return aiming.fine_adjust(_window(half_hz), _window(half_v))
+    def fine_adjust(width: float, height: float, _: int) -> Step:
+        return aiming.fine_adjust(_extent(width) / 2, _extent(height) / 2)
+
+    def search_next(way: int, swing: int) -> Step:
+        return aiming.search_next(clockwise=among(way, (1, -1)) > 0, swing=bool(among(swing, BOOLEANS)))
 
     return {
         6021: getter(lambda: (int(instrument.lock_state),)),
@@ -39,15 +42,16 @@ def _aiming(instrument: Instrument, aiming: Aiming) -> Procedures:
         9028: Procedure("iii", change_face),
         9029: Procedure("ddi", fine_adjust),
         9037: Procedure("ddi", fine_adjust),
-        9051: Procedure("ii", lambda way, _: aiming.search_next(clockwise=among(way, (1, -1)) > 0)),
+        9051: Procedure("ii", search_next),
         9052: Procedure("", aiming.search_window),
     }
 
 
-def _window(half: float) -> float:
-    if half > WIDEST_RAD:
-        above(half, WIDEST_RAD)
-    return above(-1e-12, half)
+def _extent(window: float) -> float:
+    """Width or height of a search window, rad. Raises BadParameter."""
+    if not 0.0 <= window <= WIDEST_RAD:
+        raise BadParameter(window)
+    return window
 
 
 def _switches(instrument: Instrument) -> Procedures:

@@ -8,7 +8,7 @@ from typing import Any, final
 from sims.faults import Faults
 from sims.geocom.aiming import Aiming
 from sims.geocom.description import baud_of, profile_of
-from sims.geocom.instrument import Build, Instrument
+from sims.geocom.instrument import Build, Instrument, Power
 from sims.geocom.measuring_rpcs import measuring_procedures
 from sims.geocom.motion_rpcs import motion_procedures
 from sims.geocom.optics import nearest
@@ -70,7 +70,7 @@ class LaserStation:
         self._receiver = Receiver(
             kernel, baud, line=session.take, clear=session.clear, abort=session.abort, overrun=session.overrun
         )
-        faults.on_start("tracker.sleep", instrument.fall_asleep)
+        faults.on_start("tracker.sleep", lambda: instrument.switch(Power.ASLEEP))
         faults.on_start("tracker.reflector_lost", self._lose_reflector)
         faults.on_start("tracker.wrong_prism", self._choose_prism)
 

@@ -9,7 +9,7 @@ from typing import final
 from sims.faults import Faults
 from sims.geocom import lines
 from sims.geocom.codes import Code
-from sims.geocom.instrument import Instrument
+from sims.geocom.instrument import Instrument, Power
 from sims.geocom.lines import LONGEST, Request, WrongChecksum, WrongFormat
 from sims.geocom.procedures import Procedures
 from sims.geocom.work import Answer, Step, Work
@@ -88,8 +88,9 @@ class Session:
         procedure = self._procedures.get(request.rpc)
         if procedure is None:
             self._refuse(request, Code.COM_PROC_UNAVAIL)
-        elif self._instrument.sleeping and request.rpc != WAKE_UP:
-            self._refuse(request, Code.COM_SRVR_IS_SLEEPING)
+        elif self._instrument.power is not Power.ON and request.rpc != WAKE_UP:
+            asleep = self._instrument.power is Power.ASLEEP
+            self._refuse(request, Code.COM_SRVR_IS_SLEEPING if asleep else Code.COM_SRVR_IS_OFF)
         elif self._faults.active("tracker.busy") and (code := _busy(request.rpc)):
             self._answer(request, Answer(code))
         else:

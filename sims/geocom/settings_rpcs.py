@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sims.geocom.codes import Code
 from sims.geocom.configuration import EDM_OF_PROGRAM, MODES, USER_PRISM, USER_PRISMS, GeometricPpm, Prism
-from sims.geocom.instrument import Instrument
+from sims.geocom.instrument import Instrument, Power
 from sims.geocom.procedures import BOOLEANS, BadParameter, Procedure, Procedures, among, getter, setter
 from sims.geocom.work import DONE, Answer, Step, Work, seconds
 
@@ -31,17 +31,14 @@ def _communication(instrument: Instrument) -> Procedures:
 
     def switch_on(mode: int) -> Step:
         among(mode, BOOLEANS)
-        if not instrument.sleeping:
-            return Answer(Code.OK)
-        return Work(seconds(WAKE_S), awake)
+        return DONE if instrument.power is Power.ON else Work(seconds(WAKE_S), awake)
 
     def awake() -> Step:
-        instrument.sleeping = False
+        instrument.switch(Power.ON)
         return DONE
 
     def switch_off(mode: int) -> None:
-        among(mode, BOOLEANS)
-        instrument.fall_asleep()
+        instrument.switch((Power.OFF, Power.ASLEEP)[among(mode, BOOLEANS)])
 
     return {
         0: Procedure("", lambda: DONE),

@@ -126,7 +126,7 @@ class Bench:
         """Turn there and adjust to the reflector."""
         self.set(18005, 1)
         self.set(9027, hz, v, 0, 0, 0)
-        return self.ask(9037, half, half, 0)
+        return self.ask(9037, 2 * half, 2 * half, 0)
 
     def measure(self):
         """A new distance with its angles: code and Hz, V, D."""

@@ -9,12 +9,14 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration import Split, fit
+from cellctl.devices import MeasuredPoint
 from cellctl.files import InputError, sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Row
 from procedures.steps.setup_errors import WrongSetup, wrong_setup
+from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import HeldOutFigures, PoseRow, SetUpRow, TrackerVerdict
 from procedures.steps.tracker.sessions import Sessions
 
@@ -44,7 +46,6 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     robot, setup = RobotFile.load(context.robot_file), context.recorded(SetUpRow)[-1]
     data, ambiguous = pose_data(context)
     points = [row.point for row in context.recorded(PoseRow)]
-    accuracy, noise_only = points[0].accuracy, any(point.noise_only for point in points)
     measured = measurements(robot, data, measure="position", model=model)
     if wrong := wrong_setup(context, measured, "--measure position"):
         return wrong
@@ -63,9 +64,9 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
         before=Figures(**report["nominal"]),
         after=Figures(**report["test"]),
         model=report,
-        lines=tuple(_lines(setup, accuracy, ambiguous, noise_only=noise_only)),
-        accuracy=accuracy,
-        noise_only=noise_only,
+        lines=tuple(_lines(setup, points, ambiguous)),
+        accuracy=points[0].accuracy,
+        noise_only=points[0].noise_only,
         noise_scale=float(result.identification.noise[0]),
         sessions=tuple(dict.fromkeys(data.texts("session"))),
         ambiguous=ambiguous,
@@ -85,17 +86,22 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
 def pose_data(context: StepContext) -> tuple[DataSet, int]:
     """The poses as a data set, and how many were left out for lack of a session. Raises InputError if none is left."""
     sessions, payload_kg = Sessions.of(context), context.recorded(SetUpRow)[-1].payload_kg
+    repeatability = RobotFile.load(context.robot_file).repeatability
     rows = [(row, sessions.session(row.visit)) for row in context.recorded(PoseRow)]
-    records = [_record(row, session, payload_kg) for row, session in rows if session]
+    records = [_record(row, session, payload_kg, repeatability) for row, session in rows if session]
     if not records:
         what = "no pose has a session: the station moved in every round"
         raise InputError(context.cell.problem(("station",), what, "stand the instrument firmly, then begin anew"))
     return DataSet.of_records(records, "dataset.csv"), len(rows) - len(records)
 
 
-def _record(row: PoseRow, session: str, payload_kg: float) -> dict[str, Any]:
-    """A pose as a row of the data set; joints in degrees, mm."""
-    covariance = np.array(row.point.covariance)
+def _record(row: PoseRow, session: str, payload_kg: float, repeatability: float) -> dict[str, Any]:
+    """A pose as a row of the data set; joints in degrees, mm.
+
+    Its covariance: of the point for itself, and the robot's repeatability. The part that all points share (range zero
+    and scale, refraction, centring) is none of a row's own: more rows do not reduce it.
+    """
+    covariance = points_of([row.point]).alone[0] + repeatability**2 / 3.0 * np.eye(3)
     return {
         **_numbered("A", row.joints),
         **dict(zip("XYZ", row.point.xyz, strict=True)),
@@ -120,11 +126,16 @@ def _numbered(letter: str, values: Sequence[float]) -> dict[str, float]:
     return {f"{letter}{axis}": float(value) for axis, value in enumerate(values, 1)}
 
 
-def _lines(setup: SetUpRow, accuracy: str, ambiguous: int, *, noise_only: bool) -> list[str]:
+def _lines(setup: SetUpRow, points: Sequence[MeasuredPoint], ambiguous: int) -> list[str]:
     """Lines below the verdict: what it depends on."""
+    accuracy, common = points[0].accuracy, np.mean([np.trace(np.array(point.common)) for point in points]) ** 0.5
     lines = [f"Instrument: accuracy profile {accuracy}; load: {setup.load}, {setup.payload_kg:g} kg."]
-    if noise_only:
+    if points[0].noise_only:
         lines[0] += " The profile is the noise of such an instrument only, not its behaviour."
+    lines.append(
+        f"Not in σ: {common:.2f} mm (1 σ) in every point alike, by the instrument's range zero and scale, refraction "
+        "and centring. They change the robot's size; this instrument alone cannot show that."
+    )
     if ambiguous:
         lines.append(f"{ambiguous} poses were measured while the station moved; they were left out.")
     return lines

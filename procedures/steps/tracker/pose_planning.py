@@ -24,6 +24,9 @@ from procedures.steps.tracker.turn_planning import return_pose, rounded, turn_po
 _MARGIN_DEG = 3.0
 """Margin of the reflector's acceptance, and of the joint limits."""
 
+_NEAREST_MM = 1600.0
+"""Least distance from the instrument: laser stations measure from 1.5 m."""
+
 _WIDEST_DEG = 180.0
 """No joint is turned farther from 0 than this: more turns show nothing new, and twist the cables."""
 
@@ -73,6 +76,7 @@ def _poses(
         np.array([one.xyz for one in mine]),
         np.array([one.facing for one in mine]),
         given.acceptance_deg - _MARGIN_DEG,
+        nearest=_NEAREST_MM,
     )
     reach = Reach(
         tuple(max(joint.min, -_WIDEST_DEG) for joint in robot.joints),

@@ -101,9 +101,10 @@ def test_doubles_have_the_number_of_decimals_that_is_set(line):
     assert line.say("%R1Q,2029,9:\r\n") == ["%R1P,0,9:0,0.658,1013.250,12.000,8.200"]
 
 
-def test_asleep_it_refuses_until_it_is_switched_on(line):
-    line.set(112, 1)
-    assert line.say("%R1Q,5004,1:\r\n") == ["%R1P,3108,1:0"]
+@pytest.mark.parametrize(("mode", "com"), [(0, 3109), (1, 3108)])
+def test_off_or_asleep_it_refuses_until_it_is_switched_on(line, mode, com):
+    line.set(112, mode)
+    assert line.say("%R1Q,5004,1:\r\n") == [f"%R1P,{com},1:0"]
     taken, answer = line.timed(111, 1)
     assert (answer, round(taken)) == ((0, []), 3)
     assert line.ask(5004)[0] == 0
