@@ -22,8 +22,9 @@ from sims.world.drives import Backlash, Gear
 from sims.world.environment import Environment, Surroundings
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.expansion import expansions, grown
-from sims.world.masses import drawn_body
-from sims.world.nominal import Geometry, Matrix, nominal_geometry, pose, vector
+from sims.world.masses import Body, drawn_body
+from sims.world.motors import Motors
+from sims.world.nominal import Matrix, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
@@ -61,7 +62,9 @@ class World:
         self._chain = self._warm_chain = chain_of(true, self._tool_pose)
         self._warm_c = REFERENCE_C
         self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
-        self._compliance = _compliance(robot, nominal, self._chain, seed, errors["compliance"])
+        body = drawn_body(robot, nominal, seed)
+        self._compliance = _compliance(robot, body, self._chain, errors["compliance"])
+        self.motors = Motors(body, true.axes, self._signs, robot.down, seed)
         self._expansions = expansions(len(robot.joints), seed, errors["expansion"])
         self._each_expands = any(self._expansions)
         self._surroundings = Surroundings(seed, errors["air"])
@@ -226,6 +229,10 @@ class World:
         sigma = self._repeatability / sqrt(3.0)
         return draw.gauss(0.0, sigma), draw.gauss(0.0, sigma), draw.gauss(0.0, sigma)
 
+    def holding_currents(self, readings: Sequence[float]) -> tuple[float, ...]:
+        """Amperes of each motor that hold links and tool there, without friction. Raises Falls."""
+        return self.motors.holding(self._angles(readings, self.payload))
+
     def encoder(self, joints: Sequence[float]) -> list[float]:
         """What the controller reads where the joints are at `joints`, degrees."""
         step = self._resolution
@@ -250,10 +257,8 @@ def _drives(joints: int, seed: int, errors: Mapping[str, float]) -> tuple[Gear |
     return Gear(joints, seed, gear) if gear else None, Backlash(joints, seed, backlash) if backlash else None
 
 
-def _compliance(robot: RobotFile, nominal: Geometry, true: Chain, seed: int, scale: float) -> Compliance | None:
-    if not scale:
-        return None
-    return Compliance(drawn_body(robot, nominal, seed), true.arm.axes, true.tcp, scale, robot.down)
+def _compliance(robot: RobotFile, body: Body, true: Chain, scale: float) -> Compliance | None:
+    return Compliance(body, true.arm.axes, true.tcp, scale, robot.down) if scale else None
 
 
 def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:

@@ -1,0 +1,1 @@
+"""Measuring with an instrument: frames, poses, checks of station and robot, performance figures. Pure: arrays only."""
