@@ -231,6 +231,24 @@ class TargetsRow(Row):
 
 @final
 @dataclass(frozen=True, kw_only=True)
+class TargetErrorsRow(Row):
+    """N held-out targets measured twice. number (N,): of the pose. late (N,): in the late block.
+
+    before, after (N, 3): measured less intended place, mm, instrument's frame. sigma (N,): predicted 1 σ (3-D) of
+    `after`, mm. place (N, 3): in the robot's base frame, mm.
+    """
+
+    KIND: ClassVar[str] = "target errors"
+    number: tuple[int, ...]
+    late: tuple[bool, ...]
+    before: Matrix
+    after: Matrix
+    sigma: tuple[float, ...]
+    place: Matrix
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
 class HeldOutFigures:
     """The verdict of the held-out poses on the model; predicted, found: RMS of the error, mm."""
 
