@@ -85,7 +85,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
     serial = f"SIM-{draw.randrange(10**6):06d}"
     ident = print_ident(serial, cell.robot.name, KSS)
     tables = memory.recall("tables", lambda state: tables_from(state, len(joints))) or Tables()
-    program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory)
+    program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory, setup.scene.safety)
     eki = EkiServer(kernel, program, setup.wire)
     memory.keep("tables", lambda: state_of_tables(tables))
 

@@ -1,5 +1,6 @@
 """What can go wrong in the scene, whatever devices there are."""
 
+from sims.scene.safety import SAFETY_FAULTS
 from sims.settings import FOR_MS, FaultKind, Setting
 
 TIP_JUMP = FaultKind(
@@ -22,4 +23,4 @@ REFLECTOR_WRONG = FaultKind(
     "another kind of reflector is in use, on the robot and in the nests: its constant differs from the file's",
     (Setting("mm", "number", 5.0, 0.0, what="By how much its constant is greater."), FOR_MS),
 )
-SCENE_FAULTS = (TIP_JUMP, STATION_BUMP, REFLECTOR_WRONG)
+SCENE_FAULTS = (TIP_JUMP, STATION_BUMP, REFLECTOR_WRONG, *SAFETY_FAULTS)

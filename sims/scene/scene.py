@@ -14,6 +14,7 @@ from sims.scene.contact_loop import ContactLoop
 from sims.scene.faults import TIP_JUMP
 from sims.scene.measured_places import MeasuredPlaces
 from sims.scene.motor_currents import MotorCurrents
+from sims.scene.safety import Safety
 from sims.scene.stance import Stance, stance_from
 from sims.world.environment import Environment
 from sims.world.nominal import Matrix
@@ -29,9 +30,9 @@ class Scene:
     """The true world, the arm that moves in it, and the contact between its tip and the spheres.
 
     A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's reads the places of the
-    tool (`tcp`), of the `reflectors` and of itself (`station`), and what is in the way of its beam (`blocked`). Each
-    works without the other simulators. The arm is at the position in `memory`, else at home. Points are in the robot's
-    base frame, mm. Raises BadMemory.
+    tool (`tcp`), of the `reflectors` and of itself (`station`), and what is in the way of its beam (`blocked`);
+    `safety` is the hard-wired chain. Each works without the other simulators. The arm is at the position in `memory`,
+    else at home. Points are in the robot's base frame, mm. Raises BadMemory.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Scene:
         self._kernel, self._faults, self._memory = kernel, faults, memory or Memory()
         self.world = World(cell, cell.simulate.seed)
         self._memory.recall("ageing", self.world.ageing.recall)
+        self.safety = Safety(faults)
         self.contact = ContactLoop()
         self.log = ContactLog(truth_log)
         stance = self._memory.recall("robot", lambda kept: stance_from(kept, len(joints))) or Stance(

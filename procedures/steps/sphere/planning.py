@@ -12,6 +12,8 @@ from cellctl.files import InputError
 from cellctl.formats import RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
 from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.obstacles import Obstacles
+from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.rows import TouchSet
@@ -55,7 +57,7 @@ def plan_on(
     robot = RobotFile.load(context.robot_file)
     targets = [target_of(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
-    postures = postures_of(context.cell, robot)
+    postures = postures_of(context.cell, robot, "touch")
     try:
         return plan_touches(
             robot.chain(),
@@ -145,6 +147,15 @@ def as_plan(number: int, touch: PlannedTouch, of: TouchSet, repeats: int = 0) ->
         retreat=[list(q) for q in touch.retreat],
         repeats=repeats if touch.reference else None,
     )
+
+
+def spheres_around(context: CellContext) -> Obstacles | None:
+    """The cell's spheres at their rough places, with stems and plate; None for a cell without spheres."""
+    if "artefact" not in context.cell.data:
+        return None
+    artefact = artefact_of(context.cell, ("artefact",))
+    targets = [target_of(artefact, sphere, {}) for sphere in artefact.spheres]
+    return Obstacles(spheres_of(targets), plate_of(artefact)) if targets else None
 
 
 def plate_of(artefact: Artefact) -> Plate:

@@ -25,7 +25,7 @@ def planned_touches(
     artefact = artefact_of(context.cell, ("artefact",))
     robot = RobotFile.load(context.robot_file)
     touched = artefact.spheres.index(sphere_called(context, artefact, sphere))
-    postures = postures_of(context.cell, robot)
+    postures = postures_of(context.cell, robot, "touch")
     low, high = robot.limits().T.tolist()
     try:
         found = plan_oriented_touches(

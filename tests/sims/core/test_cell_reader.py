@@ -51,6 +51,7 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     rsi = {"cycle_ms": 4, "precision": 4, "timeout_cycles": 100, "counter": "total", "mode": None}
     assert cell.simulate.settings["rsi"] == rsi
     assert cell.simulate.settings["probe"] == {"usb_delay_ms": 1.0, "bounce": 2}
+    assert cell.simulate.settings["plc"] == {"delay_least_ms": 5.0, "delay_most_ms": 20.0, "clamp_ms": 300.0}
 
 
 def test_errors_are_switched_off_or_scaled(edited):
