@@ -261,6 +261,15 @@ def test_what_samples_have_in_common_is_another_at_another_pose_of_the_robot(one
     assert np.std(offsets, axis=0) * [sin(V), 1.0] == pytest.approx([sigma, sigma], rel=0.4)
 
 
+def test_what_readings_of_a_reflector_have_in_common_is_the_same_place_in_both_faces(one):
+    line = one(noise_scale=1.0)
+    first = np.mean([line.ask(2107, 1)[1] for _ in range(200)], axis=0)
+    line.set(9028, 0, 1, 0)
+    second = np.mean([line.ask(2107, 1)[1] for _ in range(200)], axis=0)
+    assert abs(first[1] - V) > 5e-6  # the common part is there
+    assert (first[1], first[0]) == pytest.approx((2 * pi - second[1], second[0] - pi), abs=5 * 0.5 * ARCSEC / 14)
+
+
 def test_all_distances_of_one_set_up_share_its_zero(one):
     zeros = []
     for seed in range(30):
