@@ -12,7 +12,7 @@ from cellctl.report import ReportSection, Run, Sigma
 from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, millimetres, svg_of
 from cellctl.report.figures import error_line
 from cellctl.report.numbers import fixed, percent
-from procedures.steps.by_tracker.rows import ByTrackerFigures, ByTrackerVerdict, JudgedModel, JudgedPosesRow
+from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedModel, JudgedPosesRow
 
 _MODELS = (
     ("nominal", "nominal robot", BEFORE),
@@ -25,7 +25,7 @@ _DIRECTIONS = ("radial", "tangential", "z", "x", "y")
 def build(run: Run) -> Mapping[str, Any] | None:
     """Figures by model and direction, and the picture."""
     verdict, poses = run.state.last(ByTrackerVerdict), run.state.last(JudgedPosesRow)
-    if verdict is None or poses is None:
+    if verdict is None or verdict.by_tracker is None or poses is None:
         return None
     figures = verdict.by_tracker
     return {
@@ -34,7 +34,7 @@ def build(run: Run) -> Mapping[str, Any] | None:
         "models": [_row(title, getattr(figures, name)) for name, title, _ in _MODELS],
         "accuracy": verdict.accuracy,
         "noise_only": verdict.noise_only,
-        "held_out": verdict.held_out,
+        "held_out": verdict.held_out.verdict if verdict.held_out else "",
         "picture": errors_picture(poses),
     }
 
@@ -79,9 +79,9 @@ def errors_picture(poses: JudgedPosesRow) -> str:
 def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
     """Held-out poses: nominal and the model from the touches, then the model from the poses."""
     verdict = run.state.last(ByTrackerVerdict)
-    if verdict is None:
+    if verdict is None or verdict.by_tracker is None:
         return []
-    figures: ByTrackerFigures = verdict.by_tracker
+    figures = verdict.by_tracker
     nominal, touches, tracker = (vars(getattr(figures, name).errors) for name, _, _ in _MODELS)
     return [
         error_line("held-out poses, by tracker", figures.n_test, nominal, touches, figures.touches.predicted_rms),
@@ -95,7 +95,7 @@ SECTION = ReportSection(
     id="by-tracker",
     title="Judged by the tracker",
     order=15,
-    needs=(ByTrackerVerdict, JudgedPosesRow),
+    needs=(JudgedPosesRow,),
     build=build,
     error_lines=error_lines,
     sigmas=(

@@ -135,10 +135,14 @@ class Program:
         if self._running:
             self._stop(Code.CONTROLLER_STOP, message)
 
-    def _reset(self, command: Command) -> None:
-        """Acknowledge the message. The controller shows it again at once where its cause is still there."""
-        if self._safety.ok:
+    def acknowledge(self) -> bool:
+        """Somebody acknowledges the message at the pendant; false where its cause is still there."""
+        if self._safety.ok and not self._running and not self._braking:
             self._change(Prog.READY, "")
+        return self._prog == Prog.READY
+
+    def _reset(self, command: Command) -> None:
+        if self.acknowledge():
             self._reply(command.id, Code.DONE)
         else:
             self._reply(command.id, Code.NOT_READY, self._open_chain())

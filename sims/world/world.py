@@ -6,7 +6,7 @@ import hashlib
 import random
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from math import asin, atan2, degrees, radians, sqrt
+from math import radians, sqrt
 from typing import final
 
 import numpy as np
@@ -15,6 +15,7 @@ from sims.cell import Artefact, SimCell
 from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
 from sims.world.ageing import Ageing
+from sims.world.bending import Bending
 from sims.world.chain import Chain, chain_of
 from sims.world.compliance import Compliance
 from sims.world.drives import Backlash, Gear
@@ -27,15 +28,10 @@ from sims.world.nominal import Matrix, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
-from sims.world.statics import GRAVITY_M_S2
+from sims.world.shown import Pose, Shown, angles_abc
 
-TOOL_COMPLIANCE = 0.00036
-"""c_t = 1/(E·I) of the torch, 1/(N·m²); Wang et al. 2024, identified."""
 ENCODER_DEG = 0.0005
 NO_SCATTER: Vector = (0.0, 0.0, 0.0)
-
-Pose = tuple[float, float, float, float, float, float]
-"""X Y Z (mm) and A B C (degrees, KUKA)."""
 
 
 @final
@@ -74,32 +70,34 @@ class World:
         self._surroundings = Surroundings(seed, errors["air"])
         self._down = robot.down
         self.payload = cell.payload
-        self._deflection = errors["deflection"]
-        self._tool = float(taught[2]), robot.tool.mass
-        self._sag_mm = self._tool_sag_mm(self.payload)
-        tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
-        self._nominal = Arm(nominal.axes)
-        self._taught = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
+        self._bending = Bending(float(taught[2]), robot.tool.mass, errors["deflection"])
+        self._sag_mm = self._bending.sag_mm(self.payload)
+        self._payload_place = self._place_of(self.payload)
+        self._shown = Shown(robot, nominal)
         self._wrist = vector(np.array(true.axes[-2:][0].point) - true.flange[:3, 3])
         self._upper_arm = Arm(true.axes[:-3])
         self._elbow = true.axes[-3:][0].point
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
         self._obstacles = _obstacles(cell.artefact, self.spheres)
-        self.reach_mm = _reach(self._nominal, self._taught[0])
-        links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
+        self.reach_mm = _reach(self._shown.arm, self._shown.tcp)
+        links_mm = _reach(self._shown.arm, vector(nominal.flange[:3, 3]))
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
     def true_tcp(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Vector:
         """The mean TCP, with deflection, without the robot's scatter. Raises Falls."""
         chain, angles = self._at(readings, conditions)
-        return self._tip(chain, angles, NO_SCATTER, self._tool_sag_mm(self._payload_of(conditions)))
+        return self._tip(chain, angles, NO_SCATTER, self._bending.sag_mm(self._payload_of(conditions)))
 
     def true_pose(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Pose:
         """`true_tcp`, and the tool's angles, turned as all joints are but not as the tool bends. Raises Falls."""
         chain, angles = self._at(readings, conditions)
         _, along_x, along_z = chain.arm.carry(angles, chain.tcp, chain.tool_x, chain.tool_z)
-        sag_mm = self._tool_sag_mm(self._payload_of(conditions))
-        return *self._tip(chain, angles, NO_SCATTER, sag_mm), *_angles_abc(along_x, along_z)
+        sag_mm = self._bending.sag_mm(self._payload_of(conditions))
+        return *self._tip(chain, angles, NO_SCATTER, sag_mm), *angles_abc(along_x, along_z)
+
+    def true_flange(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Matrix:
+        """The mean flange of the cold robot, 4×4, base ← flange, mm. Raises Falls."""
+        return _flange_of(*self._at(readings, conditions))
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
         """The TCP now, `scatter` being what `scatter()` drew for this approach.
@@ -110,12 +108,8 @@ class World:
 
     def flange(self, readings: Sequence[float], scatter: Vector) -> Matrix:
         """The flange now, 4×4, base ← flange, as `tcp`. Raises Falls."""
-        chain = self._warm_chain
-        angles = self._angles(readings, self.payload)
-        place, along_x, along_z = chain.arm.carry(angles, chain.flange, chain.flange_x, chain.flange_z)
-        found = np.eye(4)
-        found[:3, 0], found[:3, 1], found[:3, 2] = along_x, np.cross(along_z, along_x), along_z
-        found[:3, 3] = (1.0 + self._even_expansion) * np.array(place) + scatter
+        found = _flange_of(self._warm_chain, self._angles(readings, self.payload))
+        found[:3, 3] = (1.0 + self._even_expansion) * found[:3, 3] + scatter
         return found
 
     def environment(self, time_ns: int) -> Environment:
@@ -158,14 +152,6 @@ class World:
         kg = conditions.payload_kg
         return self.payload if kg is None else Payload(kg, conditions.payload_at)
 
-    def _tool_sag_mm(self, payload: Payload) -> float:
-        """How far the tool's tip sinks held level."""
-        length_mm, mass_kg = self._tool
-        sag_mm = self._deflection * _sag_mm(length_mm, mass_kg)
-        if payload.at:
-            sag_mm += self._deflection * bent_mm(length_mm, payload.at[2], payload.kg)
-        return sag_mm
-
     def _angles(self, readings: Sequence[float], payload: Payload) -> list[float]:
         """Model angles, rad, of the true chain: where the links are, not the drives."""
         if self._gear:
@@ -176,9 +162,13 @@ class World:
         ]
         if not self._compliance:
             return angles
-        flange = self._geometry.flange
-        at = vector(flange[:3, :3] @ payload.at + flange[:3, 3]) if payload.at else None
+        at = self._payload_place if payload is self.payload else self._place_of(payload)
         return self._compliance.sagged(angles, payload.kg, at)
+
+    def _place_of(self, payload: Payload) -> Vector | None:
+        """Its centre of gravity at model zero in the base frame, mm; None: at the TCP."""
+        flange = self._geometry.flange
+        return vector(flange[:3, :3] @ payload.at + flange[:3, 3]) if payload.at else None
 
     def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector, sag_mm: float) -> Vector:
         (x, y, z), (ux, uy, uz) = self._carried(chain, angles)
@@ -250,12 +240,15 @@ class World:
 
     def shown_pose(self, readings: Sequence[float]) -> Pose:
         """What the controller, which knows the nominal model and the taught tool only, shows as X Y Z A B C."""
-        angles = [
-            radians(sign * reading + offset)
-            for sign, reading, offset in zip(self._signs, readings, self._offsets, strict=True)
-        ]
-        place, along_x, along_z = self._nominal.carry(angles, *self._taught)
-        return *place, *_angles_abc(along_x, along_z)
+        return self._shown.pose(readings)
+
+
+def _flange_of(chain: Chain, angles: Sequence[float]) -> Matrix:
+    place, along_x, along_z = chain.arm.carry(angles, chain.flange, chain.flange_x, chain.flange_z)
+    found = np.eye(4)
+    found[:3, 0], found[:3, 1], found[:3, 2] = along_x, np.cross(along_z, along_x), along_z
+    found[:3, 3] = place
+    return found
 
 
 def _drives(joints: int, seed: int, errors: Mapping[str, float]) -> tuple[Gear | None, Backlash | None]:
@@ -268,17 +261,6 @@ def _compliance(robot: RobotFile, body: Body, true: Chain, scale: float) -> Comp
     return Compliance(body, true.arm.axes, true.tcp, scale, robot.down) if scale else None
 
 
-def _angles_abc(x: Vector, z: Vector) -> Vector:
-    """A, B, C in degrees of a frame with these directions."""
-    xx, xy, xz = x
-    zx, zy, zz = z
-    return (
-        degrees(atan2(xy, xx)),
-        degrees(asin(max(-1.0, min(1.0, -xz)))),
-        degrees(atan2(zx * xy - zy * xx, zz)),  # z of y = z × x
-    )
-
-
 def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:
     """The true spheres on their plate, without the tip's radius."""
     stem_radius = artefact.plate.stem_radius if artefact.plate else 0.0
@@ -288,20 +270,6 @@ def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:
 
 def _sum(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _sag_mm(length_mm: float, mass_kg: float) -> float:
-    """c_t · l³/3 · G, how far the tool's tip sinks held level."""
-    return TOOL_COMPLIANCE * (length_mm * 1e-3) ** 3 / 3.0 * mass_kg * GRAVITY_M_S2 * 1e3
-
-
-def bent_mm(length_mm: float, at_mm: float, mass_kg: float) -> float:
-    """How far it sinks by a mass at another place along it: as a cantilever.
-
-    A place beyond the tip is on a stiff extension of the tool; one behind the flange bends nothing.
-    """
-    near, far = sorted((max(length_mm, 0.0) * 1e-3, max(at_mm, 0.0) * 1e-3))
-    return TOOL_COMPLIANCE * near**2 * (3.0 * far - near) / 6.0 * mass_kg * GRAVITY_M_S2 * 1e3
 
 
 def _reach(arm: Arm, tip: Vector) -> float:

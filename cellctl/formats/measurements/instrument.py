@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self, final
 
 from cellctl.formats.columns import Sieve
 from cellctl.formats.measurements.kinds import ABC, PLACE, QUATERNION
-from cellctl.formats.measurements.sigmas import place_sigma, rotation_sigma
+from cellctl.formats.measurements.sigmas import covariances, place_sigma, rotation_sigma
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """xyz, sigma (N, 3), mm; NaN where a row is none."""
+    """xyz, sigma (N, 3), mm; NaN where a row is none. covariance (N, 3, 3), mm², where rows state it."""
 
     xyz: Floats
     sigma: Floats
+    covariance: Floats | None
 
     @classmethod
     def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
@@ -30,23 +31,30 @@ class Positions:
         import numpy as np
 
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
-        return cls(xyz, place_sigma(sieve, robot, rows))
+        sigma = place_sigma(sieve, robot, rows)
+        return cls(xyz, sigma, covariances(sieve, sigma, rows))
 
     def block(self, rows: list[int], at: Postures, session: int) -> PositionRows:
         """Those at `rows`, for the estimator."""
         from cellctl.calibration import PositionRows
 
+        if self.covariance is not None:
+            return PositionRows.of(at, self.xyz[rows], self.covariance[rows], session)
         return PositionRows(at, self.xyz[rows], self.sigma[rows], session)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """xyz (N, 3), mm; turns (N, 3 or 4): A, B, C (deg) or a unit quaternion; sigma (N, 6), mm and rad."""
+    """xyz (N, 3), mm; turns (N, 3 or 4): A, B, C (deg) or a unit quaternion; sigma (N, 6), mm and rad.
+
+    covariance (N, 6, 6), where rows state it.
+    """
 
     xyz: Floats
     turns: Floats
     sigma: Floats
+    covariance: Floats | None
 
     @classmethod
     def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
@@ -59,7 +67,8 @@ class Poses:
         if quaternions:
             for row in np.flatnonzero(np.abs(np.linalg.norm(turns, axis=1) - 1.0) > 0.01):
                 sieve.reject(int(row), "QW, QX, QY, QZ is no unit quaternion")
-        return cls(xyz, turns, np.hstack([place_sigma(sieve, robot, rows), rotation_sigma(sieve, rows)]))
+        sigma = np.hstack([place_sigma(sieve, robot, rows), rotation_sigma(sieve, rows)])
+        return cls(xyz, turns, sigma, covariances(sieve, sigma, rows))
 
     def block(self, rows: list[int], at: Postures, session: int) -> PoseRows:
         """Those at `rows`, for the estimator."""
@@ -67,4 +76,7 @@ class Poses:
         from cellctl.kinematics import pose, rotation_from_abc, rotation_from_quaternion
 
         rotation = rotation_from_quaternion if self.turns.shape[1] == len(QUATERNION) else rotation_from_abc
-        return PoseRows(at, pose(rotation(self.turns[rows]), self.xyz[rows]), self.sigma[rows], session)
+        poses = pose(rotation(self.turns[rows]), self.xyz[rows])
+        if self.covariance is not None:
+            return PoseRows.of(at, poses, self.covariance[rows], session)
+        return PoseRows(at, poses, self.sigma[rows], session)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import final
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, final
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from procedures.steps.by_tracker.rows import (
     JudgedModel,
     JudgedPosesRow,
 )
-from procedures.steps.sphere.rows import SphereVerdict
+from procedures.steps.sphere.rows import HeldOutFigures, SphereVerdict
 from procedures.steps.tracker.identification import pose_data
 from procedures.steps.tracker.rows import PoseRow
 
@@ -73,7 +73,7 @@ def compared(context: StepContext) -> Compared:
         data=data.text(),
         model=ModelFile.of(robot, measured, fits.tracker, provenance).text(),
         poses=poses,
-        verdict=_verdict(context, fits, poses, left_out),
+        verdict=_verdict(context, fits, split, poses, left_out),
     )
 
 
@@ -92,7 +92,7 @@ def _at_the_flange(task: Task) -> Task:
 
 
 def _judged_poses(fits: _Fits, split: Split) -> JudgedPosesRow:
-    (held_out,) = [np.asarray(test, int) for _, test in split.judged]
+    held_out = _held_out(split)
     rows = fits.measured.task.rows.pick(held_out)
     touches = fits.touches.identification.identified.state
     nominal, tracker = (
@@ -105,6 +105,21 @@ def _judged_poses(fits: _Fits, split: Split) -> JudgedPosesRow:
         touches=_tuples(_errors(touches, rows)),
         tracker=_tuples(_errors(tracker, rows)),
     )
+
+
+def _held_out(split: Split) -> Any:
+    """Indices of the held-out rows."""
+    return np.concatenate([np.asarray(test, int) for _, test in split.judged])
+
+
+def _registration(touches: FitResult, rows: RowBlocks) -> Floats:
+    """How the places (N, 3, R) of `rows` follow station frame and reflector offset, in the robot's base frame."""
+    found = touches.identification.identified
+    parts = []
+    for block in rows.blocks:
+        to_base = found.state.models[block.session].chain.base_now[:3, :3].T
+        parts.append(to_base @ block.jacobian(found.state)[..., found.unknowns.free])
+    return np.concatenate(parts)
 
 
 def _errors(state: State, rows: RowBlocks) -> Floats:
@@ -128,35 +143,37 @@ def _tuples(values: Floats) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in values.round(6).tolist())
 
 
-def _verdict(context: StepContext, fits: _Fits, poses: JudgedPosesRow, left_out: int) -> ByTrackerVerdict:
+def _verdict(context: StepContext, fits: _Fits, split: Split, poses: JudgedPosesRow, left_out: int) -> ByTrackerVerdict:
     touched, points = context.recorded(SphereVerdict)[-1], [row.point for row in context.recorded(PoseRow)]
+    columns = _registration(fits.touches, fits.measured.task.rows.pick(_held_out(split)))
     figures = ByTrackerFigures(
         n_fit=fits.tracker.n_fit,
         n_test=fits.touches.n_test,
-        nominal=_judged(poses, poses.nominal),
-        touches=_judged(poses, poses.touches, fits.touches),
-        tracker=_judged(poses, poses.tracker, fits.tracker),
+        nominal=_judged(poses, poses.nominal, columns),
+        touches=_judged(poses, poses.touches, columns, fits.touches),
+        tracker=_judged(poses, poses.tracker, columns, fits.tracker),
     )
-    verdict = fits.touches.verdict
-    return ByTrackerVerdict(
-        verdict=verdict,
-        sentence=_sentence(figures, fits.touches),
-        before=figures.nominal.errors,
-        after=figures.touches.errors,
-        model=touched.model,
-        lines=tuple(_lines(figures, touched, points[0].accuracy, left_out, noise_only=points[0].noise_only)),
-        by_tracker=figures,
-        held_out=touched.verdict,
-        accuracy=points[0].accuracy,
-        noise_only=any(point.noise_only for point in points),
-    )
+    decided = {
+        "verdict": fits.touches.verdict,
+        "sentence": _sentence(figures, fits.touches),
+        "before": figures.nominal.errors,
+        "after": figures.touches.errors,
+        "lines": tuple(_lines(figures, touched, points[0].accuracy, left_out, noise_only=points[0].noise_only)),
+        "held_out": HeldOutFigures(touched.verdict, touched.before, touched.after),
+        "by_tracker": figures,
+        "accuracy": points[0].accuracy,
+        "noise_only": points[0].noise_only,
+    }
+    return ByTrackerVerdict(**{field.name: getattr(touched, field.name) for field in fields(touched)} | decided)
 
 
-def _judged(poses: JudgedPosesRow, errors: Sequence[Sequence[float]], by: FitResult | None = None) -> JudgedModel:
+def _judged(
+    poses: JudgedPosesRow, errors: Sequence[Sequence[float]], registration: Floats, by: FitResult | None = None
+) -> JudgedModel:
     vectors = np.array(errors)
     return JudgedModel(
         errors=Figures(**asdict(ErrorFigures.of(np.linalg.norm(vectors, axis=1)))),
-        directions=DirectionFigures(**asdict(error_directions(np.array(poses.place), vectors))),
+        directions=DirectionFigures(**asdict(error_directions(np.array(poses.place), vectors, registration))),
         predicted_rms=by.predicted_test_rms if by else None,
         coverage_95=by.coverage_95 if by else None,
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from cellctl.records import Figures, Row, VerdictRow
+from cellctl.records import Figures, Row
+from procedures.steps.sphere.rows import SphereVerdict
 
 Vectors = tuple[tuple[float, ...], ...]
 
@@ -68,14 +69,13 @@ class ByTrackerFigures:
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class ByTrackerVerdict(VerdictRow):
-    """Whether the model from the touches is better than nominal, by the tracker.
+class ByTrackerVerdict(SphereVerdict):
+    """The verdict on held-out touches; with `by_tracker`, that of the tracker on the model from the touches.
 
-    held_out: verdict of the held-out touches. accuracy: profile of the instrument; noise_only: of its noise alone.
+    accuracy: profile of the instrument; noise_only: of its noise alone.
     """
 
-    SECTION: ClassVar[tuple[str, ...]] = ("by_tracker", "held_out", "accuracy", "noise_only")
-    by_tracker: ByTrackerFigures
-    held_out: str
-    accuracy: str
-    noise_only: bool
+    SECTION: ClassVar[tuple[str, ...]] = (*SphereVerdict.SECTION, "by_tracker", "accuracy", "noise_only")
+    accuracy: str = ""
+    noise_only: bool = False
+    by_tracker: ByTrackerFigures | None = None

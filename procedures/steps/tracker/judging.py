@@ -14,8 +14,9 @@ from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
 from procedures.steps.tracker.points import points_of
-from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetFigures, TrackerVerdict
+from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetErrorsRow, TargetFigures, TrackerVerdict
 from procedures.steps.tracker.sessions import Sessions
+from procedures.steps.tracker.station import reflector_at
 
 
 @final
@@ -55,15 +56,15 @@ class Targets:
         return np.linalg.norm(self.before, axis=1), np.linalg.norm(self.after, axis=1)
 
 
-def verdict_of(context: StepContext) -> TrackerVerdict:
-    """The last verdict, including the targets, if any. They decide the campaign's verdict: only a model that was better
-    on held-out poses gets this far.
+def verdict_of(context: StepContext) -> tuple[TrackerVerdict, TargetErrorsRow | None]:
+    """The last verdict, including the targets, if any, and their errors. They decide the campaign's verdict: only a
+    model that was better on held-out poses gets this far.
     """
     held_out = context.recorded(TrackerVerdict)[-1]
     if not context.recorded(CompensatedRow):
-        return held_out
+        return held_out, None
     targets = Targets.of(context)
-    errors = targets.lengths
+    errors, sigma = targets.lengths, predicted_sigma(context, targets)
     before, after = (Figures(**asdict(ErrorFigures.of(each))) for each in errors)
     figures = TargetFigures(
         before=before,
@@ -71,11 +72,11 @@ def verdict_of(context: StepContext) -> TrackerVerdict:
         n=len(targets.numbers),
         interleaved_after=_rms(errors[1][~targets.late]),
         late_after=_rms(errors[1][targets.late]),
-        predicted_sigma=_rms(predicted_sigma(context, targets)),
+        predicted_sigma=_rms(sigma),
         found_sigma=_rms(errors[1]),
     )
     tables, verdict = context.recorded(TableStateRow), paired_verdict(*errors)
-    return replace(
+    found = replace(
         held_out,
         verdict=verdict,
         sentence=_sentence(verdict, errors),
@@ -84,6 +85,21 @@ def verdict_of(context: StepContext) -> TrackerVerdict:
         after=after,
         targets=figures,
         table=tables[-1] if tables else None,
+    )
+    return found, _errors_row(context, targets, sigma)
+
+
+def _errors_row(context: StepContext, targets: Targets, sigma: Floats) -> TargetErrorsRow:
+    rows = {row.number: row for row in context.recorded(CompensatedRow)}
+    numbers = [int(number) for number in targets.numbers]
+    joints = np.array([rows[number].commanded for number in numbers])
+    return TargetErrorsRow(
+        number=tuple(numbers),
+        late=tuple(targets.late.tolist()),
+        before=tuple(map(tuple, targets.before.tolist())),
+        after=tuple(map(tuple, targets.after.tolist())),
+        sigma=tuple(sigma.tolist()),
+        place=tuple(map(tuple, reflector_at(context, rows[numbers[0]].reflector, joints).tolist())),
     )
 
 

@@ -82,7 +82,9 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     from procedures.steps.table_push import take_back_unhelpful
     from procedures.steps.tracker.judging import verdict_of
 
-    found = await context.clock.compute(verdict_of, context)
+    found, errors = await context.clock.compute(verdict_of, context)
+    if errors:
+        await context.record(errors)
     if not found.better and context.recorded(TableStateRow):
         found = replace(found, table=await take_back_unhelpful(context, context.device("robot")))
     await context.record(found)

@@ -2,6 +2,7 @@
 
 import csv
 
+import numpy as np
 import pytest
 import yaml
 
@@ -116,6 +117,31 @@ def test_asked_for_the_pose_it_gives_the_tools_angles_too(flexible, truth):
     code, rows, _ = truth(HEADER + ROW + "\n", "--pose", at=path)
     assert (code, rows[0]) == (0, list("XYZABC"))
     assert [float(value) for value in rows[1]] == pytest.approx(world.true_pose(READINGS), abs=1e-6)
+
+
+def test_asked_for_a_reflector_it_gives_its_true_place(truth, cell, tmp_path):
+    content = yaml.safe_load(cell.read_text())
+    content["model"] = str(cell.parent / content["model"])
+    content["reflectors"] = {
+        "on_flange": [
+            {"id": "R1", "xyz": [0, 0, 90], "facing": [0, 0, 1]},
+            {"id": "R2", "xyz": [80, 0, 90], "facing": [0, 0, 1]},
+        ]
+    }
+    path = tmp_path / "reflectors.yaml"
+    path.write_text(yaml.safe_dump(content))
+    places = []
+    for name in ("R1", "R2"):
+        code, rows, _ = truth(HEADER + ROW + "\n", "--reflector", name, at=path)
+        assert (code, rows[0]) == (0, list("XYZ"))
+        places.append([float(value) for value in rows[1]])
+    flange = World(read_cell(path), 1).true_flange(READINGS)
+    first, second = (flange[:3, :3].T @ (np.array(place) - flange[:3, 3]) for place in places)
+    assert 0.05 < np.linalg.norm(first - [0, 0, 90]) < 3.0  # off by 0.5 mm on each axis, 1 σ
+    assert second - first == pytest.approx([80, 0, 0], abs=4.0)
+    code, rows, errors = truth(HEADER + ROW + "\n", "--reflector", "R9", at=path)
+    assert code == 2
+    assert "no reflector 'R9' on the robot; it has R1, R2" in errors
 
 
 @pytest.mark.parametrize(
