@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, final
 
 import numpy as np
 
 from cellctl.calibration import Split, fit
+from cellctl.devices import MeasuredPoint
 from cellctl.files import InputError, sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
-from cellctl.formats.measurements import ModelChoice
+from cellctl.formats.measurements import Kind, ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Row
 from procedures.steps.setup_errors import WrongSetup, wrong_setup
+from procedures.steps.tracker.places import measured_place, measured_pose
+from procedures.steps.tracker.plate import plate_of
 from procedures.steps.tracker.rows import HeldOutFigures, PoseRow, SetUpRow, TrackerVerdict
 from procedures.steps.tracker.sessions import Sessions
+from procedures.steps.tracker.six_dimensions import six_row
 
 
 @final
@@ -44,9 +49,9 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     robot, setup = RobotFile.load(context.robot_file), context.recorded(SetUpRow)[-1]
     data, ambiguous = pose_data(context)
     points = [row.point for row in context.recorded(PoseRow)]
-    accuracy, noise_only = points[0].accuracy, any(point.noise_only for point in points)
-    measured = measurements(robot, data, measure="position", model=model)
-    if wrong := wrong_setup(context, measured, "--measure position"):
+    measure: Kind = "pose" if data.has("QW") else "position"
+    measured = measurements(robot, data, measure=measure, model=model)
+    if wrong := wrong_setup(context, measured, f"--measure {measure}"):
         return wrong
     split = Split.by_column(np.array([of == "test" for of in measured.sets]))
     result = fit(measured.task, split)
@@ -63,9 +68,9 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
         before=Figures(**report["nominal"]),
         after=Figures(**report["test"]),
         model=report,
-        lines=tuple(_lines(setup, accuracy, ambiguous, noise_only=noise_only)),
-        accuracy=accuracy,
-        noise_only=noise_only,
+        lines=tuple(_lines(setup, points, ambiguous)),
+        accuracy=points[0].accuracy,
+        noise_only=points[0].noise_only,
         noise_scale=float(result.identification.noise[0]),
         sessions=tuple(dict.fromkeys(data.texts("session"))),
         ambiguous=ambiguous,
@@ -79,30 +84,29 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     )
     story = FitStory.of(measured, result, split, report)
     file = ModelFile.of(robot, measured, result, provenance)
-    return Found(data.text(), file.text(), verdict, identification_rows(story))
+    six = [six_row(measured, result, split)] if measure == "pose" else []
+    return Found(data.text(), file.text(), verdict, (*identification_rows(story), *six))
 
 
 def pose_data(context: StepContext) -> tuple[DataSet, int]:
     """The poses as a data set, and how many were left out for lack of a session. Raises InputError if none is left."""
     sessions, payload_kg = Sessions.of(context), context.recorded(SetUpRow)[-1].payload_kg
+    repeatability = RobotFile.load(context.robot_file).repeatability
     rows = [(row, sessions.session(row.visit)) for row in context.recorded(PoseRow)]
-    records = [_record(row, session, payload_kg) for row, session in rows if session]
+    plate = plate_of(context)
+    places = measured_place if plate is None else partial(measured_pose, plate)
+    records = [_record(row, session, payload_kg, places(row, repeatability)) for row, session in rows if session]
     if not records:
         what = "no pose has a session: the station moved in every round"
         raise InputError(context.cell.problem(("station",), what, "stand the instrument firmly, then begin anew"))
     return DataSet.of_records(records, "dataset.csv"), len(rows) - len(records)
 
 
-def _record(row: PoseRow, session: str, payload_kg: float) -> dict[str, Any]:
-    """A pose as a row of the data set; joints in degrees, mm."""
-    covariance = np.array(row.point.covariance)
+def _record(row: PoseRow, session: str, payload_kg: float, place: dict[str, float]) -> dict[str, Any]:
+    """A pose as a row of the data set; joints in degrees. place: the columns of what was measured."""
     return {
         **_numbered("A", row.joints),
-        **dict(zip("XYZ", row.point.xyz, strict=True)),
-        **dict(zip(("sX", "sY", "sZ"), np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        "cXY": covariance[0, 1],
-        "cXZ": covariance[0, 2],
-        "cYZ": covariance[1, 2],
+        **place,
         **_numbered("D", row.direction),
         **({"temperature": row.arm_c} if row.arm_c is not None else {}),
         **({"payload": payload_kg} if payload_kg else {}),
@@ -120,11 +124,16 @@ def _numbered(letter: str, values: Sequence[float]) -> dict[str, float]:
     return {f"{letter}{axis}": float(value) for axis, value in enumerate(values, 1)}
 
 
-def _lines(setup: SetUpRow, accuracy: str, ambiguous: int, *, noise_only: bool) -> list[str]:
+def _lines(setup: SetUpRow, points: Sequence[MeasuredPoint], ambiguous: int) -> list[str]:
     """Lines below the verdict: what it depends on."""
+    accuracy, common = points[0].accuracy, np.mean([np.trace(np.array(point.common)) for point in points]) ** 0.5
     lines = [f"Instrument: accuracy profile {accuracy}; load: {setup.load}, {setup.payload_kg:g} kg."]
-    if noise_only:
+    if points[0].noise_only:
         lines[0] += " The profile is the noise of such an instrument only, not its behaviour."
+    lines.append(
+        f"Not in σ: {common:.2f} mm (1 σ) in every point alike, by the instrument's range zero and scale, refraction "
+        "and centring. They change the robot's size; this instrument alone cannot show that."
+    )
     if ambiguous:
         lines.append(f"{ambiguous} poses were measured while the station moved; they were left out.")
     return lines
