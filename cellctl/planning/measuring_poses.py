@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain
-from cellctl.planning.bodies import Thickness
-from cellctl.planning.obstacles import between_lines
+from cellctl.planning.bodies import Body, Thickness
+from cellctl.planning.obstacles import Obstacles, between_lines
 from cellctl.planning.touches import OutOfReach
 from cellctl.planning.ways import Reach
 
@@ -26,6 +26,9 @@ Mask = NDArray[np.bool_]
 _Check: TypeAlias = Callable[[Array], Mask]
 
 _BATCH, _BATCHES = 2048, 128
+_FROM_SPHERES_MM = 40.0
+"""Least distance of arm, tool and reflectors from spheres and their stems, and of the beam."""
+
 _STEP_DEG = 4.0
 """Step in which ways are checked against the floor: joint degrees of the axis that moves most."""
 
@@ -66,7 +69,7 @@ class Counts:
 class PoseOptions:
     """side: of each joint, 1: the reading grows as it arrives, −1: it falls. step: degrees that each joint moves in the
     approach. floor: height in the base frame, mm, or None; clearance: from it; apart: between wrist and the robot's own
-    column. arm: radius of column and upper arm, mm.
+    column. arm: radius of column and upper arm, mm. around: spheres to keep clear of, None if there are none.
     """
 
     side: tuple[int, ...] = (1, 1, 1, 1, 1, 1)
@@ -76,6 +79,7 @@ class PoseOptions:
     arm: float = 130.0
     apart: float = 120.0
     thickness: Thickness = field(default_factory=Thickness)
+    around: Obstacles | None = None
 
 
 @final
@@ -112,6 +116,7 @@ def plan_measuring_poses(
 ) -> MeasuringPoses:
     """Plan the visits of a campaign; begin and end are at `home` (n,), deg. The same seed gives the same plan.
 
+    Held-out postures lie within the joints of the fit: outside, a model extrapolates, and no table may go there.
     Raises OutOfReach where too few postures are found; the text says what rejected most samples. Raises ValueError
     for sides that are not ±1 for each joint, or a late block larger than the held-out postures.
     """
@@ -120,7 +125,7 @@ def plan_measuring_poses(
         raise ValueError(f"a side of 1 or -1 for each of {chain.n} joints, and not more late than held-out postures")
     arm = _Arm(chain.with_base(np.eye(4)), joints, sight, home, options)
     rng = np.random.default_rng([seed, 11])
-    found = _postures(arm, reach, counts.fit + counts.held_out, rng)
+    found = _extremes_first(_postures(arm, reach, counts.fit + counts.held_out, rng))
     visits = _visits(counts, rng)
     side = np.array([visit.sign for visit in visits])[:, None] * np.array(options.side)
     readings = found[[visit.posture for visit in visits]]
@@ -183,12 +188,19 @@ def _postures(arm: _Arm, reach: Reach, count: int, rng: np.random.Generator) -> 
     )
 
 
+def _extremes_first(postures: Array) -> Array:
+    """The postures (N, n), those with the least or greatest reading of a joint before the others."""
+    extreme = np.unique(np.concatenate([postures.argmin(axis=0), postures.argmax(axis=0)]))
+    return np.concatenate([postures[extreme], np.delete(postures, extreme, axis=0)])
+
+
 @final
 class _Arm:
     """The robot by its nominal model: where its links, its reflectors and the beam to the station are."""
 
     def __init__(self, chain: SerialChain, joints: JointMap, sight: Sight, home: Array, options: PoseOptions) -> None:
         self._chain, self._joints, self._sight, self._home, self.options = chain, joints, sight, home, options
+        self._body = Body(chain, joints, options.thickness)
         self._facing = sight.facing / np.linalg.norm(sight.facing, axis=-1, keepdims=True)
         thin = max(1, chain.n - 3)
         self._radii = np.array([options.arm] * thin + [options.thickness.wrist] * (chain.n - thin))
@@ -199,8 +211,9 @@ class _Arm:
             ("no reflector faces the station in range", self.faces_station),
             ("the arm would come too near the floor", self.above_floor),
             ("the wrist would come too near the robot's own column", self.clear_of_itself),
-            ("the arm is in the beam", self.free_beam),
-            ("the way from home comes too near the floor or the robot's own column", self.clear_from_home),
+            ("the arm would come too near a sphere", self.clear_of_spheres),
+            ("the arm or a sphere is in the beam", self.free_beam),
+            ("the way from home comes too near the floor, a sphere or the robot's own column", self.clear_from_home),
         ]
 
     def faces_station(self, readings: Array) -> Mask:
@@ -225,6 +238,30 @@ class _Arm:
         gaps = [between_lines(start, end, foot, shoulder) for start, end in ends]
         return np.asarray(np.min(gaps, axis=0) > needed)
 
+    def clear_of_spheres(self, readings: Array) -> Mask:
+        """Whether (k,) forearm, wrist, tool and reflectors keep their distance from the spheres and their stems."""
+        around = self.options.around
+        if around is None:
+            return np.ones(len(readings), bool)
+        at, thick, (places, _) = self._body.at(readings), self.options.thickness, self._reflectors(readings)
+        limbs = [
+            (at.elbow, at.wrist, thick.wrist),
+            (at.wrist, at.flange, thick.wrist),
+            (at.flange, at.tip, thick.shaft),
+        ]
+        limbs += [(at.flange, places[:, number], thick.shaft) for number in range(places.shape[1])]
+        gaps = [around.gaps(start, end).min(axis=0) - radius for start, end, radius in limbs]
+        return np.asarray(np.min(gaps, axis=0) > _FROM_SPHERES_MM)
+
+    def _clear_beam(self, places: Array) -> Mask:
+        """Whether (k,) the beams to the reflectors at `places` (k, M, 3) pass the spheres and their stems."""
+        around = self.options.around
+        if around is None:
+            return np.ones(len(places), bool)
+        station = np.broadcast_to(self._sight.station, places[:, 0].shape)
+        gaps = [around.gaps(places[:, number], station).min(axis=0) for number in range(places.shape[1])]
+        return np.asarray(np.min(gaps, axis=0) > _FROM_SPHERES_MM)
+
     def free_beam(self, readings: Array) -> Mask:
         """Whether (k,) every beam passes all links, or comes nowhere nearer to a link than the reflector itself is."""
         places, _ = self._reflectors(readings)
@@ -233,7 +270,8 @@ class _Arm:
         reflector = places[:, :, None]
         beam = between_lines(reflector, np.broadcast_to(self._sight.station, reflector.shape), start, end)
         own = between_lines(reflector, reflector, start, end)
-        return np.asarray((beam >= np.minimum(self._radii, own - 1.0)).all(axis=(1, 2)))
+        past_links = (beam >= np.minimum(self._radii, own - 1.0)).all(axis=(1, 2))
+        return np.asarray(past_links & self._clear_beam(places))
 
     def clear_from_home(self, readings: Array) -> Mask:
         """Whether (k,) the ways from home to the posture and to where its approaches begin, both sides, are clear."""
@@ -241,11 +279,11 @@ class _Arm:
         return np.asarray(np.all([self.clear_way(begin, readings + sign * step) for sign in (-1, 0, 1)], axis=0))
 
     def clear_way(self, start: Array, end: Array) -> Mask:
-        """Whether (k,) the straight joint-space ways from `start` to `end` (k, n) keep above the floor and apart."""
+        """Whether (k,) the straight joint-space ways from `start` to `end` (k, n) keep clear of everything."""
         longest = np.abs(end - start).max(initial=0.0)
         shares = np.linspace(0.0, 1.0, int(np.ceil(longest / _STEP_DEG)) + 2)[:, None, None]
         ways = (start + shares * (end - start)).reshape(-1, start.shape[1])
-        clear = self.above_floor(ways) & self.clear_of_itself(ways)
+        clear = self.above_floor(ways) & self.clear_of_itself(ways) & self.clear_of_spheres(ways)
         return np.asarray(clear.reshape(len(shares), len(start)).all(axis=0))
 
     @property

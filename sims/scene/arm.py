@@ -14,6 +14,8 @@ from sims.scene.contact_loop import ContactLoop
 from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
 from sims.scene.stance import Stance
 from sims.world.crossings import crossings
+from sims.world.motors import slid
+from sims.world.nominal import Matrix
 from sims.world.screws import Vector
 from sims.world.world import World
 
@@ -55,6 +57,7 @@ class MovingArm:
         self._attempts: Counter[str] = Counter(stance.attempts)
         self._motion: Motion = Standing(stance.joints, kernel.now)
         self._slack = stance.slack
+        self._sliding = stance.sliding or (0.0,) * len(stance.joints)
         self._then: Then | None = None
         self._events: list[Event] = []
         self._clear_mm = 0.0
@@ -65,7 +68,7 @@ class MovingArm:
         self.commanded = stance.commanded
         self._scatter = self._draw(stance.joints) if stance.scatter is None else stance.scatter
         self._scatter_before = self._scatter
-        world.ageing.warm(kernel.now)
+        world.warm(kernel.now)
         self._sense()
 
     def joints(self) -> Joints:
@@ -82,12 +85,27 @@ class MovingArm:
         """Whether a motion is going on, be it between two interpolation cycles."""
         return not isinstance(self._motion, Standing)
 
+    @property
+    def standing_since_ns(self) -> int | None:
+        """Since when it has been at rest; None in motion or under a sensor's correction."""
+        return None if self.moving else self._motion.start_ns
+
+    def joints_at(self, time_ns: int) -> tuple[Joints, Joints]:
+        """Joints and velocities at a moment of this motion, deg and deg/s."""
+        return self._motion.at(time_ns), self._motion.velocity(time_ns)
+
+    def sliding(self, time_ns: int) -> Joints:
+        """Each joint's share of its Coulomb friction, −1 … 1, by the direction of its last motion."""
+        motion = self._motion
+        return slid(self._sliding, motion.at(motion.start_ns), motion.at(time_ns))
+
     def stance(self) -> Stance:
         """Its stance if it stopped now, to be stored."""
         commanded = self.readings() if self.moving else self.commanded
         scatter = self._scatter_now(self._kernel.now)
         slack = self._slack_at(self._kernel.now)
-        return Stance(self.joints(), commanded, scatter, self.attempt, self._attempts, slack)
+        sliding = self.sliding(self._kernel.now)
+        return Stance(self.joints(), commanded, scatter, self.attempt, self._attempts, slack, sliding)
 
     def tip_changed(self) -> None:
         """The tip has become another: what it touches, and will touch, is looked at anew."""
@@ -111,6 +129,10 @@ class MovingArm:
     def tcp(self, time_ns: int) -> Vector:
         """The TCP at a moment of this motion, mm."""
         return self._world.tcp(self.links(time_ns), self._scatter_now(time_ns))
+
+    def flange(self, time_ns: int) -> Matrix:
+        """The flange's frame at a moment of this motion, 4×4, base ← flange, mm."""
+        return self._world.flange(self.links(time_ns), self._scatter_now(time_ns))
 
     def move(self, target: Joints, percent: float, then: Then) -> None:
         """Point to point at `percent` of the highest speeds; `then` is called on arrival."""
@@ -160,13 +182,13 @@ class MovingArm:
         self._events.clear()
         if self._log.waiting:
             self._log.passed(self.tcp(self._kernel.now))
-        self._slack = self._slack_at(motion.start_ns)
+        self._slack, self._sliding = self._slack_at(motion.start_ns), self.sliding(motion.start_ns)
         self._motion, self._then, self._deepest_mm = motion, then, None
 
     def _look_ahead(self) -> None:
         """Schedule what happens on the next stretch of the motion, and its end."""
         start, motion = self._kernel.now, self._motion
-        self._world.ageing.warm(start)
+        self._world.warm(start)
         end = min(start + LOOK_AHEAD_NS, motion.end_ns)
         way_mm = self._most_way(start, end)
         if end > start and self._strikes(end, way_mm):

@@ -17,7 +17,8 @@ class Stance:
     """Joints as they really are, degrees; the programmed ones; the scatter that goes with them, mm (None: to be drawn).
 
     `attempts`: how often each pose has been commanded, by its joints in 1e-4°; `attempt`: which one this is, from 0.
-    `slack`: how far each link is ahead of its joint within the play, degrees; none where nothing is known of it.
+    `slack`: how far each link is ahead of its joint within the play, degrees; `sliding`: each joint's share of its
+    Coulomb friction; none where nothing is known of them.
     """
 
     joints: Joints
@@ -26,6 +27,7 @@ class Stance:
     attempt: int = 0
     attempts: Mapping[str, int] = field(default_factory=dict)
     slack: Joints = ()
+    sliding: Joints = ()
 
     def state(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -36,6 +38,7 @@ class Stance:
             "attempt": self.attempt,
             "attempts": dict(self.attempts),
             "slack": self.slack,
+            "sliding": self.sliding,
         }
 
 
@@ -49,6 +52,7 @@ def stance_from(state: Mapping[str, Any], axes: int) -> Stance:
         attempt=int(state["attempt"]),
         attempts={str(pose): int(count) for pose, count in state["attempts"].items()},
         slack=_numbers(state["slack"], axes) if state.get("slack") else (),
+        sliding=_numbers(state["sliding"], axes) if state.get("sliding") else (),
     )
 
 

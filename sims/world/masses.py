@@ -45,10 +45,11 @@ _POSES = 200
 @dataclass(frozen=True, slots=True)
 class Body:
     """What gravity pulls at: a mass for each link, base first, the tool's with the last; what a joint turns by: rad
-    per N·mm."""
+    per N·mm; the greatest moment about each axis with the rated load, N·mm."""
 
     links: tuple[Mass, ...]
     compliance: tuple[float, ...]
+    moments: tuple[float, ...] = ()
 
 
 def drawn_body(robot: RobotFile, nominal: Geometry, seed: int) -> Body:
@@ -64,7 +65,7 @@ def drawn_body(robot: RobotFile, nominal: Geometry, seed: int) -> Body:
     wind_ups = 1e-3 * random.uniform(*WIND_UP_MRAD, len(links))
     moments = _greatest_moments(nominal.axes, [*links[:-1], links[-1].together(rated)], random)
     compliance = tuple(float(angle / moment) for angle, moment in zip(wind_ups, moments, strict=True))
-    return Body((*links[:-1], links[-1].together(tool)), compliance)
+    return Body((*links[:-1], links[-1].together(tool)), compliance, tuple(moments))
 
 
 def _link_masses(stations: NDArray[np.float64], random: np.random.Generator) -> list[Mass]:

@@ -127,3 +127,11 @@ def test_what_cannot_be_seen_is_refused_with_the_reason():
 def test_sides_are_needed_for_every_joint():
     with pytest.raises(ValueError, match="each of 6 joints"):
         plan(options=PoseOptions(side=(1, 1)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_held_out_postures_are_within_the_joints_of_the_fit(seed):
+    found = plan(seed)
+    fit, held_out = found.readings[~found.held_out], found.readings[found.held_out]
+    assert (held_out >= fit.min(axis=0)).all()
+    assert (held_out <= fit.max(axis=0)).all()

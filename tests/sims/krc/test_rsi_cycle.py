@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sims import kernel
-from sims.krc.currents import NM_PER_A
+from sims.krc.currents import NOISE_A
 from sims.krc.signal_flow import AxisCorrection
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
@@ -264,14 +264,14 @@ def test_in_real_time_an_answer_after_the_next_telegram_is_late(bench):
     assert pc.reply()[:2] == ("7", 30)
 
 
-def test_motor_currents_carry_the_tools_weight(bench):
+def test_motor_currents_are_the_true_ones_with_the_noise_of_one_telegram(bench):
     pc = bench()
     pc.rsi_on()
-    (telegram,) = pc.cycles(1)
-    lever_m = (pc.world().true_tcp(HOME)[0] - 180.0) * 1e-3  # A2's axis is 180 mm in front of A1's
-    current = axes_of(telegram, "MACur")
-    assert abs(current[1]) * NM_PER_A == pytest.approx(1.535 * 9.80665 * lever_m, abs=0.01)
-    assert current[0] == pytest.approx(0.0, abs=1e-3)
+    currents = [axes_of(telegram, "MACur") for telegram in pc.cycles(100)]
+    means = [sum(axis) / 100 for axis in zip(*currents, strict=True)]
+    assert means == pytest.approx(pc.world().holding_currents(HOME), abs=4 * NOISE_A / 10)
+    scatter = [sum((a - b) ** 2 for a, b in zip(row, means, strict=True)) for row in currents]
+    assert sum(scatter) / 600 == pytest.approx(NOISE_A**2, rel=0.25)
     assert pc.finish()[1] == 0
 
 
