@@ -11,7 +11,7 @@ from cellctl.metrology.axis_frames import (
 from cellctl.metrology.circles import Circle, NoCircle, fit_circle
 from cellctl.metrology.daily_check import CheckLimits, DailyBaseline, DailyVerdict, daily_check, rigid_and_scale
 from cellctl.metrology.floor import FloorRatio, expected_floor, floor_ratio
-from cellctl.metrology.four_point import TooAlike, ToolPoint, tool_point
+from cellctl.metrology.four_point import FoundTool, tool_at_point
 from cellctl.metrology.gravity import Gravity, gravity_in_base
 from cellctl.metrology.iso9283 import Performance, cube_points, performance
 from cellctl.metrology.measured_pose import MeasuredPose, nees, nees_range, pose_difference
@@ -31,6 +31,7 @@ __all__ = [
     "DailyBaseline",
     "DailyVerdict",
     "FloorRatio",
+    "FoundTool",
     "Gravity",
     "Growth",
     "InsensitiveDistances",
@@ -50,8 +51,6 @@ __all__ = [
     "Settling",
     "SettlingLimits",
     "StationMotion",
-    "TooAlike",
-    "ToolPoint",
     "Turn",
     "TwoFaceCheck",
     "TwoFaceLimits",
@@ -75,6 +74,6 @@ __all__ = [
     "settling",
     "station",
     "station_motion",
-    "tool_point",
+    "tool_at_point",
     "two_face_check",
 ]
