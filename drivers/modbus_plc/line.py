@@ -84,9 +84,13 @@ class ModbusLine:
             raise refusal(self._device, doing, answer.exception_code)
         return answer
 
-    def close(self) -> None:
-        """Close the connection."""
+    async def close(self) -> None:
+        """Close the connection, before another can be opened: the PLC then sees them in this order."""
+        transport = self._client.ctx.transport
         self._end("the connection was closed")
+        socket = transport.get_extra_info("socket") if transport else None
+        while socket is not None and socket.fileno() >= 0:
+            await asyncio.sleep(0)  # the loop closes it in its next turn
 
     def _check(self, doing: str) -> None:
         if self._lost:
@@ -95,6 +99,8 @@ class ModbusLine:
     def _end(self, why: str) -> None:
         """Close the connection, and end the request in progress: the library would let it wait."""
         self._lost = self._lost or why
+        if transport := self._client.ctx.transport:
+            transport.abort()  # type: ignore[attr-defined]
         self._client.close()
         self._wire.close()
         answer = self._client.ctx.response_future
