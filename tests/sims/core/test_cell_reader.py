@@ -49,7 +49,8 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == unasked
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - unasked
     rsi = {"cycle_ms": 4, "precision": 4, "timeout_cycles": 100, "counter": "total", "mode": None}
-    assert cell.simulate.settings == {"rsi": rsi, "probe": {"usb_delay_ms": 1.0, "bounce": 2}}
+    drives = {"brakes_after_s": 10.0, "noise": 0.004}
+    assert cell.simulate.settings == {"rsi": rsi, "probe": {"usb_delay_ms": 1.0, "bounce": 2}, "drives": drives}
 
 
 def test_errors_are_switched_off_or_scaled(edited):
