@@ -12,68 +12,42 @@ _ARCSEC: Final = math.radians(1.0 / 3600.0)
 @final
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """1 σ of an instrument. `sample_…`: independent from sample to sample; `set_up_…`: the same for all samples.
+    """1 σ of one reading.
 
-    along the beam: sample_range_mm; set_up_zero_mm + set_up_scale_ppm · distance (added in squares).
-    across the beam, each direction: sample_across_mm and sample_angle_rad · distance; set_up_across_mm and
-    set_up_angle_rad · distance; one_face_rad · distance more if one face is used (collimation, index error).
+    Along the beam: range_mm + range_ppm · distance; across it: across_mm and angle_rad · distance, squares added.
+    one_face_rad: collimation and index error, which remain if one face is used.
     noise_only: an instrument of this class does not speak GeoCOM: the profile is its noise, not its behaviour.
     """
 
     name: str
-    sample_range_mm: float
-    sample_across_mm: float
-    sample_angle_rad: float
-    set_up_zero_mm: float
-    set_up_scale_ppm: float
-    set_up_across_mm: float
-    set_up_angle_rad: float
-    one_face_rad: float
+    range_mm: float
+    range_ppm: float
+    across_mm: float
+    angle_rad: float
     noise_only: bool
+    one_face_rad: float = 3.0 * _ARCSEC
 
+    def along_mm(self, distance_mm: float) -> float:
+        """1 σ along the beam, mm."""
+        return self.range_mm + self.range_ppm * 1e-6 * distance_mm
+
+    def across_mm_at(self, distance_mm: float) -> float:
+        """1 σ across the beam, in each direction, mm."""
+        return math.hypot(self.across_mm, self.angle_rad * distance_mm)
+
+
+SAMPLE_SHARE: Final = 0.8
+"""Of each σ: what changes from sample to sample. The makers do not divide their figures."""
+COMMON_SHARE: Final = 0.6
+"""Of each σ: what is the same for all samples of a point. 0.8² + 0.6² = 1."""
 
 _ALL: Final = (
-    # 0.5″ (ISO 17123-3); distance 0.6 mm + 1 ppm at worst, 0.2 mm typically, of which 0.1 mm changes from sample to
-    # sample; pointing of the target recognition at an SMR 0.05 mm.
-    Accuracy(
-        name="tdra6000",
-        sample_range_mm=0.1,
-        sample_across_mm=0.0,
-        sample_angle_rad=0.5 * _ARCSEC,
-        set_up_zero_mm=0.17,
-        set_up_scale_ppm=1.0,
-        set_up_across_mm=0.05,
-        set_up_angle_rad=0.25 * _ARCSEC,
-        one_face_rad=0.5 * _ARCSEC,
-        noise_only=False,
-    ),
-    # MPE of a point ± 15 µm + 6 µm/m, of the distance meter ± 0.5 µm/m; 1 σ is half of the MPE, half of that variance
-    # is common.
-    Accuracy(
-        name="at960",
-        sample_range_mm=0.0053,
-        sample_across_mm=0.0053,
-        sample_angle_rad=2.1e-6,
-        set_up_zero_mm=0.0053,
-        set_up_scale_ppm=0.25,
-        set_up_across_mm=0.0053,
-        set_up_angle_rad=2.1e-6,
-        one_face_rad=0.0,
-        noise_only=True,
-    ),
-    # Distance ± 16 µm + 0.8 µm/m, across ± 20 µm + 5 µm/m (MPE); divided as above.
-    Accuracy(
-        name="vantage",
-        sample_range_mm=0.0057,
-        sample_across_mm=0.0071,
-        sample_angle_rad=1.8e-6,
-        set_up_zero_mm=0.0057,
-        set_up_scale_ppm=0.4,
-        set_up_across_mm=0.0071,
-        set_up_angle_rad=1.8e-6,
-        one_face_rad=0.0,
-        noise_only=True,
-    ),
+    # 0.5″ (ISO 17123-3); distance 0.6 mm + 1 ppm at worst, 0.2 mm typically.
+    Accuracy("tdra6000", range_mm=0.2, range_ppm=1.0, across_mm=0.0, angle_rad=0.5 * _ARCSEC, noise_only=False),
+    # Half of the MPE: a point ± 15 µm + 6 µm/m; distance meter ± 5 µm (R0), ± 0.5 µm/m.
+    Accuracy("at960", range_mm=0.0025, range_ppm=0.25, across_mm=0.0075, angle_rad=3e-6, noise_only=True),
+    # Half of the MPE: distance ± 16 µm + 0.8 µm/m, across ± 20 µm + 5 µm/m.
+    Accuracy("vantage", range_mm=0.008, range_ppm=0.4, across_mm=0.01, angle_rad=2.5e-6, noise_only=True),
 )
 
 PROFILES: Final[dict[str, Accuracy]] = {profile.name: profile for profile in _ALL}

@@ -20,10 +20,12 @@ _DEAD_PEER_S: Final = 120.0
 """Wall time: a simulated cell whose time does not advance must not hold a request for ever."""
 _ANSWER: Final = re.compile(rb"%R1P,\d+,(\d+),(\d+):\d+(?:,[ -~]*)?")
 _REQUEST: Final = re.compile(r"%R1Q,\d+,(\d+)")
+_INTERRUPTED: Final = 8
 _UNREADABLE: Final = ""
 """In place of a line without the form of an answer with a check sum: geocompy would take one without."""
+_ABORT: Final = b"c"
 _ABORTED: Final = b"?"
-"""The answer to an abort; it belongs to no request."""
+"""The answer to an abort, and then the only one to the request that it interrupted."""
 
 
 @final
@@ -47,6 +49,7 @@ class Line:
         self._wire = clock.wire(device)
         self._buffer = b""
         self._awaited: tuple[int, asyncio.Future[str]] | None = None
+        self._interrupted: int | None = None
         self._clear_first = True
         self._why_lost = ""
         self._loop = asyncio.get_running_loop()
@@ -83,9 +86,10 @@ class Line:
             self._awaited = None
 
     def abort(self) -> None:
-        """Interrupt the motion in progress; its answer then belongs to no request."""
+        """Interrupt the motion in progress: its request then ends with return code 8."""
+        self._interrupted = self._awaited[0] if self._awaited else None
         if not self._why_lost:
-            self._write(b"c" + _END)
+            self._write(_ABORT + _END)
 
     def close(self) -> None:
         """Close the port."""
@@ -119,6 +123,8 @@ class Line:
         self._wire.read(len(data))
 
     def _take(self, line: bytes) -> None:
+        if line == _ABORTED:
+            self._answer_aborted()
         if line in (b"", _ABORTED):
             return
         transaction = _valid_transaction(line)
@@ -129,6 +135,12 @@ class Line:
             self._awaited[1].set_result(line.decode("ascii") if _ANSWER.fullmatch(line) else _UNREADABLE)
         elif transaction is not None:
             self.counts.stray += 1
+
+    def _answer_aborted(self) -> None:
+        """In place of the answer that an interrupted request does not get: return code 8, with its check sum."""
+        if self._awaited and self._awaited[0] == self._interrupted and not self._awaited[1].done():
+            head, tail = f"%R1P,0,{self._awaited[0]}", f":{_INTERRUPTED}"
+            self._awaited[1].set_result(f"{head},{crc16_bytewise(head + tail)}{tail}")
 
     def _lose(self, why: str) -> None:
         self._why_lost = self._why_lost or why

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.devices import Matrix3, Vector3
-from drivers.geocom_tracker.accuracy import Accuracy
+from drivers.geocom_tracker.accuracy import COMMON_SHARE, SAMPLE_SHARE, Accuracy
 
 _REFRACTION_RAD_PER_MM: Final = 0.15e-9
 """1 σ of the bend of the beam: half of 1e-6/K times a gradient of 0.3 K/m across the beam, per distance."""
@@ -98,15 +98,15 @@ def covariances(
 
 
 def _sample_sigma(accuracy: Accuracy, distance: float) -> Vector3:
-    across = math.hypot(accuracy.sample_across_mm, accuracy.sample_angle_rad * distance)
-    return (accuracy.sample_range_mm, across, across)
+    across = SAMPLE_SHARE * accuracy.across_mm_at(distance)
+    return (SAMPLE_SHARE * accuracy.along_mm(distance), across, across)
 
 
 def _common_variance(accuracy: Accuracy, distance: float, faces: int) -> Vector3:
-    along = math.hypot(accuracy.set_up_zero_mm, accuracy.set_up_scale_ppm * 1e-6 * distance)
+    along = COMMON_SHARE * accuracy.along_mm(distance)
     one_face = accuracy.one_face_rad if faces == 1 else 0.0
-    angle = math.hypot(accuracy.set_up_angle_rad, one_face, _REFRACTION_RAD_PER_MM * distance)
-    across = math.hypot(accuracy.set_up_across_mm, angle * distance)
+    refraction = _REFRACTION_RAD_PER_MM * distance
+    across = math.hypot(COMMON_SHARE * accuracy.across_mm_at(distance), one_face * distance, refraction * distance)
     return (along**2, across**2, across**2)
 
 

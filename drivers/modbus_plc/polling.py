@@ -63,7 +63,7 @@ class Polling:
             await self._line.open()
             await self._poll_once(self._line)
         except BaseException:
-            self._line.close()
+            await self._line.close()
             raise
         self._task = asyncio.create_task(self._go_on(), name=f"{self._device} poll")
         return self._line
@@ -74,7 +74,7 @@ class Polling:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
         if self._line:
-            self._line.close()
+            await self._line.close()
 
     @property
     def line(self) -> ModbusLine:
@@ -117,7 +117,7 @@ class Polling:
                 left_s = PERIOD_S - (self._clock.now_ns() - began_ns) * 1e-9
                 await self._clock.sleep(max(left_s, 0.0))
             except DeviceError as trouble:
-                self._hang_up(trouble)
+                await self._hang_up(trouble)
                 await self._clock.sleep(wait_s)
                 wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
 
@@ -126,13 +126,13 @@ class Polling:
         await line.open()
         return line
 
-    def _hang_up(self, trouble: DeviceError) -> None:
+    async def _hang_up(self, trouble: DeviceError) -> None:
         if not isinstance(trouble, DeviceLost):
             trouble = DeviceLost(self._device, trouble.what, trouble.cure)
         self._trouble = trouble
-        if self._line:
-            self._line.close()
-        self._line = None
+        line, self._line = self._line, None
+        if line:
+            await line.close()
 
     async def _poll_once(self, line: ModbusLine) -> None:
         time_ns, unit = self._clock.now_ns(), line.unit

@@ -113,7 +113,8 @@ class Instrument:
         if seen is not None:
             self.noise.at(self.sight.pose())
             across, up = self.noise.angles(seen.id, seen.distance_mm)
-            axis = Direction(axis.hz + across / max(abs(sin(axis.v)), 1e-3), axis.v + up)
+            down = -up if axis.face == 1 else up  # V counts the other way in face 2
+            axis = Direction(axis.hz + across / max(abs(sin(axis.v)), 1e-3), axis.v + down)
         shown = self._errors.reading(axis)
         return Direction((shown.hz + self.configuration.orientation) % optics.TURN, shown.v)
 

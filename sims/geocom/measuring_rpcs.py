@@ -134,7 +134,7 @@ class Measuring:
         return (*polar[:2], self._accuracy(), *self._inclination(), polar[2], float(self._ms(measured)))
 
     def _accuracy(self) -> float:
-        return self._instrument.build.profile.angle_arcsec * ARCSEC
+        return self._instrument.build.profile.sample.arcsec * ARCSEC
 
     def _inclination(self) -> tuple[float, float, float]:
         """Across, along the line of sight, and its accuracy; the sensor's range ends it."""

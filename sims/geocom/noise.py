@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
-from sims.geocom.profiles import COMMON, SAMPLE, Profile
+from sims.geocom.profiles import Profile
 from sims.world.errors import generator
 
 
@@ -29,16 +29,16 @@ class SetUp:
 
 def set_up_of(seed: int, profile: Profile, scale: float) -> SetUp:
     """Of this seed's instrument."""
-    zero, ppm = scale * COMMON * generator(seed, "tracker set-up").normal(size=2)
-    return SetUp(float(zero) * profile.range_mm, float(ppm) * profile.range_ppm)
+    zero, ppm = scale * generator(seed, "tracker set-up").normal(size=2)
+    return SetUp(float(zero) * profile.common.range_mm, float(ppm) * profile.common.range_ppm)
 
 
 @final
 class Noise:
     """Errors of readings, 1 σ by the profile times `scale`. Call `at` with what is measured, then draw.
 
-    Across the beam 0.6 of the profile's figure is common to all readings of a reflector at one pose of the robot
-    (refraction, pointing), 0.8 is drawn for each reading. Along the beam the common part is the set-up's.
+    Across the beam a part is common to all readings of a reflector at one pose of the robot (refraction, pointing).
+    Along it the common part is the set-up's.
     """
 
     def __init__(self, seed: int, profile: Profile, scale: float) -> None:
@@ -58,14 +58,15 @@ class Noise:
         """Of one reading of the circles on a reflector, across horizontally and vertically, rad."""
         common = generator(self._seed, f"tracker aim {target} {self._pose}").normal(size=2)
         sample = self._next(target)
-        sigma = self._scale * self._profile.angle_rad(distance_mm)
-        across, up = (sigma * (COMMON * float(a) + SAMPLE * float(b)) for a, b in zip(common, sample, strict=False))
+        shared, own = (part.angle_rad(distance_mm) for part in (self._profile.common, self._profile.sample))
+        across, up = (
+            self._scale * (shared * float(one) + own * other) for one, other in zip(common, sample[:2], strict=True)
+        )
         return across, up
 
     def distance(self, target: str, distance_mm: float) -> float:
         """Of one measured distance, mm, without the set-up's part."""
-        sigma = self._profile.range_mm + self._profile.range_ppm * 1e-6 * distance_mm
-        return self._scale * SAMPLE * sigma * self._next(target)[2]
+        return self._scale * self._profile.sample.along_mm(distance_mm) * self._next(target)[2]
 
     def state(self) -> Mapping[str, Any]:
         """To be remembered."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import final
 
 from sims.faults import Faults
@@ -24,19 +23,6 @@ SUPPLY_CENTIBAR = 600
 HEARTBEAT_LOST, CLAMP_FAULT, SENSOR_FAULT = 1, 2, 3
 
 _SENSORS = 6
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Air:
-    """What its sensors measure where the scene has no environment: °C, hPa, % relative humidity."""
-
-    air_c: float = 20.0
-    arm_c: float = 20.0
-    base_c: float = 20.0
-    fixture_c: float = 20.0
-    pressure_hpa: float = 1013.25
-    humidity_percent: float = 50.0
 
 
 @final
@@ -165,8 +151,7 @@ class PlcProgram:
         return (*measured, SUPPLY_CENTIBAR, counter, *(words[::-1] if self._low_first else words), self._fault_code())
 
     def _measured(self) -> list[int]:
-        environment: Callable[[], Air] = getattr(self._scene, "environment", Air)
-        air = environment()
+        air = self._scene.environment()
         values = (air.air_c, air.base_c, air.arm_c, air.fixture_c, air.pressure_hpa, air.humidity_percent)
         shown = [round(10.0 * value) & 0xFFFF for value in values]
         fault = self._faults.active("plc.sensor")

@@ -29,6 +29,7 @@ from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
 from sims.world.shown import Pose, Shown, angles_abc
+from sims.world.statics import GRAVITY_M_S2, Mass
 
 ENCODER_DEG = 0.0005
 NO_SCATTER: Vector = (0.0, 0.0, 0.0)
@@ -230,8 +231,9 @@ class World:
         return draw.gauss(0.0, sigma), draw.gauss(0.0, sigma), draw.gauss(0.0, sigma)
 
     def holding_currents(self, readings: Sequence[float]) -> tuple[float, ...]:
-        """Amperes of each motor that hold links and tool there, without friction. Raises Falls."""
-        return self.motors.holding(self._angles(readings, self.payload))
+        """Amperes of each motor that hold links, tool and payload there, without friction. Raises Falls."""
+        payload = Mass(self.payload.kg * GRAVITY_M_S2, self._payload_place or self._chain.tcp)
+        return self.motors.holding(self._angles(readings, self.payload), payload if self.payload.kg else None)
 
     def encoder(self, joints: Sequence[float]) -> list[float]:
         """What the controller reads where the joints are at `joints`, degrees."""

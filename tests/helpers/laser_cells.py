@@ -25,6 +25,7 @@ def write_cell(root: Path, folder: Path, devices: dict[str, str] | None = None, 
     cell = yaml.safe_load(shipped.read_text())
     cell["model"] = str(shipped.parent / cell["model"])
     cell["devices"] = devices or {"tracker": TRACKER}
+    cell["limits"] = {}
     cell["station"], cell["reflectors"], cell["simulate"] = STATION, REFLECTORS, simulate
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump(cell))

@@ -22,10 +22,14 @@ _BEAT_S = 0.05
 
 @final
 class ControllerLines:
-    """Opened and closed together. `identity`: from the controller, None if not connected."""
+    """Opened and closed together. `identity`: from the controller, None if not connected.
+
+    `latency_s`: from the first command to its reply, in the cell's time.
+    """
 
     def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.identity: Identity | None = None
+        self.latency_s = 0.0
         self._device = device
         self._settings = settings
         self._clock = clock
@@ -98,7 +102,9 @@ class ControllerLines:
             return await CyclicProcess.start(self._device, self._settings, clock.source, reply.template, self._limits)
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:
+        asked_ns = self._clock.now_ns()
         reply = await eki.ask("HELLO")
+        self.latency_s = (self._clock.now_ns() - asked_ns) * 1e-9
         if reply.code:
             raise refusal(self._device, reply, "HELLO")
         stat = await eki.first_stat()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -12,13 +13,15 @@ from cellctl.calibration import Split, fit
 from cellctl.devices import MeasuredPoint
 from cellctl.files import InputError, sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
-from cellctl.formats.measurements import ModelChoice
+from cellctl.formats.measurements import Kind, ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Row
 from procedures.steps.setup_errors import WrongSetup, wrong_setup
-from procedures.steps.tracker.points import points_of
+from procedures.steps.tracker.places import measured_place, measured_pose
+from procedures.steps.tracker.plate import plate_of
 from procedures.steps.tracker.rows import HeldOutFigures, PoseRow, SetUpRow, TrackerVerdict
 from procedures.steps.tracker.sessions import Sessions
+from procedures.steps.tracker.six_dimensions import six_row
 
 
 @final
@@ -46,8 +49,9 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     robot, setup = RobotFile.load(context.robot_file), context.recorded(SetUpRow)[-1]
     data, ambiguous = pose_data(context)
     points = [row.point for row in context.recorded(PoseRow)]
-    measured = measurements(robot, data, measure="position", model=model)
-    if wrong := wrong_setup(context, measured, "--measure position"):
+    measure: Kind = "pose" if data.has("QW") else "position"
+    measured = measurements(robot, data, measure=measure, model=model)
+    if wrong := wrong_setup(context, measured, f"--measure {measure}"):
         return wrong
     split = Split.by_column(np.array([of == "test" for of in measured.sets]))
     result = fit(measured.task, split)
@@ -80,7 +84,8 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     )
     story = FitStory.of(measured, result, split, report)
     file = ModelFile.of(robot, measured, result, provenance)
-    return Found(data.text(), file.text(), verdict, identification_rows(story))
+    six = [six_row(measured, result, split)] if measure == "pose" else []
+    return Found(data.text(), file.text(), verdict, (*identification_rows(story), *six))
 
 
 def pose_data(context: StepContext) -> tuple[DataSet, int]:
@@ -88,27 +93,20 @@ def pose_data(context: StepContext) -> tuple[DataSet, int]:
     sessions, payload_kg = Sessions.of(context), context.recorded(SetUpRow)[-1].payload_kg
     repeatability = RobotFile.load(context.robot_file).repeatability
     rows = [(row, sessions.session(row.visit)) for row in context.recorded(PoseRow)]
-    records = [_record(row, session, payload_kg, repeatability) for row, session in rows if session]
+    plate = plate_of(context)
+    places = measured_place if plate is None else partial(measured_pose, plate)
+    records = [_record(row, session, payload_kg, places(row, repeatability)) for row, session in rows if session]
     if not records:
         what = "no pose has a session: the station moved in every round"
         raise InputError(context.cell.problem(("station",), what, "stand the instrument firmly, then begin anew"))
     return DataSet.of_records(records, "dataset.csv"), len(rows) - len(records)
 
 
-def _record(row: PoseRow, session: str, payload_kg: float, repeatability: float) -> dict[str, Any]:
-    """A pose as a row of the data set; joints in degrees, mm.
-
-    Its covariance: of the point for itself, and the robot's repeatability. The part that all points share (range zero
-    and scale, refraction, centring) is none of a row's own: more rows do not reduce it.
-    """
-    covariance = points_of([row.point]).alone[0] + repeatability**2 / 3.0 * np.eye(3)
+def _record(row: PoseRow, session: str, payload_kg: float, place: dict[str, float]) -> dict[str, Any]:
+    """A pose as a row of the data set; joints in degrees. place: the columns of what was measured."""
     return {
         **_numbered("A", row.joints),
-        **dict(zip("XYZ", row.point.xyz, strict=True)),
-        **dict(zip(("sX", "sY", "sZ"), np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        "cXY": covariance[0, 1],
-        "cXZ": covariance[0, 2],
-        "cYZ": covariance[1, 2],
+        **place,
         **_numbered("D", row.direction),
         **({"temperature": row.arm_c} if row.arm_c is not None else {}),
         **({"payload": payload_kg} if payload_kg else {}),

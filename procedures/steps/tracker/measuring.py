@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -11,6 +11,7 @@ from cellctl.devices import (
     CellIO,
     CurrentSource,
     JointReadings,
+    MeasuredPoint,
     MotorCurrents,
     MovingRobot,
     PointSource,
@@ -20,7 +21,7 @@ from cellctl.procedure import StepContext, StepInputs, StepResult, step
 from cellctl.records import Row
 from procedures.steps.rejoining import rejoin
 from procedures.steps.tracker.plans import PosePlan
-from procedures.steps.tracker.pointing import NotSettled, Settling, settled_point
+from procedures.steps.tracker.pointing import NestsDisagree, NotSettled, Settling, settled_point
 from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TurnRow
 
 NEEDS = {"robot": MovingRobot, "tracker": PointSource}
@@ -44,9 +45,10 @@ class PointInputs(StepInputs):
 
 
 class MeasureInputs(PointInputs):
-    """A planned pose, and the share of axis speed of transfers, percent."""
+    """A planned pose, the share of axis speed of transfers, percent, and how many reflectors to measure there."""
 
     pose: PosePlan
+    reflectors: Annotated[int, Field(ge=1, le=8)] = 1
     transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
 
 
@@ -56,7 +58,9 @@ class Measured(StepResult):
     xyz: list[float]
 
 
-@step("tracker.measure", needs=NEEDS, uses=USES, moves=True, errors=(NotSettled,), title="measuring poses")
+@step(
+    "tracker.measure", needs=NEEDS, uses=USES, moves=True, errors=(NotSettled, NestsDisagree), title="measuring poses"
+)
 async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a pose by its approach, take the motor currents, measure the reflector."""
     robot: MovingRobot = context.device("robot")
@@ -94,6 +98,8 @@ async def measure_pose(
     pose, robot = inputs.pose, context.device("robot")
     await _approach(robot, pose, inputs.transfer_percent)
     fields = await measured_fields(context, pose, await arrive(), inputs.settling)
+    if inputs.reflectors > 1 and pose.kind in ("fit", "test"):
+        fields["others"] = await measured_plate(context, fields, inputs.reflectors, inputs.settling)
     await context.record(_row(pose, fields))
     return Measured(xyz=list(fields["point"].xyz))
 
@@ -120,6 +126,24 @@ async def measured_fields(
         "point": point,
         "attempt": context.attempt,
     }
+
+
+async def measured_plate(
+    context: StepContext, fields: Mapping[str, Any], count: int, settling: Settling
+) -> tuple[MeasuredPoint, ...]:
+    """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
+    from cellctl.formats.station import reflectors_of
+    from procedures.steps.tracker.plate import check_plate
+    from procedures.steps.tracker.station import reflector_at, seen_from_instrument
+
+    joints = _array(fields["joints"])
+    points = []
+    for reflector in reflectors_of(context.cell).on_flange[1:count]:
+        place = seen_from_instrument(context, reflector_at(context, reflector.id, joints)[0])
+        tracker = context.device("tracker")
+        points.append(await settled_point(tracker, context.clock, place, _search_mm(context), settling))
+    check_plate(context, [fields["point"], *points])
+    return tuple(points)
 
 
 async def _approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:

@@ -50,14 +50,18 @@ class Wanted(Protocol):
     def from_both(self) -> float:
         """Share of the fit's poses measured from both sides."""
 
+    @property
+    def reflectors(self) -> int:
+        """How many reflectors of the plate must be visible."""
 
-def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None, on_plate: int = 1) -> list[Round]:
+
+def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None) -> list[Round]:
     """The poses in rounds of `monuments_every`; station (4, 4): the instrument in the base frame, None: the cell
-    file's. on_plate: how many reflectors must be visible. Raises InputError if too few poses can be measured.
+    file's. Raises InputError if too few poses can be measured.
     """
     robot = RobotFile.load(context.robot_file)
     home = np.array(postures_of(context.cell, robot, "turn").home)
-    poses = _poses(context, robot, wanted, station, on_plate, home)
+    poses = _poses(context, robot, wanted, station, home)
     plans = _plans(context, poses, home)
     rounds = [plans[first : first + wanted.monuments_every] for first in range(0, len(plans), wanted.monuments_every)]
     return [
@@ -67,10 +71,10 @@ def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None,
 
 
 def _poses(
-    context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, on_plate: int, home: Floats
+    context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
     given, given_station, floor = reflectors_of(context.cell), station_of(context.cell), floor_of(context.cell)
-    mine = given.on_flange[:on_plate]
+    mine = given.on_flange[: wanted.reflectors]
     sight = Sight(
         (rough_station(context) if station is None else station)[:3, 3],
         np.array([one.xyz for one in mine]),

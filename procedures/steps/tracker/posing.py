@@ -14,13 +14,14 @@ from procedures.steps.tracker.plans import Round
 class PlanInputs(StepInputs):
     """fit: poses to identify from; held_out: all that judge; monuments_every: poses between two visits to the nests.
 
-    from_both: share of the fit's poses that are measured from both sides.
+    from_both: share of the fit's poses that are measured from both sides. reflectors: of the plate, all visible.
     """
 
     fit: Annotated[int, Field(ge=10, le=2000)]
     held_out: Annotated[int, Field(ge=0, le=1000)]
     monuments_every: Annotated[int, Field(ge=5)] = 30
     from_both: Annotated[float, Field(ge=0, le=1)] = 0.15
+    reflectors: Annotated[int, Field(ge=1, le=8)] = 1
 
 
 class Plan(StepResult):
@@ -32,7 +33,7 @@ class Plan(StepResult):
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
     from procedures.steps.tracker.pose_planning import planned_rounds
 
-    if {"fit", "held_out", "monuments_every", "from_both"} <= known.keys():
+    if {"fit", "held_out", "monuments_every", "from_both", "reflectors"} <= known.keys():
         planned_rounds(context, PlanInputs.model_validate(dict(known)), None)
 
 

@@ -125,11 +125,15 @@ class VisitedRow(Row):
 
 @dataclass(frozen=True, kw_only=True)
 class PoseRow(VisitedRow):
-    """A pose of the identification, by nominal joints: `fit`, or `test` if held out."""
+    """A pose of the identification, by nominal joints: `fit`, or `test` if held out.
+
+    others: further reflectors of the plate, measured after the first one for a pose in six dimensions.
+    """
 
     KIND: ClassVar[str] = "pose"
     MEASUREMENT: ClassVar[bool] = True
     set: PoseSet
+    others: tuple[MeasuredPoint, ...] = ()
 
 
 @final
@@ -273,6 +277,36 @@ class TargetFigures:
     late_after: float
     predicted_sigma: float
     found_sigma: float
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class SixFigures:
+    """Errors of `n` poses: mean of |Δx|, |Δy|, |Δz|, mm, and of the angle, deg; before: registered nominal robot."""
+
+    n: int
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    angle_before: float
+    angle_after: float
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class SixRow(Row):
+    """Poses in six dimensions: errors of the fit and of the held-out ones; |R_ii| of the QR of the fit.
+
+    parameters (F,), r (F,): each free parameter in the order of the pivots, and |R_ii|: by how many standard deviations
+    one prior σ of it changes the rows, beyond what those before it can. observable: below this, a parameter is
+    redundant.
+    """
+
+    KIND: ClassVar[str] = "six dimensions"
+    fit: SixFigures
+    test: SixFigures
+    parameters: tuple[str, ...]
+    r: tuple[float, ...]
+    observable: float
 
 
 @final

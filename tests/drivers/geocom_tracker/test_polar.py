@@ -64,14 +64,13 @@ def test_the_covariance_is_that_of_simulated_readings(name, place, samples, face
     """Draw ranges and angles with the profile's errors, compute points, compare their covariance."""
     profile, true, rng, draws = PROFILES[name], to_polar(place), np.random.default_rng(1), 40_000
     distance = true.range_mm
-    sample_across = math.hypot(profile.sample_across_mm, profile.sample_angle_rad * distance)
-    angle = math.hypot(profile.set_up_angle_rad, profile.one_face_rad * (faces == 1), 0.15e-9 * distance)
-    common_across = math.hypot(profile.set_up_across_mm, angle * distance)
-    along = rng.normal(0, profile.sample_range_mm, (draws, samples)).mean(1)
-    along += (
-        rng.normal(0, profile.set_up_zero_mm, draws) + rng.normal(0, profile.set_up_scale_ppm, draws) * distance / 1e6
-    )
-    across = rng.normal(0, sample_across, (2, draws, samples)).mean(2) + rng.normal(0, common_across, (2, draws))
+    one, shared = profile.range_mm + profile.range_ppm * distance / 1e6, (draws, 1)
+    along = (0.8 * one * rng.normal(size=(draws, samples)) + 0.6 * one * rng.normal(size=shared)).mean(1)
+    one = np.hypot(profile.across_mm, profile.angle_rad * distance)
+    across = 0.8 * one * rng.normal(size=(2, draws, samples)) + 0.6 * one * rng.normal(size=(2, *shared))
+    across += rng.normal(size=(2, *shared)) * (profile.one_face_rad * distance if faces == 1 else 0.0)
+    across += rng.normal(size=(2, *shared)) * 0.15e-9 * distance**2  # refraction
+    across = across.mean(2)
     points = np.array(
         [
             to_xyz(Polar(true.hz + h / (distance * math.sin(true.v)), true.v + v / distance, distance + r))

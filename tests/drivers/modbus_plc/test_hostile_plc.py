@@ -88,7 +88,7 @@ def on_line(served, work, replies):
             try:
                 return await work(one, script)
             finally:
-                one.close()
+                await one.close()
 
     return asyncio.run(go())
 

@@ -225,3 +225,16 @@ def test_a_closed_device_is_lost_and_can_be_connected_again(on_wire):
         return await wire.plc.holds("alive")
 
     assert on_wire(work)
+
+
+def test_connecting_again_at_once_is_the_same_in_every_run(on_wire):
+    async def work(wire):
+        moments = []
+        for i in range(10):
+            await wire.plc.close()
+            await wire.plc.connect()
+            await wire.let_pass(0.013 * i)
+            moments.append(wire.clock.now_ns())
+        return moments
+
+    assert on_wire(work) == on_wire(work)

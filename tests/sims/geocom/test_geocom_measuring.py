@@ -7,7 +7,7 @@ import pytest
 from laser_bench import Air, Arm, Reflector, Scene, World
 
 from sims.geocom import air
-from sims.geocom.profiles import ARCSEC, COMMON, PROFILES, SAMPLE
+from sims.geocom.profiles import ARCSEC, PROFILES
 
 PLACE = (1200.0, 2400.0, -300.0)
 HZ, V = np.arctan2(PLACE[0], PLACE[1]), np.arctan2(hypot(*PLACE[:2]), PLACE[2])
@@ -246,8 +246,7 @@ def test_samples_scatter_by_the_profile(one, name):
     profile = PROFILES[name]
     line = one(noise_scale=1.0, profile=profile)
     samples = np.array([line.measure()[1] for _ in range(150)])
-    across = SAMPLE * profile.angle_rad(LENGTH)
-    along = SAMPLE * (profile.range_mm + profile.range_ppm * 1e-6 * LENGTH)
+    across, along = profile.sample.angle_rad(LENGTH), profile.sample.along_mm(LENGTH)
     found = samples.std(axis=0) * [sin(V), 1.0, 1e3]
     assert found == pytest.approx([across, across, along], rel=0.25)
 
@@ -258,8 +257,17 @@ def test_what_samples_have_in_common_is_another_at_another_pose_of_the_robot(one
     for attempt in range(40):
         line.scene.arm = Arm(attempt=attempt)
         offsets.append(np.mean([line.ask(2107, 1)[1] for _ in range(20)], axis=0) - [HZ, V])
-    sigma = np.hypot(COMMON, SAMPLE / np.sqrt(20)) * 0.5 * ARCSEC
+    sigma = 0.05 / LENGTH + 0.2 * ARCSEC  # and 0.5″ / √20 of the samples, which is little
     assert np.std(offsets, axis=0) * [sin(V), 1.0] == pytest.approx([sigma, sigma], rel=0.4)
+
+
+def test_what_readings_of_a_reflector_have_in_common_is_the_same_place_in_both_faces(one):
+    line = one(noise_scale=1.0)
+    first = np.mean([line.ask(2107, 1)[1] for _ in range(200)], axis=0)
+    line.set(9028, 0, 1, 0)
+    second = np.mean([line.ask(2107, 1)[1] for _ in range(200)], axis=0)
+    assert abs(first[1] - V) > 5e-6  # the common part is there
+    assert (first[1], first[0]) == pytest.approx((2 * pi - second[1], second[0] - pi), abs=5 * 0.5 * ARCSEC / 14)
 
 
 def test_all_distances_of_one_set_up_share_its_zero(one):
@@ -267,8 +275,18 @@ def test_all_distances_of_one_set_up_share_its_zero(one):
     for seed in range(30):
         line = one(noise_scale=1.0, seed=seed)
         zeros.append(np.mean([line.measure()[1][2] * 1e3 - LENGTH for _ in range(10)]))
-    expected = 0.2 * np.hypot(COMMON, SAMPLE / np.sqrt(10))
+    expected = np.hypot(0.16, 0.12 / np.sqrt(10))
     assert np.std(zeros) == pytest.approx(expected, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("name", "across_um", "along_um"),
+    [("at960", (15 + 6 * 3) / 2, (15 + 0.5 * 3) / 2), ("vantage", (20 + 5 * 3) / 2, (16 + 0.8 * 3) / 2)],
+)
+def test_sample_and_common_part_make_half_of_the_makers_permissible_error(name, across_um, along_um):
+    parts = PROFILES[name].sample, PROFILES[name].common
+    assert hypot(*(part.angle_rad(3000.0) * 3e6 for part in parts)) == pytest.approx(across_um)
+    assert hypot(*(part.along_mm(3000.0) * 1e3 for part in parts)) == pytest.approx(along_um)
 
 
 def test_noise_goes_by_what_is_measured_and_not_by_time(one):

@@ -86,3 +86,18 @@ def test_the_moving_arm_carries_its_payload_and_truth_without_a_column_is_the_sa
     assert scene.tcp() == pytest.approx(scene.world.true_tcp(joints), abs=1e-9)
     assert scene.tcp() != pytest.approx(world(compliance=1, deflection=1).true_tcp(joints), abs=0.1)
     kernel.close()
+
+
+def test_the_motors_hold_the_payload_too():
+    """Stretched out level, the moment of 5 kg about A2 is known from where they hang: by the amperes for each N·m."""
+    at = (0.0, 0.0, 100.0)
+    bare, loaded = world(), world(Payload(5.0, at))
+    flat = (0.0,) * 6
+    more = np.subtract(loaded.holding_currents(flat), bare.holding_currents(flat))
+    flange = bare._geometry.flange
+    axis = bare._chain.arm.axes[1]
+    lever = flange[:3, :3] @ at + flange[:3, 3] - axis.point
+    moment_nm = np.cross(lever, [0.0, 0.0, -5.0 * G]) @ axis.direction / 1000.0
+    assert abs(moment_nm) > 50.0
+    sign = CELL.robot.joints[1].sign
+    assert more[1] == pytest.approx(-sign * moment_nm / bare.motors.nm_per_a[1], rel=1e-6)
