@@ -66,7 +66,9 @@ class SimulatedCell:
         if kind == "wall":
             return WallClock(int(value))
         host, port = self._control()
-        return await LockstepClock.attach(value, host, port)
+        clock = await LockstepClock.attach(value, host, port)
+        await clock.sleep(0.0)  # until the first tick: the simulators count what is written to them from there
+        return clock
 
     async def tell(self, message: dict[str, Any]) -> dict[str, Any]:
         """Send a request to the control port. Raises DeviceError if the simulator refuses it or has ended."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Any, final
@@ -15,11 +16,15 @@ from cellctl.clock import Clock
 from cellctl.devices import DeviceLost, DeviceUnreachable
 from drivers.modbus_plc.refusals import refusal
 
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+"""What the library logs is in this driver's errors; without a handler it would appear on the operator's terminal."""
+
 ANSWER_S = 1.0
 """Longest wait for an answer, in the cell's time."""
 
-_DEAD_S = 10.0
-"""Wall time after which the library gives up; it guards against a dead peer only."""
+_CONNECT_S = 10.0
+_DEAD_S = 600.0
+"""Wall time after which the library gives up. A guard against a dead peer: the cell's time may stand for long."""
 
 _LOST_CURE = "check the network cable, the PLC's supply, and that its Modbus server runs"
 
@@ -46,7 +51,7 @@ class ModbusLine:
             name=device,
             retries=0,
             reconnect_delay=0,
-            timeout=_DEAD_S,
+            timeout=_CONNECT_S,
             trace_packet=self._sent,
             trace_connect=self._connected,
         )
@@ -57,6 +62,7 @@ class ModbusLine:
         """Connect. Raises DeviceUnreachable."""
         with self._clock.standing():
             if await self._client.connect():
+                self._client.ctx.comm_params.timeout_connect = _DEAD_S  # the library uses it for answers too
                 self._wire = self._clock.wire(self._device)
                 return
         what = f"no Modbus connection to {self._place}"
@@ -72,8 +78,7 @@ class ModbusLine:
             self._check(doing)
             sent_ns = self._clock.now_ns()
             try:
-                async with self._clock.timeout(ANSWER_S):
-                    answer = await request(self._client)
+                answer = await self._answer(asyncio.ensure_future(request(self._client)), sent_ns)
             except TimeoutError:
                 self._end(f"no answer within {ANSWER_S:g} s")
             except ModbusException as error:
@@ -83,6 +88,20 @@ class ModbusLine:
         if isinstance(answer, ExceptionResponse):
             raise refusal(self._device, doing, answer.exception_code)
         return answer
+
+    async def _answer(self, pending: asyncio.Future[ModbusPDU], sent_ns: int) -> ModbusPDU:
+        """Wait until `ANSWER_S` of the cell's time have passed. Raises TimeoutError, ModbusException.
+
+        While the cell's time stands for another device, its time-outs count wall time: then it waits again.
+        """
+        try:
+            while (left_s := ANSWER_S - (self._clock.now_ns() - sent_ns) * 1e-9) > 0.0:
+                with suppress(TimeoutError):
+                    async with self._clock.timeout(left_s):
+                        return await asyncio.shield(pending)
+            raise TimeoutError
+        finally:
+            pending.cancel()
 
     async def close(self) -> None:
         """Close the connection, before another can be opened: the PLC then sees them in this order."""

@@ -22,6 +22,9 @@ LONGEST_SEARCH_S = 5.0
 SWEEP_DEG_S = 30.0
 """Rate of a search with the fan of light, about the standing axis."""
 
+NARROWEST_RAD = FIELD_OF_VIEW_RAD / 4
+"""Half of the smallest window: what the camera sees however small a window is asked for."""
+
 SWING_RAD = pi / 20
 """10 gon."""
 
@@ -57,7 +60,7 @@ class Aiming:
             return Answer(Code.AUT_NOT_ENABLED)
         instrument.stop_movement()
         start = instrument.axis()
-        window = max(half_hz, FIELD_OF_VIEW_RAD / 4), max(half_v, FIELD_OF_VIEW_RAD / 4)
+        window = max(half_hz, NARROWEST_RAD), max(half_v, NARROWEST_RAD)
         found = optics.in_window(self._candidates(start), start, *window)
         if len(found) > 1:
             return self._give_up(start, Code.AUT_MULTIPLE_TARGETS, 0.0)

@@ -8,7 +8,6 @@ class Code(IntEnum):
 
     OK = 0
     IVPARAM = 2
-    ABORT = 8
     SYSBUSY = 13
     INSTRUMENT_TILT = 22
     NA = 27

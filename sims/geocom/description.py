@@ -33,7 +33,7 @@ def _start(setup: Setup) -> Started:
         setup.scene.station()
     except LookupError as error:
         raise CannotStart(str(error)) from None
-    return GeocomServer(setup, setup.scene)
+    return GeocomServer(setup)
 
 
 def _address_errors(address: str) -> list[str]:

@@ -7,11 +7,10 @@ from math import pi
 from sims.geocom.aiming import Aiming
 from sims.geocom.codes import Code
 from sims.geocom.instrument import Instrument
-from sims.geocom.procedures import BOOLEANS, BadParameter, Procedure, Procedures, above, among, getter, setter
+from sims.geocom.procedures import BOOLEANS, BadParameter, Procedure, Procedures, among, getter, positive, setter
 from sims.geocom.work import DONE, Answer, Step
 
 CONTROLLER_MODES = range(8)
-STOP_MODES = BOOLEANS
 WIDEST_RAD = pi
 
 
@@ -89,10 +88,10 @@ def _searches(instrument: Instrument) -> Procedures:
 
     def set_area(hz: float, v: float, range_hz: float, range_v: float, on: int) -> None:
         held.area_on = bool(among(on, BOOLEANS))
-        held.area = (hz, v, above(0.0, range_hz), above(0.0, range_v))
+        held.area = (hz, v, positive(range_hz), positive(range_v))
 
     def set_pair(name: str, first: float, second: float) -> None:
-        setattr(held, name, (above(0.0, first), above(0.0, second)))
+        setattr(held, name, (positive(first), positive(second)))
 
     return {
         9007: setter("dd", lambda hz, v: set_pair("tolerance", hz, v)),
@@ -112,7 +111,7 @@ def _motors(instrument: Instrument) -> Procedures:
         instrument.controller_on = True
 
     def stop(mode: int) -> None:
-        among(mode, STOP_MODES)
+        among(mode, BOOLEANS)
         instrument.controller_on = False
         instrument.stop_movement()
 

@@ -10,27 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import acos, atan2, cos, degrees, hypot, pi, sin, sqrt
-from typing import Protocol, final
+from typing import TYPE_CHECKING, final
+
+if TYPE_CHECKING:
+    from sims.world.reflectors import Target
 
 Vector = tuple[float, float, float]
 Matrix = Sequence[Sequence[float]]
 
 TURN = 2 * pi
-
-
-class TargetLike(Protocol):
-    """A reflector as the scene has it: place (mm) and the direction that it faces, in the robot's base frame."""
-
-    @property
-    def id(self) -> str: ...  # noqa: D102
-    @property
-    def xyz(self) -> Vector: ...  # noqa: D102
-    @property
-    def facing(self) -> Vector: ...  # noqa: D102
-    @property
-    def acceptance_deg(self) -> float: ...  # noqa: D102
-    @property
-    def constant_mm(self) -> float: ...  # noqa: D102
 
 
 @final
@@ -127,12 +115,6 @@ def to_instrument(station: Matrix, xyz: Vector) -> Vector:
     return (first, second, third)
 
 
-def to_base(station: Matrix, xyz: Vector) -> Vector:
-    """A point of the instrument frame in the base frame."""
-    first, second, third = (sum(station[row][i] * xyz[i] for i in range(3)) + station[row][3] for row in range(3))
-    return (first, second, third)
-
-
 def tilt_of(station: Matrix, up: Vector) -> tuple[float, float]:
     """By which the standing axis leans about the instrument's x and y, rad. up: unit vector in the base frame."""
     x, y, z = (sum(station[row][i] * up[row] for row in range(3)) for i in range(3))
@@ -164,7 +146,7 @@ def levelled(tilt: tuple[float, float], xyz: Vector) -> Vector:
 
 
 def visible(
-    targets: Iterable[TargetLike],
+    targets: Iterable[Target],
     station: Matrix,
     tilt: tuple[float, float],
     blocked: Callable[[Vector, Vector], bool],
@@ -185,7 +167,7 @@ def visible(
     return tuple(found)
 
 
-def incidence_deg(target: TargetLike, centre: Vector) -> float:
+def incidence_deg(target: Target, centre: Vector) -> float:
     """The angle between the reflector's axis and the beam."""
     beam = [there - here for there, here in zip(centre, target.xyz, strict=True)]
     lengths = hypot(*beam) * hypot(*target.facing)

@@ -63,8 +63,8 @@ def among(value: int, possible: Iterable[int]) -> int:
     return value
 
 
-def above(least: float, value: float) -> float:
-    """The value. Raises BadParameter where it is not above `least`."""
-    if value <= least:
+def positive(value: float) -> float:
+    """The value. Raises BadParameter where it is not above 0."""
+    if value <= 0.0:
         raise BadParameter(value)
     return value

@@ -17,8 +17,9 @@ from sims.geocom.receiver import Receiver
 from sims.geocom.sender import Sender
 from sims.geocom.session import Session
 from sims.geocom.settings_rpcs import settings_procedures
-from sims.geocom.sight import SceneLike, Sight
+from sims.geocom.sight import Sight
 from sims.kernel import Kernel
+from sims.scene.scene import Scene
 from sims.simulator import Request, Setup, with_path
 from sims.terminal import Terminal
 
@@ -43,7 +44,7 @@ class LaserStation:
         self,
         kernel: Kernel,
         faults: Faults,
-        scene: SceneLike,
+        scene: Scene,
         build: Build,
         *,
         baud: int,
@@ -99,14 +100,14 @@ class LaserStation:
 class GeocomServer:
     """The laser station on its pseudo-terminal."""
 
-    def __init__(self, setup: Setup, scene: SceneLike) -> None:
+    def __init__(self, setup: Setup) -> None:
         self._wire = setup.wire
         self._heard = False
         self._terminal = Terminal(setup.kernel, self._host_speaks, self._host_hangs_up)
         self.station = LaserStation(
             setup.kernel,
             setup.faults,
-            scene,
+            setup.scene,
             build_of(setup.address, setup.settings, setup.cell.simulate.seed),
             baud=baud_of(setup.address),
             reply_ms=setup.settings["reply_ms"],

@@ -2,65 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from math import hypot, radians
-from typing import Protocol, final
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import final
 
 from sims.faults import Faults
 from sims.geocom import air, optics
-from sims.geocom.optics import Direction, Matrix, Seen, TargetLike, Vector
+from sims.geocom.optics import Direction, Matrix, Seen
+from sims.scene.scene import Scene
 
 COMPENSATOR_RAD = radians(4 / 60)
 """The compensator's range: ± 4′."""
 
 GROSS_TILT_RAD = radians(1.0)
 """The instrument refuses to measure beyond this tilt."""
-
-
-class Air(Protocol):
-    """The air as it truly is."""
-
-    @property
-    def air_c(self) -> float: ...  # noqa: D102
-    @property
-    def pressure_hpa(self) -> float: ...  # noqa: D102
-    @property
-    def humidity_percent(self) -> float: ...  # noqa: D102
-
-
-class ArmLike(Protocol):
-    """The arm, as far as an instrument depends on it."""
-
-    @property
-    def moving(self) -> bool: ...  # noqa: D102
-    @property
-    def commanded(self) -> tuple[float, ...]: ...  # noqa: D102
-    @property
-    def attempt(self) -> int: ...  # noqa: D102
-
-
-class WorldLike(Protocol):
-    """The world, as far as an instrument depends on it."""
-
-    @property
-    def up(self) -> Vector: ...  # noqa: D102
-
-
-class SceneLike(Protocol):
-    """The part of `sims.scene.scene.Scene` that an instrument reads. Base frame, mm; up: a unit vector."""
-
-    @property
-    def arm(self) -> ArmLike: ...  # noqa: D102
-    @property
-    def world(self) -> WorldLike: ...  # noqa: D102
-    def reflectors(self) -> Iterable[TargetLike]: ...  # noqa: D102
-    def station(self) -> NDArray[np.float64]: ...  # noqa: D102
-    def environment(self) -> Air: ...  # noqa: D102
-    def blocked(self, start: Vector, end: Vector) -> bool: ...  # noqa: D102
 
 
 @final
@@ -70,7 +26,7 @@ class Sight:
     lost: reflectors that are gone (fault `tracker.reflector_lost`).
     """
 
-    def __init__(self, scene: SceneLike, faults: Faults) -> None:
+    def __init__(self, scene: Scene, faults: Faults) -> None:
         self._scene = scene
         self._faults = faults
         self.lost: set[str] = set()
@@ -84,7 +40,7 @@ class Sight:
             scene.reflectors(),
             self._station(),
             tilt,
-            lambda start, end: scene.blocked(start, end),
+            scene.blocked,
             lambda seen: seen.id not in self.lost and wanted(seen),
         )
 

@@ -85,8 +85,7 @@ class MovingArm:
         """Whether a motion is going on, be it between two interpolation cycles."""
         return not isinstance(self._motion, Standing)
 
-    @property
-    def standing_since_ns(self) -> int | None:
+    def standing_since(self) -> int | None:
         """Since when it has been at rest; None in motion or under a sensor's correction."""
         return None if self.moving else self._motion.start_ns
 

@@ -30,7 +30,7 @@ class MotorCurrents:
 
     def brakes_closed(self, time_ns: int | None = None) -> bool:
         """Whether the brakes hold the arm: it has stood for a while and nothing corrects it."""
-        since = self._arm.standing_since_ns
+        since = self._arm.standing_since()
         now = self._kernel.now if time_ns is None else time_ns
         return since is not None and now - since >= self.brakes_after_ns
 

@@ -215,9 +215,12 @@ class FakeRobot(FakeDevice):
 
 @dataclass
 class Faults:
-    """What goes wrong: aims (by count, from 1) that find no reflector; a bump (mm) before aim number `bump_at`."""
+    """What goes wrong: aims (by count, from 1) that find no reflector (`lost`), or the one before (`twice`); a bump,
+    mm, before an aim (`bump_at`).
+    """
 
     lost: set[int] = field(default_factory=set)
+    twice: set[int] = field(default_factory=set)
     bump_at: dict[int, float] = field(default_factory=dict)
     unlevelled: bool = False
     two_face_mm: float = 0.02
@@ -255,7 +258,8 @@ class FakeTracker(FakeDevice):
                 found.append((distance, name))
         if not found:
             raise TargetLost(self.name, f"no reflector within {search_mm:g} mm of {place}", "look")
-        self.target = min(found)[1]
+        if self.aims not in self.faults.twice:
+            self.target = min(found)[1]
 
     async def lock(self) -> Lock:
         return Lock.LOCKED if self.target else Lock.NONE

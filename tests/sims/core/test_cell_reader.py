@@ -52,6 +52,7 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     assert cell.simulate.settings["rsi"] == rsi
     assert cell.simulate.settings["probe"] == {"usb_delay_ms": 1.0, "bounce": 2}
     assert cell.simulate.settings["plc"] == {"delay_least_ms": 5.0, "delay_most_ms": 20.0, "clamp_ms": 300.0}
+    assert cell.simulate.settings["drives"] == {"brakes_after_s": 10.0, "noise": 0.004}
 
 
 def test_errors_are_switched_off_or_scaled(edited):

@@ -134,7 +134,7 @@ def test_how_many_of_a_kind_there_can_be_is_reported_by_the_description(run):
 
 def test_a_device_that_nobody_simulates_is_an_error_at_check(run):
     (found,) = errors(run, {"laser": "invented://a", "hand": "gripper://b"})
-    assert "there is no simulator for 'gripper', only for contact+serial and " in found
+    assert "there is no simulator for 'gripper', only for canopen" in found
     assert " and invented and kuka+rsi" in found
 
 

@@ -72,6 +72,18 @@ class Line:
         line, self._begun = self._begun.split(b"\r\n", 1)
         return line.decode()
 
+    def wait(self, seconds):
+        over = self.kernel.after(round(seconds * 1e9), lambda: None)
+        while over.pending:
+            self.turn()
+
+    def move(self, *joints):
+        """The robot, at a tenth of its speed."""
+        arrived = []
+        self.scene.arm.move(tuple(map(float, joints)), 10.0, lambda: arrived.append(True))
+        while not arrived:
+            self.turn()
+
     def aim_at(self, place):
         """By the file's rough frame of the station, as a host would."""
         x, y, z = place
@@ -139,6 +151,29 @@ def test_it_measures_the_true_places_of_nests_and_robot_in_its_own_levelled_fram
         expected = in_station(line, targets[name])
         assert line.aim_at(expected + 5.0) == 0, name
         assert line.measure() == pytest.approx(expected, abs=2e-3), name
+
+
+def test_a_lock_follows_the_moving_robot_and_is_lost_when_the_reflector_turns_away(line_of):
+    line = line_of(tracker={"noise_scale": 0.0, "collimation_arcsec": 0.0, "index_arcsec": 0.0}).open()
+
+    def reflector():
+        return in_station(line, line.scene.reflectors()[0].xyz)
+
+    line.ask(17008, 9)
+    line.ask(2024, -0.0038)
+    line.ask(18007, 1)
+    assert line.aim_at(reflector()) == 0
+    assert line.ask(9013) == (0, [])
+    before = reflector()
+    line.move(10, -90, 90, 0, 45, 0)
+    assert np.linalg.norm(reflector() - before) > 100
+    assert line.ask(6021) == (0, [1])
+    assert line.measure() == pytest.approx(reflector(), abs=0.05)  # the air is not set
+    line.move(10, -90, 90, 0, 45, 120)
+    assert line.ask(6021) == (0, [2])
+    line.wait(2.0)
+    assert line.ask(6021) == (0, [0])
+    assert line.aim_at(reflector()) == 8710
 
 
 def test_every_byte_of_both_directions_is_counted(line_of):

@@ -64,7 +64,7 @@ def test_the_brakes_close_some_time_after_standstill_and_the_currents_are_zero_t
     scene, kernel = make()
     scene.currents.brakes_after_ns = 3 * S
     go(scene, kernel, moved(1, -1.0))
-    rest = scene.arm.standing_since_ns
+    rest = scene.arm.standing_since()
     assert any(scene.motor_currents(rest + 3 * S - 1))
     assert not scene.currents.brakes_closed(rest + 3 * S - 1)
     assert scene.motor_currents(rest + 3 * S) == (0.0,) * 6

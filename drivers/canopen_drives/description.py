@@ -1,0 +1,22 @@
+"""The description of this driver: its entry points."""
+
+from __future__ import annotations
+
+from cellctl.devices import Address, CurrentSource, DriverDescription, Surroundings
+from drivers.canopen_drives.place import CanPlace
+
+
+def open_drives(name: str, address: Address, surroundings: Surroundings) -> CurrentSource:
+    """The drives at `canopen+socketcan://can0?bitrate=1000000&nodes=1,2,3,4,5,6[&current=6078]`; `connect` opens them.
+
+    Schemes: `canopen+` and an interface of python-can. `nodes`: node numbers in the order of the axes; `current`: the
+    object that carries the current (docs/connecting-drives.md). Raises ValueError for an error in the address.
+    """
+    from drivers.canopen_drives.drives import CanopenDrives  # canopen and python-can, where they are used
+
+    if surroundings.limits:
+        raise ValueError("drives have no limits: this driver only reads them")
+    return CanopenDrives(name, CanPlace.of(address), surroundings.clock)
+
+
+DRIVER = DriverDescription(open_drives, CurrentSource)
