@@ -14,8 +14,9 @@ _ARCSEC: Final = math.radians(1.0 / 3600.0)
 class Accuracy:
     """1 σ of one reading.
 
-    Along the beam: range_mm + range_ppm · distance; across it: across_mm and angle_rad · distance, squares added.
-    one_face_rad: collimation and index error, which remain if one face is used.
+    Along the beam: range_mm + range_ppm · distance; across it: across_mm + angle_rad · distance.
+    one_face_rad: collimation and index error, which remain if one face is used. pointing_mm: of the target recognition,
+    across the beam, new with each aim.
     noise_only: an instrument of this class does not speak GeoCOM: the profile is its noise, not its behaviour.
     """
 
@@ -26,6 +27,7 @@ class Accuracy:
     angle_rad: float
     noise_only: bool
     one_face_rad: float = 3.0 * _ARCSEC
+    pointing_mm: float = 0.0
 
     def along_mm(self, distance_mm: float) -> float:
         """1 σ along the beam, mm."""
@@ -33,17 +35,27 @@ class Accuracy:
 
     def across_mm_at(self, distance_mm: float) -> float:
         """1 σ across the beam, in each direction, mm."""
-        return math.hypot(self.across_mm, self.angle_rad * distance_mm)
+        return self.across_mm + self.angle_rad * distance_mm
 
 
 SAMPLE_SHARE: Final = 0.8
 """Of each σ: what changes from sample to sample. The makers do not divide their figures."""
 COMMON_SHARE: Final = 0.6
-"""Of each σ: what is the same for all samples of a point. 0.8² + 0.6² = 1."""
+"""Of each σ: what is the same for all samples of a point: along the beam in the whole set-up, across it in one aim.
+0.8² + 0.6² = 1.
+"""
 
 _ALL: Final = (
-    # 0.5″ (ISO 17123-3); distance 0.6 mm + 1 ppm at worst, 0.2 mm typically.
-    Accuracy("tdra6000", range_mm=0.2, range_ppm=1.0, across_mm=0.0, angle_rad=0.5 * _ARCSEC, noise_only=False),
+    # 0.5″ (ISO 17123-3); distance 0.6 mm + 1 ppm at worst, 0.2 mm typically; pointing is an estimate.
+    Accuracy(
+        "tdra6000",
+        range_mm=0.2,
+        range_ppm=1.0,
+        across_mm=0.0,
+        angle_rad=0.5 * _ARCSEC,
+        noise_only=False,
+        pointing_mm=0.05,
+    ),
     # Half of the MPE: a point ± 15 µm + 6 µm/m; distance meter ± 5 µm (R0), ± 0.5 µm/m.
     Accuracy("at960", range_mm=0.0025, range_ppm=0.25, across_mm=0.0075, angle_rad=3e-6, noise_only=True),
     # Half of the MPE: distance ± 16 µm + 0.8 µm/m, across ± 20 µm + 5 µm/m.
