@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.devices import Matrix3, Vector3
-from drivers.geocom_tracker.accuracy import COMMON_SHARE, SAMPLE_SHARE, Accuracy
+from drivers.geocom_tracker.accuracy import Accuracy
 
 _REFRACTION_RAD_PER_MM: Final = 0.15e-9
 """1 σ of the bend of the beam: half of 1e-6/K times a gradient of 0.3 K/m across the beam, per distance."""
@@ -81,8 +81,9 @@ def scatter_of(deviating: Sequence[Vector3], means: int) -> Vector3:
 def covariances(
     mean: Polar, accuracy: Accuracy, *, samples: int, faces: int, scatter: Vector3, centring_mm: float
 ) -> tuple[Matrix3, Matrix3]:
-    """Covariance of a point of `samples` readings in all, and its common part, which no further sample reduces; mm².
+    """Covariance of a point of `samples` readings in all, and the part that all points of the set-up share; mm².
 
+    More samples reduce neither that part nor the pointing, which is new with each aim.
     scatter: as found, along, horizontally, vertically; it replaces the profile's where it is clearly larger.
     centring_mm: 1 σ of the reflector's centre. Cov = R diag(σ²) Rᵀ, R: unit vectors along and across the beam.
     """
@@ -92,22 +93,27 @@ def covariances(
     common = np.array(_common_variance(accuracy, distance, faces)) + centring_mm**2
     axes = _beam_axes(mean)
     return (
-        _matrix(axes @ np.diag(common + np.square(sample) / samples) @ axes.T),
+        _matrix(axes @ np.diag(common + _aim_variance(accuracy, distance) + np.square(sample) / samples) @ axes.T),
         _matrix(axes @ np.diag(common) @ axes.T),
     )
 
 
 def _sample_sigma(accuracy: Accuracy, distance: float) -> Vector3:
-    across = SAMPLE_SHARE * accuracy.across_mm_at(distance)
-    return (SAMPLE_SHARE * accuracy.along_mm(distance), across, across)
+    across = accuracy.sample.across_at(distance)
+    return (accuracy.sample.along_at(distance), across, across)
 
 
 def _common_variance(accuracy: Accuracy, distance: float, faces: int) -> Vector3:
-    along = COMMON_SHARE * accuracy.along_mm(distance)
+    along = accuracy.common.along_at(distance)
     one_face = accuracy.one_face_rad if faces == 1 else 0.0
     refraction = _REFRACTION_RAD_PER_MM * distance
-    across = math.hypot(COMMON_SHARE * accuracy.across_mm_at(distance), one_face * distance, refraction * distance)
+    across = math.hypot(one_face, refraction) * distance
     return (along**2, across**2, across**2)
+
+
+def _aim_variance(accuracy: Accuracy, distance: float) -> Vector3:
+    across = accuracy.common.across_at(distance)
+    return (0.0, across**2, across**2)
 
 
 def _beam_axes(mean: Polar) -> NDArray[np.float64]:
