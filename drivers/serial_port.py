@@ -61,10 +61,14 @@ class SerialPlace:
 
 @final
 class SerialPort:
-    """An open serial port, 8N1. One thread reads; close it after that thread has ended."""
+    """An open serial port, 8N1. One thread or loop reads; close it after its reading has ended."""
 
     def __init__(self, serial: Serial) -> None:
         self._serial = serial
+
+    def fileno(self) -> int:
+        """The file descriptor, for a loop's `add_reader`."""
+        return self._serial.fileno()
 
     def read(self) -> bytes:
         """The received bytes; empty after 50 ms (wall) without data. Raises OSError if the port was lost."""

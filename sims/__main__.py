@@ -57,10 +57,14 @@ def _add_check(check: argparse.ArgumentParser) -> None:
 
 def _add_truth(truth: argparse.ArgumentParser) -> None:
     truth.add_argument("cell", type=Path, help="cell file")
-    truth.add_argument("joints", type=Path, help="CSV: A1…An, degrees; optional D1…Dn, temperature, payload")
+    truth.add_argument(
+        "joints", type=Path, help="CSV: A1…An, degrees; optional D1…Dn, temperature, payload, payload_x…z"
+    )
     truth.add_argument("--seed", type=_seed, help="wins over the cell file's")
     truth.add_argument("-o", "--out", type=Path, required=True, help="CSV to write: X,Y,Z, mm, robot's base frame")
-    truth.add_argument("--pose", action="store_true", help="the tool's A,B,C too, degrees")
+    what = truth.add_mutually_exclusive_group()
+    what.add_argument("--pose", action="store_true", help="the tool's A,B,C too, degrees")
+    what.add_argument("--reflector", metavar="ID", help="a reflector on the robot instead of the tool centre point")
     truth.set_defaults(do=_truth)
 
 
@@ -81,7 +85,7 @@ def _check(asked: argparse.Namespace) -> int:
 
 
 def _truth(asked: argparse.Namespace) -> None:
-    write_truth(asked.cell, asked.joints, asked.seed, asked.out, pose=asked.pose)
+    write_truth(asked.cell, asked.joints, asked.seed, asked.out, pose=asked.pose, reflector=asked.reflector)
 
 
 def _schema(asked: argparse.Namespace) -> None:

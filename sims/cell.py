@@ -8,11 +8,14 @@ from typing import Any, Literal, final
 
 import yaml
 
+from sims.conditions import Payload
 from sims.faults import Fault, FaultCatalogue, FaultError
 from sims.robot_file import RobotFile, Triple, read_robot
 from sims.section import Section
 from sims.settings import read_settings
 from sims.simulators import BadSimulator, Simulators, installed
+from sims.spacings import Distance, read_distances
+from sims.station_file import Reflectors, Station, read_reflectors, read_station
 
 ERRORS = {
     "geometry": 1.0,
@@ -29,6 +32,10 @@ ERRORS = {
     "gear": 0.0,
     "backlash": 0.0,
     "expansion": 0.0,
+    "station": 1.0,
+    "reflector": 1.0,
+    "station_drift": 0.0,
+    "air": 0.0,
 }
 """The kinds of error of the simulated cell → the default scale of each."""
 
@@ -49,16 +56,6 @@ class Sphere:
     id: str
     diameter: float
     centre: Triple
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Distance:
-    """A certified distance between two spheres' centres, with its 1 σ, mm."""
-
-    between: tuple[str, str]
-    mm: float
-    sigma: float
 
 
 @final
@@ -86,7 +83,8 @@ class Artefact:
 class Simulate:
     """The `simulate:` section.
 
-    `errors`: kind → scale, all of `ERRORS`. `settings`: section of an installed simulator → its settings' values.
+    `errors`: kind → scale, all of `ERRORS`. `payload`: what the robot truly carries; None: as the cell's `load:` says.
+    `settings`: section of an installed simulator → its settings' values.
     """
 
     seed: int
@@ -94,12 +92,17 @@ class Simulate:
     errors: dict[str, float]
     settings: dict[str, dict[str, Any]]
     faults: tuple[Fault, ...]
+    payload: Payload | None = None
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class SimCell:
-    """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg."""
+    """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg.
+
+    `station`, `reflectors`: of a cell with an instrument that measures reflectors. `load`: what the file says that the
+    robot carries besides its tool.
+    """
 
     path: Path
     name: str
@@ -108,6 +111,14 @@ class SimCell:
     artefact: Artefact
     simulate: Simulate
     home: tuple[float, ...] = ()
+    station: Station | None = None
+    reflectors: Reflectors | None = None
+    load: Payload | None = None
+
+    @property
+    def payload(self) -> Payload:
+        """What the robot truly carries besides its tool."""
+        return self.simulate.payload or self.load or Payload()
 
     @property
     def folder(self) -> Path:
@@ -144,6 +155,9 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
         artefact=_artefact(cell.below("artefact")),
         simulate=_simulate(cell.below("simulate"), simulators, simulators.catalogue(addresses.values())),
         home=_home(cell.below("postures"), robot),
+        station=read_station(cell.below("station")) if "station" in cell.entries else None,
+        load=_load_of(cell.below("load")),
+        reflectors=read_reflectors(cell.below("reflectors")) if "reflectors" in cell.entries else None,
     )
     if to_run:
         problems += simulators.problems(addresses)
@@ -184,8 +198,7 @@ def _artefact(section: Section) -> Artefact:
         Sphere(sphere.word("id"), sphere.number("diameter", least=0.1), sphere.triple("centre"))
         for sphere in section.each("spheres")
     )
-    names = {sphere.id for sphere in spheres}
-    distances = tuple(_distance(distance, names) for distance in section.each("distances"))
+    distances = read_distances(section, [sphere.id for sphere in spheres], "spheres")
     plate = _plate(section.below("plate")) if "plate" in section.entries else None
     return Artefact(section.number("tip_radius", 0.0, 0.0), spheres, distances, plate)
 
@@ -195,19 +208,9 @@ def _plate(section: Section) -> Plate:
     return Plate(section.number("z"), section.number("stem_radius", 8.0, 0.0))
 
 
-def _distance(section: Section, names: set[str]) -> Distance:
-    between = section.entries.get("between")
-    if not isinstance(between, list) or len(between) != 2 or any(str(name) not in names for name in between):
-        section.note("between", f"two of the spheres {', '.join(sorted(names))} are expected, not {between!r}")
-        between = ["", ""]
-    return Distance(
-        (str(between[0]), str(between[1])), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0)
-    )
-
-
 def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogue) -> Simulate:
     with_settings = [one for one in simulators.all if one.section]
-    section.only(["seed", "clock", "errors", "faults", *(one.section for one in with_settings)])
+    section.only(["seed", "clock", "errors", "payload", "faults", *(one.section for one in with_settings)])
     errors = section.below("errors")
     errors.only(ERRORS)
     lockstep = section.word("clock", "lockstep", ["lockstep", "realtime"]) != "realtime"
@@ -217,7 +220,20 @@ def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogu
         errors={kind: errors.scale(kind, usual) for kind, usual in ERRORS.items()},
         settings={one.section: read_settings(one.settings, section.below(one.section)) for one in with_settings},
         faults=tuple(_faults(section, catalogue)),
+        payload=_payload(section.below("payload")),
     )
+
+
+def _payload(section: Section) -> Payload | None:
+    section.only(["mass", "xyz"])
+    return _load_of(section)
+
+
+def _load_of(section: Section) -> Payload | None:
+    """Of a section with `mass` and `xyz`; another key of it is not for the simulated cell."""
+    if not section.entries:
+        return None
+    return Payload(section.number("mass", least=0.0), section.triple("xyz"))
 
 
 def _faults(section: Section, catalogue: FaultCatalogue) -> list[Fault]:

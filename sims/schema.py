@@ -11,6 +11,7 @@ from sims.settings import FaultKind
 from sims.simulators import Simulators
 
 _COUNT = {"type": "integer", "minimum": 1}
+_TRIPLE = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 _MS = {"type": "number", "minimum": 0}
 
 
@@ -27,6 +28,11 @@ def schema_of(simulators: Simulators) -> dict[str, Any]:
                 "errors": {
                     "description": "Each can be switched off (false) or scaled (a number; 1: as on a real robot).",
                     **_mapping({kind: _scale(default) for kind, default in ERRORS.items()}),
+                },
+                "payload": {
+                    "description": "What the robot truly carries besides its tool; default: the cell file's load.",
+                    **_mapping({"mass": {"type": "number", "minimum": 0}, "xyz": _TRIPLE}),
+                    "required": ["mass", "xyz"],
                 },
                 **{
                     key: _mapping({setting.name: setting.schema() for setting in one.settings})
@@ -51,7 +57,9 @@ def _scale(default: float) -> dict[str, Any]:
 
 def _fault(kinds: tuple[FaultKind, ...], events: list[str]) -> dict[str, Any]:
     """At most one key says when; a setting is for the faults alone that have it."""
-    own = {setting.name: setting.schema() for kind in kinds for setting in kind.settings}
+    own: dict[str, dict[str, Any]] = {}
+    for setting in (setting for kind in kinds for setting in kind.settings):
+        own[setting.name] = _common(own.get(setting.name), setting.schema())
     without = {name: [kind.name for kind in kinds if name not in _names(kind)] for name in own}
     properties = {
         "fault": {"enum": [kind.name for kind in kinds]},
@@ -79,6 +87,11 @@ def _fault(kinds: tuple[FaultKind, ...], events: list[str]) -> dict[str, Any]:
         ],
         "dependentRequired": {"count": ["event"]},
     }
+
+
+def _common(one: dict[str, Any] | None, other: dict[str, Any]) -> dict[str, Any]:
+    """What holds for a setting that several faults have."""
+    return other if one is None else {key: value for key, value in other.items() if one.get(key) == value}
 
 
 def _names(kind: FaultKind) -> set[str]:

@@ -59,7 +59,7 @@ class Simulators:
         return found
 
 
-_GENERAL = ("seed", "clock", "errors", "faults")
+_GENERAL = ("seed", "clock", "errors", "payload", "faults")
 """Keys of `simulate:` that belong to no device."""
 
 

@@ -14,6 +14,7 @@ from sims.conditions import REFERENCE_C, Conditions
 
 TEMPERATURE = "temperature"
 PAYLOAD = "payload"
+PAYLOAD_AT = ("payload_x", "payload_y", "payload_z")
 
 
 class TruthError(Exception):
@@ -31,15 +32,15 @@ class Row:
 
 
 def read_rows(stream: TextIO, name: Path, axes: int) -> Iterator[Row]:
-    """Rows with A1…An, and as there are: D1…Dn, temperature, payload; other columns are passed over. Raises TruthError.
+    """Rows with A1…An, and as there are: D1…Dn, temperature, payload, payload_x…z; others are passed over.
 
-    An empty cell of those further columns is what it would be without the column.
+    Raises TruthError. An empty cell of those further columns is what it would be without the column.
     """
     rows = csv.reader(stream)
     header = [cell.strip() for cell in next(rows, [])]
     joints = _numbered(header, "A", axes, name)
     directions = _numbered(header, "D", axes, name) if any(re.fullmatch(r"D[1-9][0-9]*", one) for one in header) else []
-    for name_of in (TEMPERATURE, PAYLOAD):
+    for name_of in (TEMPERATURE, PAYLOAD, *PAYLOAD_AT):
         if header.count(name_of) > 1:
             raise TruthError(f"{name}:1: column {name_of} is there more than once")
     for cells in rows:
@@ -76,10 +77,24 @@ class _Cells:
 
     def conditions(self, directions: Sequence[str]) -> Conditions:
         temperature = self._given(TEMPERATURE, REFERENCE_C, "a number of °C")
+        directed = tuple(self._direction(column) for column in directions)
+        if not self._filled(PAYLOAD):
+            return Conditions(directed, temperature)
         payload = self._given(PAYLOAD, 0.0, "a number of kg")
         if payload < 0.0:
             raise self._wrong(PAYLOAD, "at least 0 kg")
-        return Conditions(tuple(self._direction(column) for column in directions), temperature, payload)
+        return Conditions(directed, temperature, payload, self._payload_at())
+
+    def _payload_at(self) -> tuple[float, float, float] | None:
+        if not any(map(self._filled, PAYLOAD_AT)):
+            return None
+        x, y, z = (self._number(column) for column in PAYLOAD_AT)
+        if x is None or y is None or z is None:
+            raise TruthError(f"{self.place}: payload_x, payload_y, payload_z are three numbers of mm, or all empty")
+        return x, y, z
+
+    def _filled(self, column: str) -> bool:
+        return bool(self._texts.get(column, "").strip())
 
     def _direction(self, column: str) -> int:
         direction = self._given(column, 0.0, "1, -1 or 0")
@@ -89,7 +104,7 @@ class _Cells:
 
     def _given(self, column: str, default: float, what: str) -> float:
         """The number there, or the default where nothing is."""
-        if not self._texts.get(column, "").strip():
+        if not self._filled(column):
             return default
         number = self._number(column)
         if number is None:

@@ -21,8 +21,8 @@ class Wire:
         self._cut = False
 
     def begin(self) -> None:
-        """A host attaches: both counts begin at 0."""
-        self.written = self._read = 0
+        """A host attaches: it counts from here what is written to it. It may have called, and written, already."""
+        self.written = 0
 
     def opened(self) -> None:
         """A host has called: what it writes is counted from here."""

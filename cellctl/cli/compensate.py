@@ -74,9 +74,13 @@ def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: Le
     import numpy as np
 
     from cellctl.clock import calendar_time
-    from cellctl.files import InputError
+    from cellctl.files import InputError, Problem
     from cellctl.formats.table_making import compensated_targets, table_of, usual_postures
 
+    loads = model.load_region
+    if loads and loads.min < loads.max and loads.min > 0.0:
+        what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"
+        raise InputError(Problem(file, 0, 0, what, "identify from rows without payload too"))
     postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
     started = np.asarray(np.isfinite(postures).all(axis=1))
     found = compensated_targets(model, wanted.poses, np.where(started[:, None], postures, 0.0), method=method)

@@ -26,7 +26,8 @@ def predict(
     Output columns: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen. seen: 1 within the joints of the fit, 0 outside
     (extrapolated, with a larger σ). sigma: in the model's base frame; touches do not determine its heading and height.
     sigma_among: of the rows relative to each other; empty for fewer than four rows. Optional columns temperature,
-    payload and D1…Dn give the conditions of each row.
+    payload, payload_x…z and D1…Dn give the conditions of each row. A payload between those of the fit is interpolated;
+    one beyond them, or with another centre of gravity, is refused.
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
@@ -45,6 +46,8 @@ def predict(
     if sieve.rejected():  # leaving some out would shift the others' lines
         raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
     at = conditions.at(range(len(readings)))
+    if refused := list(identified.load_region.refused(at) if identified.load_region else ()):
+        raise InputError(Problem(data.file, data.lines[row], 0, reason, cure) for row, reason, cure in refused)
     text, extrapolated = _predicted(identified, readings, at)
     if out:
         write_atomically(out, text)

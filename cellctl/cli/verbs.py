@@ -14,6 +14,7 @@ from cellctl import __version__
 from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
 from cellctl.cli.convert import convert
+from cellctl.cli.doctor import doctor
 from cellctl.cli.ends import Interrupted
 from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
@@ -86,6 +87,7 @@ def _options(
 
 _VERBS: dict[str, Callable[..., None]] = {
     "check": check,
+    "doctor": doctor,
     "run": run,
     "status": status,
     "pause": pause,

@@ -174,7 +174,10 @@ class LockstepClock(Clock):
     def wire(self, device: str) -> Wire:
         """As every clock's: no tick is answered before what the cell wrote to this wire has been read."""
         loop = asyncio.get_running_loop()
-        wire = CountedWire(self._written_by_cell.get(device, 0), lambda: loop.call_soon_threadsafe(self._changed.set))
+        earlier = self._wires.get(device)
+        # the tick for what the earlier wire read last may still be on its way
+        before = max(self._written_by_cell.get(device, 0), earlier.bytes_read if earlier else 0)
+        wire = CountedWire(before, lambda: loop.call_soon_threadsafe(self._changed.set))
         self._wires[device] = wire
         return wire
 

@@ -38,12 +38,13 @@ class UncountedWire:
 class CountedWire:
     """The wire of a device of a cell in lockstep, opened when the cell had written `before` bytes to it.
 
-    `written`: bytes since then. `on_change` is called, from any thread, when something was read or the wire closed.
+    `written`: bytes since then; `bytes_read`: of all that the cell has written. `on_change` is called, from any thread,
+    when something was read or the wire closed.
     """
 
     def __init__(self, before: int, on_change: Callable[[], object]) -> None:
         self.written = 0
-        self._read = before
+        self.bytes_read = before
         self._closed = False
         self._on_change = on_change
         self._counting = threading.Lock()
@@ -56,7 +57,7 @@ class CountedWire:
     def read(self, count: int) -> None:
         """Add this number of bytes read."""
         with self._counting:
-            self._read += count
+            self.bytes_read += count
         self._on_change()
 
     def close(self) -> None:
@@ -67,4 +68,4 @@ class CountedWire:
 
     def has_read(self, written_by_cell: int) -> bool:
         """Whether all that the cell has written so far has been read."""
-        return self._closed or self._read >= written_by_cell
+        return self._closed or self.bytes_read >= written_by_cell

@@ -40,12 +40,21 @@ from cellctl.devices.protocols import (
     Identity,
     JointReadings,
     Listener,
+    MovingRobot,
     SearchEnd,
     SearchingRobot,
     SearchResult,
     Surroundings,
 )
-from cellctl.devices.tables import CompensatedRobot, ControllerTable, TableInfo, TableRow, TableState, TableStore
+from cellctl.devices.tables import (
+    CompensatedRobot,
+    ControllerTable,
+    TableInfo,
+    TableRobot,
+    TableRow,
+    TableState,
+    TableStore,
+)
 
 __all__ = [
     "Address",
@@ -76,6 +85,7 @@ __all__ = [
     "Matrix3",
     "MeasuredPoint",
     "MotorCurrents",
+    "MovingRobot",
     "NoContact",
     "NotLevelled",
     "OutOfRange",
@@ -87,6 +97,7 @@ __all__ = [
     "SearchingRobot",
     "Surroundings",
     "TableInfo",
+    "TableRobot",
     "TableRow",
     "TableState",
     "TableStore",

@@ -121,4 +121,6 @@ class PointSource(Device, Protocol):
         """Measure the reflector that it is aimed at in both faces."""
 
     async def levelled(self) -> bool:
-        """Whether the compensator is on and in its range, so that z is opposite to gravity. Raises NotLevelled."""
+        """Whether z is opposite to gravity: False without a compensator or with it off; raises NotLevelled if it is out
+        of its range.
+        """

@@ -120,8 +120,8 @@ class Guard(Protocol):
 
 
 @runtime_checkable
-class SearchingRobot(Device, Protocol):
-    """A robot that moves from point to point and searches for contact."""
+class MovingRobot(Device, Protocol):
+    """A robot that moves from point to point."""
 
     @property
     def axes(self) -> int:
@@ -136,6 +136,11 @@ class SearchingRobot(Device, Protocol):
         Raises LimitExceeded, DeviceFault (the controller stopped), DeviceLost. Held in every case.
         Cancelling it stops the robot.
         """
+
+
+@runtime_checkable
+class SearchingRobot(MovingRobot, Protocol):
+    """A robot that moves from point to point and searches for contact."""
 
     async def search(
         self, end: JointReadings, speed_deg_s: float, guards: dict[str, float] | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
-from cellctl.devices.protocols import Device, JointReadings, SearchingRobot
+from cellctl.devices.protocols import Device, JointReadings, MovingRobot, SearchingRobot
 
 
 @final
@@ -80,6 +80,11 @@ class TableStore(Device, Protocol):
 
     async def move_to_row(self, row: int, speed_percent: float) -> JointReadings:
         """Point to point to the compensated joints of `row` (from 1) of the active table; raises as `move` does."""
+
+
+@runtime_checkable
+class TableRobot(MovingRobot, TableStore, Protocol):
+    """A robot that moves from point to point, and whose controller moves it to the rows of a compensation table."""
 
 
 @runtime_checkable

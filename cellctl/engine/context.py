@@ -41,6 +41,7 @@ class Context:
     needs: frozenset[str]
     journal: RunState
     append: Callable[[KnownEvent], None]
+    uses: frozenset[str] = frozenset()
 
     @property
     def clock(self) -> Clock:
@@ -82,6 +83,12 @@ class Context:
         if name not in self.needs:
             raise KeyError(f"step {self.step} does not declare that it needs '{name}'")
         return self.run.devices[name]
+
+    def optional_device(self, name: str) -> Any | None:
+        """A connected device that the step declared in `uses`; None if the cell has none of that name."""
+        if name not in self.uses:
+            raise KeyError(f"step {self.step} does not declare that it uses '{name}'")
+        return self.run.devices.get(name)
 
     def identity(self, name: str) -> Identity:
         """The identity that device `name` reported. Raises InputError if the run has not connected it."""

@@ -18,6 +18,9 @@ from cellctl.procedure import Interlock, OnBreak, Procedure
 _LOOK_EVERY_S = 0.1
 """Longest delay until a break is detected while a step runs, in the cell's time."""
 
+_NOTICED_AFTER_S = 0.3
+"""Three polls of a PLC, in the cell's time."""
+
 _ANSWER_S = 2.0
 """In the cell's time: if a device does not answer within this limit, its condition counts as broken."""
 
@@ -73,6 +76,17 @@ class Interlocks:
         while self._procedure.interlocks:
             await self._clock.sleep(_LOOK_EVERY_S)
             await self.look()
+
+    async def look_after_failure(self) -> bool:
+        """A step has failed: check all conditions once their devices had time to notice; whether one stops the steps.
+
+        A robot is stopped by the safety chain itself, before any device reports the chain.
+        """
+        if not self._procedure.interlocks:
+            return False
+        await self._clock.sleep(_NOTICED_AFTER_S)
+        await self.look()
+        return any(interlock.on_break is OnBreak.STOP for interlock in self.broken)
 
     def holding(self) -> str:
         """The first broken interlock that blocks the run, as text; empty if there is none."""

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import final
 
 from cellctl.clock import Clock
-from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, SearchingRobot
+from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, MovingRobot
 from cellctl.engine.cleaning import CLEANUP_SECONDS, stop_and_close
 from cellctl.engine.context import AfterConnect, Surround
 from cellctl.engine.control import Control
@@ -148,7 +148,7 @@ class Engine:
 
     def _held(self) -> bool:
         """Whether every robot of the cell answered, and confirmed standstill in the clean-up."""
-        robots = {device.name for device in self._plan.devices.values() if isinstance(device, SearchingRobot)}
+        robots = {device.name for device in self._plan.devices.values() if isinstance(device, MovingRobot)}
         return bool(robots) and robots <= self._answered & self._stopped
 
     def _end_state(self, error: BaseException | None, troubles: list[str]) -> State:

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, final
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceUncertain
+from cellctl.devices import DeviceError, DeviceUncertain
 from cellctl.engine.context import Context, Surround
 from cellctl.engine.control import BY_OPERATOR, Control
 from cellctl.engine.interlocks import Interlocks, StoppedByInterlock
@@ -127,7 +127,7 @@ class StepExecution:
             self.moved = self.moved or kind.moves
             try:
                 async with self._interlocks.stoppable():
-                    return await self.attempt(kind, inputs, step, path, step.timeout_s)
+                    return await self._attempt_or_interlock(kind, inputs, step, path)
             except StoppedByInterlock:
                 self._recorder.said(path, "stopped by an interlock; it is done again when the run goes on")
             except retryable as error:
@@ -135,6 +135,22 @@ class StepExecution:
                 if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person checks first
                     raise
                 self._recorder.said(path, f"attempt {failed} of {step.retry.attempts} failed, trying again: {error}")
+
+    async def _attempt_or_interlock(
+        self, kind: AnyStepKind, inputs: Any, step: Step, path: str
+    ) -> dict[str, Any] | None:
+        """One attempt. Raises StoppedByInterlock if a device failed because an interlock broke."""
+        try:
+            return await self.attempt(kind, inputs, step, path, step.timeout_s)
+        except DeviceUncertain:
+            raise  # a person checks first
+        except DeviceError as error:
+            stopped = await self._interlocks.look_after_failure()
+            if self._control.aborted:
+                await asyncio.sleep(0)  # the cancellation arrives here
+            if stopped:
+                raise StoppedByInterlock from error
+            raise
 
     async def attempt(
         self, kind: AnyStepKind, inputs: Any, step: Step, path: str, limit: float | None
@@ -146,6 +162,7 @@ class StepExecution:
             attempt=attempt,
             run=self._run,
             needs=frozenset(kind.needs),
+            uses=frozenset(kind.uses),
             journal=self._record,
             append=self._recorder.append,
         )

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
+from cellctl.formats.load_region import LoadRegion
 from cellctl.formats.measurements import Measurements, nominal_model
 from cellctl.formats.model_checks import GREATEST, check_covariance, check_postures, check_sigmas, of_this_format
 from cellctl.formats.robot import Number, RobotFile
@@ -174,6 +175,7 @@ class ModelFile(BaseModel):
     non-geometric effects, with their settings (None in files with the tool's bending alone). parameters: in the first
     session. covariance: of `parameters`, in their order and units. centres: spheres, sockets and anchors. planes: those
     that were touched. datums: zeros of instruments that measured lengths. sessions: where there are several.
+    load_region: payloads of the fit, where its rows state them.
     outside_mm: additional 1 σ, 3-D, of a prediction far outside the joint region; scatter_mm: of errors too fast for
     the model. figures: the fit's own figures. provenance: SHA-256 of the inputs.
     """
@@ -191,6 +193,7 @@ class ModelFile(BaseModel):
     datums: list[LengthZero] = []
     sessions: list[SessionPlace] = []
     joint_region: JointRegion
+    load_region: Annotated[LoadRegion | None, Field(exclude_if=lambda region: region is None)] = None
     outside_mm: Number = 0.0
     scatter_mm: Number = 0.0
     figures: dict[str, Any]
@@ -238,6 +241,7 @@ class ModelFile(BaseModel):
             datums=_datums(measured.task.datums, state.datums, sigma[state.datums_at :]),
             sessions=_sessions(measured, result.identification),
             joint_region=JointRegion.of(result.region, robot.joint_map()),
+            load_region=_loads(measured, result, prior.load_region if prior else None),
             outside_mm=result.region.outside_mm,
             scatter_mm=result.region.scatter_mm,
             figures=result.summary(),
@@ -383,6 +387,15 @@ class ModelFile(BaseModel):
         model.
         """
         return self.measured_region().sigma(self.robot.joint_map().model(readings))
+
+
+def _loads(measured: Measurements, result: FitResult, prior: LoadRegion | None) -> LoadRegion | None:
+    """Payloads of the rows of the fit; a prior model's grow by rows that determined the robot's own parameters."""
+    if prior and not result.informed:
+        return prior
+    used = measured.task.rows.pick(list(result.identification.used))
+    found = LoadRegion.of(block.postures for block in used.blocks)
+    return found.joined(prior) if found else prior
 
 
 def _parameters(found: Identification) -> list[Parameter]:

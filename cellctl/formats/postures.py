@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, final
+from typing import Annotated, Literal, final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,18 +17,29 @@ Reading = Annotated[float, Field(allow_inf_nan=False)]
 class Postures(BaseModel):
     """Joint readings A1…An, degrees.
 
-    `home`: where campaigns begin and end; `touch`: from which the inverse kinematics of touches starts.
+    `home`: where campaigns begin and end; `touch`: from which the inverse kinematics of touches starts; `turn`: from
+    which single axes are turned, also the return pose of campaigns with an instrument.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     home: list[Reading]
-    touch: Annotated[list[list[Reading]], Field(min_length=1)]
+    touch: list[list[Reading]] = []
+    turn: list[Reading] | None = None
 
 
-def postures_of(document: Document, robot: RobotFile) -> Postures:
-    """The postures of a loaded cell file, checked against `robot`. Raises InputError with every error."""
+def postures_of(document: Document, robot: RobotFile, need: Literal["touch", "turn"]) -> Postures:
+    """The postures of a loaded cell file, checked against `robot`; `need`: those that may not be missing.
+
+    Raises InputError with every error.
+    """
     postures = validated(document, Postures, ("postures",))
+    if not getattr(postures, need):
+        what = f"there are no postures '{need}'"
+        place = ("postures", need) if need in document.data["postures"] else ("postures",)
+        raise InputError(document.problem(place, what, f"give `{need}:` with joint readings, degrees", key=True))
     problems = _problems(document, ("home",), postures.home, robot)
+    if postures.turn is not None:
+        problems += _problems(document, ("turn",), postures.turn, robot)
     for index, posture in enumerate(postures.touch):
         problems += _problems(document, ("touch", index), posture, robot)
     if problems:

@@ -11,7 +11,7 @@ from cellctl.formats.decimals import Cell, DecimalSign, decimal_sign, number
 _SEPARATORS = (",", ";", "\t")
 _SAID = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _NUMBERS = re.compile(
-    r"[AqDI]\d+|[XYZABC]|Q[WXYZ]|s[XYZRD]|radius|tip_radius|drift|distance|temperature|payload|time"
+    r"[AqDI]\d+|[XYZABC]|Q[WXYZ]|s[XYZRD]|radius|tip_radius|drift|distance|temperature|payload(_[xyz])?|time"
     r"|theta|alpha|beta|[da]|offset|min|max|max_speed",  # of a table of links
 )
 """Columns that hold numbers; a name (`S1`, `1,5`) stays as it is written."""

@@ -50,6 +50,23 @@ async def tell_targets(simulated: SimulatedCell | None, devices: dict[str, Devic
 
 
 @asynccontextmanager
+async def powered(
+    cell: Cell, *, seed: int | None = None, clock: ClockMode | None = None, extra: tuple[str, ...] = ()
+) -> AsyncIterator[tuple[SimulatedCell | None, Clock]]:
+    """The simulators of a simulated cell inside this context (None: a real cell), and the cell's time.
+
+    Raises InputError if the simulators refuse the cell file, DeviceUnreachable if they do not start.
+    """
+    async with AsyncExitStack() as stack:
+        simulated = await SimulatedCell.start(cell, seed, clock, extra) if cell.simulated else None
+        if simulated:
+            stack.callback(simulated.stop)
+        time = await simulated.clock() if simulated else WallClock()
+        stack.push_async_callback(time.aclose)
+        yield simulated, time
+
+
+@asynccontextmanager
 async def connected(
     cell: Cell,
     drivers: DriverRegistry,
@@ -64,11 +81,7 @@ async def connected(
     seed, clock, extra: for the simulators of a simulated cell, which run as long. Raises InputError, DeviceError.
     """
     async with AsyncExitStack() as stack:
-        simulated = await SimulatedCell.start(cell, seed, clock, extra) if cell.simulated else None
-        if simulated:
-            stack.callback(simulated.stop)
-        time = await simulated.clock() if simulated else WallClock()
-        stack.push_async_callback(time.aclose)
+        simulated, time = await stack.enter_async_context(powered(cell, seed=seed, clock=clock, extra=extra))
         devices = open_devices(cell, drivers, time, simulated, names)
         found = {}
         for name, device in devices.items():

@@ -103,8 +103,8 @@ def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
 def _measuring(block: PositionRows | PoseRows, model: RobotModel, at: Postures) -> Measured:
     sigma = np.tile(np.median(block.sigma, axis=0), (len(at), 1))
     if isinstance(block, PositionRows):
-        return replace(block, at=at, xyz=model.tcp(at), sigma=sigma)
-    return replace(block, at=at, poses=model.pose(at), sigma=sigma)
+        return replace(block, at=at, xyz=model.tcp(at), sigma=sigma, decorrelation=None, datum=None)
+    return replace(block, at=at, poses=model.pose(at), sigma=sigma, decorrelation=None, datum=None)
 
 
 def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats, count: int) -> Measured:
@@ -212,7 +212,8 @@ def _as_before(before: Postures, q: Floats) -> Postures:
     some, rng = np.arange(len(q)) % len(before), np.random.default_rng(3)
     approach = None if before.approach is None else rng.choice([-1.0, 1.0], q.shape)
     delta_t = None if before.delta_t is None else np.full(len(q), np.median(before.delta_t))
-    return Postures(q, approach, delta_t, None if before.payload is None else before.payload[some])
+    loads = (None if part is None else part[some] for part in (before.payload, before.payload_at))
+    return Postures(q, approach, delta_t, *loads)
 
 
 def _evenly(dimensions: int, count: int) -> Floats:

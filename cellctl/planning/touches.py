@@ -144,8 +144,8 @@ def _candidates(
     for _ in range(_BATCHES):
         samples = sampler.random(_BATCH)
         normals, rotations = _wishes(samples, chain, options)
-        for readings in _solved(chain, joints, ways, postures, sphere, normals, rotations, samples[:, 5], options):
-            candidate = _feasible(ways, sphere.name, index, readings, home, options)
+        for readings in solved(chain, joints, ways, postures, sphere, normals, rotations, samples[:, 5], options):
+            candidate = feasible(ways, sphere.name, index, readings, home, options)
             if candidate:
                 found.append(candidate)
                 if len(found) == count:
@@ -156,15 +156,22 @@ def _candidates(
 def _wishes(samples: Array, chain: SerialChain, options: TouchOptions) -> tuple[Array, Array]:
     """Contact normals (k, 3) and tool rotations (k, 3, 3) in the base frame from quasi-random `samples` (k, ≥ 5)."""
     height, heading, tilt, direction, spin = samples.T[:5]
-    normal = _on_sphere(1.0 - height * (1.0 - np.cos(np.radians(options.cap))), heading)
-    away = _on_sphere(1.0 - tilt * (1.0 - np.cos(np.radians(options.tilt))), direction)
-    shaft_away = (_frames(normal) @ away[..., None])[..., 0]
-    shaft_in_flange = _frames(_unit(chain.tool_now[:3, 3])[None])
-    flange = _frames(-shaft_away) @ _about_z(spin) @ np.swapaxes(shaft_in_flange, -1, -2)
-    return normal, flange @ chain.tool_now[:3, :3]
+    normal = on_sphere(1.0 - height * (1.0 - np.cos(np.radians(options.cap))), heading)
+    away = on_sphere(1.0 - tilt * (1.0 - np.cos(np.radians(options.tilt))), direction)
+    shaft_away = (frames_along(normal) @ away[..., None])[..., 0]
+    return normal, tool_rotations(chain, shaft_away, spin)
 
 
-def _solved(
+def tool_rotations(chain: SerialChain, shaft_away: Array, spin: Array) -> Array:
+    """TCP rotations (k, 3, 3), base frame, with the shaft from tip to flange along `shaft_away` (k, 3), turned about it
+    by `spin` (k,) of a whole turn.
+    """
+    shaft_in_flange = frames_along(_unit(chain.tool_now[:3, 3])[None])
+    flange = frames_along(-shaft_away) @ _about_z(spin) @ np.swapaxes(shaft_in_flange, -1, -2)
+    return np.asarray(flange @ chain.tool_now[:3, :3])
+
+
+def solved(
     chain: SerialChain,
     joints: JointMap,
     ways: Ways,
@@ -185,14 +192,15 @@ def _solved(
     starts[:, 0] = joints.sign[0] * (towards - joints.offset[0])
     first = inverse(chain, poses[:, 0], joints.model(starts))
     poses, q = poses[first.converged], first.q[first.converged]
-    solved = inverse(chain, poses, np.repeat(q[:, None], 3, axis=1))
-    readings = ways.wrapped(joints.readings(solved.q[solved.converged.all(axis=1)]))
+    found = inverse(chain, poses, np.repeat(q[:, None], 3, axis=1))
+    readings = ways.wrapped(joints.readings(found.q[found.converged.all(axis=1)]))
     return readings[ways.within_limits(readings).all(axis=1)]
 
 
-def _feasible(
+def feasible(
     ways: Ways, sphere: str, index: int, readings: Array, home: Array, options: TouchOptions
 ) -> Candidate | None:
+    """The touch with `readings` (3, n), deg, at guard distance, inside and clear, if its ways are allowed."""
     at_guard, inside, clear = readings
     if (
         np.linalg.norm(inside - at_guard) > options.search_joints
@@ -211,14 +219,14 @@ def _unit(vector: Array) -> Array:
     return unit
 
 
-def _on_sphere(cosine: Array, turn: Array) -> Array:
+def on_sphere(cosine: Array, turn: Array) -> Array:
     """Unit vectors (k, 3) at polar angle arccos `cosine` and azimuth `turn` (of a whole turn)."""
     sine = np.sqrt(np.maximum(0.0, 1.0 - cosine * cosine))
     angle = 2.0 * np.pi * turn
     return np.stack([sine * np.cos(angle), sine * np.sin(angle), cosine], axis=-1)
 
 
-def _frames(z: Array) -> Array:
+def frames_along(z: Array) -> Array:
     """Rotations (k, 3, 3) whose third columns are the unit vectors `z` (k, 3)."""
     helper = np.eye(3)[np.abs(z).argmin(axis=-1)]
     x = _unit(np.cross(helper, z))

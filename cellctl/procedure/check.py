@@ -197,7 +197,8 @@ class _Checker:
     def _needs(self, step: Step, kind: AnyStepKind) -> None:
         if self._devices is None:
             return
-        for name, protocol in kind.needs.items():
+        there = {name: protocol for name, protocol in kind.uses.items() if name in self._devices}
+        for name, protocol in {**kind.needs, **there}.items():
             what = _lacking(name, protocol, self._devices)
             if what and name not in self._devices_named:  # report it once: every touch needs the probe
                 self._devices_named.add(name)

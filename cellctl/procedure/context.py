@@ -57,6 +57,12 @@ class StepContext(Protocol):
         A step gets what it declared in `needs`; KeyError for anything else.
         """
 
+    def optional_device(self, name: str) -> Any | None:
+        """The connected device of that name that the step declared in `uses`; None if the cell has none.
+
+        KeyError for anything else.
+        """
+
     def identity(self, name: str) -> Identity:
         """The identity that device `name` reported when this run connected it. Needs no device. Raises InputError."""
 

@@ -47,10 +47,11 @@ class StepResult(BaseModel):
 class StepKind(Generic[Inputs, Result]):
     """A step kind, callable as its function.
 
-    `needs`: device name → the Protocol required of it. `moves`: it moves or writes, so that a crash in it leaves
-    an uncertain state. `errors`: errors of its own, by class name, that `retry.on` may name. `check`: raises what the
-    step would refuse of the cell, before the run. `verdict`: the row that it records, if it records the verdict of a
-    campaign. `title`: shown to the operator while it runs. `expects`: see `ExpectedPasses`.
+    `needs`: device name → the Protocol required of it. `uses`: the same for devices that a cell may lack. `moves`: it
+    moves or writes, so that a crash in it leaves an uncertain state. `errors`: errors of its own, by class name, that
+    `retry.on` may name. `check`: raises what the step would refuse of the cell, before the run. `verdict`: the row that
+    it records, if it records the verdict of a campaign. `title`: shown to the operator while it runs. `expects`: see
+    `ExpectedPasses`.
     """
 
     name: str
@@ -65,11 +66,12 @@ class StepKind(Generic[Inputs, Result]):
     title: str = ""
     expects: ExpectedPasses | None = None
     verdict: type[VerdictRow] | None = None
+    uses: Mapping[str, type] = field(default_factory=dict)
 
     @property
     def computes(self) -> bool:
         """Whether it uses no device: its result then depends on the journal alone, and can be replayed."""
-        return not self.needs and not self.moves
+        return not self.needs and not self.uses and not self.moves
 
     async def __call__(self, context: StepContext, inputs: Inputs) -> Result:
         """Do the step."""
@@ -114,6 +116,7 @@ def step(
     name: str,
     *,
     needs: Mapping[str, type] | None = None,
+    uses: Mapping[str, type] | None = None,
     moves: bool = False,
     errors: tuple[type[Exception], ...] = (),
     check: CheckCell | None = None,
@@ -124,7 +127,7 @@ def step(
     """Make a step kind from `async def name(context, inputs: Model) -> Result | None`.
 
     `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of its module.
-    The docstring's first line is its summary. `check`, `title`, `expects`: see
+    The docstring's first line is its summary. `uses`, `check`, `title`, `expects`: see
     `StepKind`. Raises TypeError if the function does not fit.
     """
 
@@ -136,6 +139,7 @@ def step(
             inputs=inputs,
             result=result,
             needs=dict(needs or {}),
+            uses=dict(uses or {}),
             moves=moves,
             function=function,
             errors={error.__name__: error for error in errors},

@@ -118,7 +118,7 @@ def row_errors(task: Task, state: State) -> list[tuple[Floats, Floats | None]]:
     result: list[tuple[Floats, Floats | None]] = []
     for block in task.rows.blocks:
         if isinstance(block, PoseRows):
-            residual = block.residual(state)
+            residual = block.deviation(state)
             turns = np.rad2deg(np.linalg.norm(residual[:, 3:], axis=1))
             result.append((np.linalg.norm(residual[:, :3], axis=1), turns))
         else:

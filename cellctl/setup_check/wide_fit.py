@@ -125,7 +125,7 @@ def _predicted_by_joints(setup: Setup, state: State) -> float:
     for block in setup.task.rows.blocks:
         if len(block) < 2:
             continue
-        left = block.residual(state)[:, block.of_length]
+        left = block.deviation(state)[:, block.of_length]
         left = left - left.mean(axis=0)
         total += float(np.sum(left**2))
         kernels = [_kernel(block.q, *weights) for weights in WEIGHTS]

@@ -103,7 +103,7 @@ class SerialProbe:
         beat = session.last_beat
         if beat is None:
             raise DeviceLost(self.name, "sends no heartbeats", "check the probe's firmware")
-        figures = {"loop_mV": beat.loop_mv, "round_trip_ms": round_trip_ns * 1e-6, **_figures(session)}
+        figures = {"loop_mV": beat.loop_mv, "latency_ms": round_trip_ns * 1e-6, **_figures(session)}
         return Health(beat.state != "FAULT", f"{beat.state}, loop at {beat.loop_mv} mV", figures)
 
     def conditions(self) -> Mapping[str, str]:
@@ -187,6 +187,7 @@ def _figures(session: Session) -> dict[str, float]:
     }
     if ticks:
         fit = ticks.fit
-        figures |= {"drift_ppm": fit.drift * 1e6, "fit_sigma_ms": fit.sigma_ns * 1e-6}
+        figures |= {"clock_offset_ms": fit.offset_ns * 1e-6, "clock_drift_ppm": fit.drift * 1e6}
+        figures |= {"clock_sigma_ms": ticks.sigma_ns() * 1e-6, "fit_sigma_ms": fit.sigma_ns * 1e-6}
         figures["hidden_delay_ms"] = ticks.hidden_ns * 1e-6
     return figures

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from math import dist
 
-from cellctl.devices import DeviceRefused, JointReadings, SearchingRobot
+from cellctl.devices import DeviceRefused, JointReadings, MovingRobot
 
 ON_THE_WAY_DEG = 1.0
 """Largest distance from a planned line, as norm of the joint vector, that counts as on it (braking, following lag)."""
@@ -19,7 +19,7 @@ AT_A_POINT_DEG = 0.2
 """Within this distance of a point of the path, the robot counts as there."""
 
 
-async def rejoin(robot: SearchingRobot, way: Sequence[JointReadings], speed_percent: float) -> int:
+async def rejoin(robot: MovingRobot, way: Sequence[JointReadings], speed_percent: float) -> int:
     """Move the robot back along `way` to one of its points; returns the index.
 
     Does not move if it is at the first point. Raises DeviceRefused if it is off the path; DeviceLost.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from cellctl.devices import SearchingRobot
+from cellctl.devices import MovingRobot
 from cellctl.procedure import NoInputs, StepContext, step
 
 
-@step("robot.stop", needs={"robot": SearchingRobot})
+@step("robot.stop", needs={"robot": MovingRobot})
 async def stop(context: StepContext, inputs: NoInputs) -> None:
     """Hold the robot where it is."""
-    robot: SearchingRobot = context.device("robot")
+    robot: MovingRobot = context.device("robot")
     await robot.stop()

@@ -35,6 +35,13 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     return TableStateRow(table.id, len(table.rows), True, True, True, table.max_correction_deg)
 
 
+async def push_of_run(context: StepContext, table_id: str) -> None:
+    """Push the run's table, record its row, and tell the operator. Raises as `pushed_row`."""
+    row = await pushed_row(context, context.device("robot"), table_id)
+    await context.record(row)
+    context.say(f"table {row.short} is in force: {row.rows} rows, read back letter for letter")
+
+
 async def require_in_force(robot: TableStore, table_id: str) -> None:
     """Raise DeviceRefused if the run's table is not active: another table's rows have other targets."""
     if not in_force(await robot.table_state(), table_id):
@@ -60,6 +67,16 @@ async def take_back(context: StepContext, robot: TableStore, row: TableStateRow)
     taken = _of_table(row, active=False)
     await context.record(taken)
     return taken
+
+
+async def take_back_unhelpful(context: StepContext, robot: TableStore) -> TableStateRow:
+    """Activate the table before the run's one, which is not better than nominal; returns its row.
+
+    Raises DeviceUncertain if it may still be active.
+    """
+    row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
+    context.say(f"table {row.short} is not better than nominal: rolled back, no longer in force")
+    return row
 
 
 async def take_back_unproved(context: StepContext, robot: TableStore) -> None:

@@ -22,7 +22,7 @@ from sims.krc.table_memory import state_of_tables, tables_from
 from sims.krc.tables import Tables
 from sims.krc.telegram import TelegramFormat, Value
 from sims.scene.arm import MovingArm
-from sims.simulator import Request, Setup, with_settings
+from sims.simulator import Refused, Request, Setup, with_settings
 from sims.world.world import World
 
 KSS = "V8.6.11"
@@ -32,19 +32,28 @@ KSS = "V8.6.11"
 class KrcServers:
     """The controller's ends on the wire. `eki_port`: where its EKI server listens, on 127.0.0.1."""
 
-    def __init__(self, written: str, eki: EkiServer, link: RsiLink) -> None:
+    def __init__(self, written: str, eki: EkiServer, link: RsiLink, program: Program) -> None:
         self._eki = eki
+        self._program = program
         self._link = link
         self.eki_port = eki.port
         places = {"eki": f"127.0.0.1:{eki.port}"}
         if "controller" in _query(written):
             places["controller"] = "127.0.0.1"
         self.address = with_settings(written, "127.0.0.1:0", **places)
-        self.requests: dict[str, Request] = {"rsi_target": lambda message: self.set_rsi_target(*target_of(message))}
+        self.requests: dict[str, Request] = {
+            "rsi_target": lambda message: self.set_rsi_target(*target_of(message)),
+            "acknowledge": lambda message: self.acknowledge(),
+        }
 
     def set_rsi_target(self, host: str, port: int) -> None:
         """Where the PC waits for telegrams. Raises OSError where the host is unknown."""
         self._link.set_target(host, port)
+
+    def acknowledge(self) -> None:
+        """Acknowledge the message at the pendant. Raises Refused where its cause is still there."""
+        if not self._program.acknowledge():
+            raise Refused("the controller moves, or its safety chain is open")
 
     def close(self) -> None:
         """Hang up, and let go of the ports."""
@@ -85,7 +94,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
     serial = f"SIM-{draw.randrange(10**6):06d}"
     ident = print_ident(serial, cell.robot.name, KSS)
     tables = memory.recall("tables", lambda state: tables_from(state, len(joints))) or Tables()
-    program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory)
+    program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory, setup.scene.safety)
     eki = EkiServer(kernel, program, setup.wire)
     memory.keep("tables", lambda: state_of_tables(tables))
 
@@ -95,7 +104,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
         eki.restart()
 
     setup.faults.on_start("robot.restart", restart)
-    return KrcServers(setup.address, eki, context.link)
+    return KrcServers(setup.address, eki, context.link, program)
 
 
 def rsi_settings(settings: Mapping[str, Any], address: str) -> RsiSettings:

@@ -17,9 +17,15 @@ from sims.krc.table_desk import TableDesk
 from sims.memory import Memory
 from sims.scene.contact_log import ContactLog
 from sims.scene.motions import Joints
+from sims.scene.safety import Safety
 
 LEAST_PERCENT = 0.01
 """Slower, a move would take days: to the PC it looks as if it never ended."""
+
+EMERGENCY_STOP = "KSS00001 EMERGENCY STOP"
+GUARD_OPEN = "Safety gate open"
+NO_ENABLE = "Motion enable is missing"
+"""Messages as a controller shows them; the numbers of the last two [unconfirmed] are left out."""
 
 Send = Callable[[bytes], object]
 
@@ -47,7 +53,9 @@ class _Running:
 class Program:
     """Takes commands as documents, answers through the connection's `send`, sends every change of state."""
 
-    def __init__(self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk, memory: Memory) -> None:
+    def __init__(
+        self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk, memory: Memory, safety: Safety
+    ) -> None:
         self._rsi = rsi
         self._kernel = rsi.kernel
         self._robot = rsi.robot
@@ -56,6 +64,7 @@ class Program:
         self._ident = ident
         self._tables = tables
         self._memory = memory
+        self._safety = safety
         self._message = memory.recall("program", lambda state: str(state["message"])) or ""
         self._prog = Prog.ERROR if self._message else Prog.READY
         self._running: _Running | None = None
@@ -66,7 +75,8 @@ class Program:
         self._send: Send | None = None
         self._sequence = 0
         memory.keep("program", lambda: {"message": self._message})
-        rsi.faults.on_start("robot.stop", lambda: self.fail("KSS00001 EMERGENCY STOP"))
+        rsi.faults.on_start("robot.stop", lambda: self.fail(EMERGENCY_STOP))
+        safety.subscribe(self._safety_changed)
         self._robot.on_collision = lambda: self.fail("KSS15065 Collision detection: the tool has struck an obstacle")
 
     def connected(self, send: Send) -> None:
@@ -103,8 +113,7 @@ class Program:
         elif self._running or self._braking:
             self._reply(command.id, Code.BUSY, "busy with another command")
         elif command.op == "RESET":
-            self._change(Prog.READY, "")
-            self._reply(command.id, Code.DONE)
+            self._reset(command)
         elif command.request is not None:
             self._ask_tables(command)
         else:
@@ -125,6 +134,31 @@ class Program:
         self._change(Prog.ERROR, message)
         if self._running:
             self._stop(Code.CONTROLLER_STOP, message)
+
+    def acknowledge(self) -> bool:
+        """Somebody acknowledges the message at the pendant; false where its cause is still there."""
+        if self._safety.ok and not self._running and not self._braking:
+            self._change(Prog.READY, "")
+        return self._prog == Prog.READY
+
+    def _reset(self, command: Command) -> None:
+        if self.acknowledge():
+            self._reply(command.id, Code.DONE)
+        else:
+            self._reply(command.id, Code.NOT_READY, self._open_chain())
+
+    def _safety_changed(self) -> None:
+        """The chain is wired to the drives: it brakes what moves, and shows a message in any state.
+
+        Without the PLC's enable only a motion is stopped; at rest the controller waits for it without a message.
+        """
+        if not self._safety.ok:
+            self.fail(self._open_chain())
+        elif not self._safety.motion_enabled and self._running:
+            self.fail(NO_ENABLE)
+
+    def _open_chain(self) -> str:
+        return EMERGENCY_STOP if not self._safety.emergency_stop_ok else GUARD_OPEN
 
     def _ask_tables(self, command: Command) -> None:
         if command.request is not None:
@@ -148,6 +182,8 @@ class Program:
     def _refusal(self, command: Command, target: Joints | None) -> tuple[Code, str] | None:
         if self._prog == Prog.ERROR:
             return Code.NOT_READY, self._message
+        if not self._safety.motion_enabled:
+            return Code.NOT_READY, NO_ENABLE
         if command.op == "RSI":
             return None
         if not LEAST_PERCENT <= command.percent <= 100.0:

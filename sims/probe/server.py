@@ -11,9 +11,9 @@ from sims.probe.crystal import Crystal
 from sims.probe.description import ARM, CONTACT, baud_of
 from sims.probe.firmware import Firmware, State
 from sims.probe.lines import HostLine, parse_host_line
-from sims.probe.terminal import Terminal
 from sims.probe.wire import Receiver, Transmitter
 from sims.simulator import Request, Setup, with_path
+from sims.terminal import Terminal
 
 REBOOT_NS = 300_000_000
 PEER = "probe"

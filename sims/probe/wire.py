@@ -10,14 +10,7 @@ from typing import final
 from sims.kernel import Event, Kernel
 from sims.probe.lines import LineCutter, framed
 from sims.probe.outbox import Message
-
-BITS_PER_CHARACTER = 10
-"""8N1."""
-
-
-def wire_time_ns(characters: int, baud: int) -> int:
-    """How long so many characters take."""
-    return characters * BITS_PER_CHARACTER * 1_000_000_000 // baud
+from sims.terminal import wire_time_ns
 
 
 def next_poll_ns(time_ns: int, grid_ns: int) -> int:

@@ -15,6 +15,7 @@ from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, Poin
 from sims.scene.stance import Stance
 from sims.world.crossings import crossings
 from sims.world.motors import slid
+from sims.world.nominal import Matrix
 from sims.world.screws import Vector
 from sims.world.world import World
 
@@ -67,7 +68,7 @@ class MovingArm:
         self.commanded = stance.commanded
         self._scatter = self._draw(stance.joints) if stance.scatter is None else stance.scatter
         self._scatter_before = self._scatter
-        world.ageing.warm(kernel.now)
+        world.warm(kernel.now)
         self._sense()
 
     def joints(self) -> Joints:
@@ -128,6 +129,10 @@ class MovingArm:
         """The TCP at a moment of this motion, mm."""
         return self._world.tcp(self.links(time_ns), self._scatter_now(time_ns))
 
+    def flange(self, time_ns: int) -> Matrix:
+        """The flange's frame at a moment of this motion, 4×4, base ← flange, mm."""
+        return self._world.flange(self.links(time_ns), self._scatter_now(time_ns))
+
     def move(self, target: Joints, percent: float, then: Then) -> None:
         """Point to point at `percent` of the highest speeds; `then` is called on arrival."""
         speeds = [speed * percent / 100.0 for speed in self._speeds]
@@ -182,7 +187,7 @@ class MovingArm:
     def _look_ahead(self) -> None:
         """Schedule what happens on the next stretch of the motion, and its end."""
         start, motion = self._kernel.now, self._motion
-        self._world.ageing.warm(start)
+        self._world.warm(start)
         end = min(start + LOOK_AHEAD_NS, motion.end_ns)
         way_mm = self._most_way(start, end)
         if end > start and self._strikes(end, way_mm):

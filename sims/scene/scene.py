@@ -12,8 +12,13 @@ from sims.scene.arm import MovingArm
 from sims.scene.contact_log import ContactLog
 from sims.scene.contact_loop import ContactLoop
 from sims.scene.faults import TIP_JUMP
+from sims.scene.measured_places import MeasuredPlaces
 from sims.scene.motor_currents import MotorCurrents
+from sims.scene.safety import Safety
 from sims.scene.stance import Stance, stance_from
+from sims.world.environment import Environment
+from sims.world.nominal import Matrix
+from sims.world.reflectors import Target
 from sims.world.screws import Vector
 from sims.world.world import World
 
@@ -24,9 +29,10 @@ SAVE_EVERY_NS = 500_000_000
 class Scene:
     """The true world, the arm that moves in it, and the contact between its tip and the spheres.
 
-    A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's reads the tool's place
-    (`tcp`) and what is in the way of its beam (`blocked`). Each works without the other simulators. The arm is at the
-    position in `memory`, else at home. Points are in the robot's base frame, mm. Raises BadMemory.
+    A robot controller's simulator moves `arm`; a probe's watches `contact`; an instrument's reads the places of the
+    tool (`tcp`), of the `reflectors` and of itself (`station`), and what is in the way of its beam (`blocked`);
+    `safety` is the hard-wired chain. Each works without the other simulators. The arm is at the position in `memory`,
+    else at home. Points are in the robot's base frame, mm. Raises BadMemory.
     """
 
     def __init__(
@@ -42,6 +48,7 @@ class Scene:
         self._kernel, self._faults, self._memory = kernel, faults, memory or Memory()
         self.world = World(cell, cell.simulate.seed)
         self._memory.recall("ageing", self.world.ageing.recall)
+        self.safety = Safety(faults)
         self.contact = ContactLoop()
         self.log = ContactLog(truth_log)
         stance = self._memory.recall("robot", lambda kept: stance_from(kept, len(joints))) or Stance(
@@ -52,6 +59,7 @@ class Scene:
         self.currents = MotorCurrents(kernel, self.arm, self.world)
         self._memory.keep("robot", lambda: self.arm.stance().state())
         self._memory.keep("ageing", lambda: self.world.ageing.state(kernel.now))
+        self._measured = MeasuredPlaces(cell, self.world.up, faults, self._memory)
         self.contact.subscribe(self._touched)
         faults.on_start(TIP_JUMP.name, self._shorten_tip)
         kernel.after(SAVE_EVERY_NS, self._save_on_the_way)
@@ -59,6 +67,29 @@ class Scene:
     def tcp(self, time_ns: int | None = None) -> Vector:
         """The true TCP now, or at another moment of the present motion."""
         return self.arm.tcp(self._kernel.now if time_ns is None else time_ns)
+
+    def reflectors(self, time_ns: int | None = None) -> tuple[Target, ...]:
+        """The true reflectors now, or at another moment of the present motion: those on the robot, then the nests'."""
+        time_ns = self._kernel.now if time_ns is None else time_ns
+        self.world.warm(time_ns)
+        return self._measured.reflectors(self.arm.flange(time_ns), self.world.ageing.on_ns(time_ns))
+
+    def station(self, time_ns: int | None = None) -> Matrix:
+        """The true frame of the instrument now, or at another time: 4×4, base ← instrument, mm; z: its standing axis.
+
+        Raises LookupError: the cell file has no `station:`.
+        """
+        time_ns = self._kernel.now if time_ns is None else time_ns
+        return self._measured.station(self.world.ageing.on_ns(time_ns))
+
+    @property
+    def tilt(self) -> float:
+        """Inclination of the instrument's standing axis from the vertical now, degrees. Raises LookupError."""
+        return self._measured.tilt(self.world.ageing.on_ns(self._kernel.now))
+
+    def environment(self, time_ns: int | None = None) -> Environment:
+        """Temperatures and air now, or at another time."""
+        return self.world.environment(self._kernel.now if time_ns is None else time_ns)
 
     def blocked(self, start: Vector, end: Vector, time_ns: int | None = None) -> bool:
         """Whether a body is between two points, now or at another moment of the present motion.

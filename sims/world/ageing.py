@@ -11,6 +11,8 @@ WEAR_MM = 0.0005
 WARM_UP_MM = 0.08
 """Thermal expansion of the stretched links in the end: about the drift of a robot of this class in its first hour."""
 WARM_UP_S = 1200.0
+PER_K = 1.75e-5
+"""Mean expansion of an arm of steel and aluminium, per kelvin: its rise of temperature by its expansion."""
 
 
 @final
@@ -38,12 +40,24 @@ class Ageing:
 
     def warm(self, time_ns: int) -> None:
         """The robot has been on until this time of the cell, cold at 0 unless it remembers having been on before."""
-        if self._full_expansion:
-            self.expansion = self._full_expansion * -expm1(-(self._on_before_ns + time_ns) * 1e-9 / WARM_UP_S)
+        self.expansion = self._expansion_at(time_ns)
+
+    def on_ns(self, time_ns: int) -> int:
+        """How long the robot has been on at this time of the cell, with all that it remembers of before."""
+        return self._on_before_ns + time_ns
+
+    def rise_k(self, time_ns: int) -> float:
+        """By how much the arm is warmer than its surroundings: what makes its links so much longer."""
+        return self._expansion_at(time_ns) / PER_K
+
+    def _expansion_at(self, time_ns: int) -> float:
+        if not self._full_expansion:
+            return 0.0
+        return self._full_expansion * -expm1(-self.on_ns(time_ns) * 1e-9 / WARM_UP_S)
 
     def state(self, time_ns: int) -> dict[str, Any]:
         """The state to keep, as JSON."""
-        return {"worn_mm": self.worn_mm, "on_ns": self._on_before_ns + time_ns}
+        return {"worn_mm": self.worn_mm, "on_ns": self.on_ns(time_ns)}
 
     def recall(self, state: Mapping[str, Any]) -> None:
         """Continue from a `state` that was kept. Raises ValueError, TypeError, LookupError."""

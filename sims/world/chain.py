@@ -14,13 +14,15 @@ from sims.world.screws import Arm, Vector
 class Chain:
     """An arm and what it carries, at model zero in the base frame.
 
-    `flange`, `tcp`: points, mm; `offset`: from one to the other; `flange_z`, `tool_x`, `tool_z`: directions.
+    `flange`, `tcp`: points, mm; `offset`: from one to the other; `flange_x`, `flange_z`, `tool_x`, `tool_z`:
+    directions.
     """
 
     arm: Arm
     flange: Vector
     offset: Vector
     tcp: Vector
+    flange_x: Vector
     flange_z: Vector
     tool_x: Vector
     tool_z: Vector
@@ -35,6 +37,7 @@ def chain_of(geometry: Geometry, tool: Matrix) -> Chain:
         flange=vector(place),
         offset=vector(offset),
         tcp=vector(offset + place),
+        flange_x=vector(geometry.flange[:3, 0]),
         flange_z=vector(geometry.flange[:3, 2]),
         tool_x=vector(directions[:, 0]),
         tool_z=vector(directions[:, 2]),

@@ -34,13 +34,15 @@ class Compliance:
         self._down = down
         self._rates = tuple(scale * rate for rate in body.compliance)
 
-    def sagged(self, angles: Sequence[float], payload_kg: float = 0.0) -> list[float]:
+    def sagged(self, angles: Sequence[float], payload_kg: float = 0.0, at: Vector | None = None) -> list[float]:
         """Model angles (rad) at rest, of drives that stand at `angles`.
+
+        The payload is `at` this place, at model zero in the base frame, mm; None: at the TCP.
 
         Torques are those of the sagged pose itself: each round takes them where the round before ended, and gains
         three digits on an arm of usual stiffness. Raises Falls.
         """
-        links = self._loaded(payload_kg)
+        links = self._loaded(payload_kg, at or self._tcp)
         here = list(angles)
         for _ in range(_MOST_ROUNDS):
             turned = turns(here)
@@ -51,8 +53,8 @@ class Compliance:
             here = there
         raise Falls("the joints are too soft for what they carry: the arm does not come to rest")
 
-    def _loaded(self, payload_kg: float) -> Sequence[Mass]:
+    def _loaded(self, payload_kg: float, at: Vector) -> Sequence[Mass]:
         if not payload_kg:
             return self._links
-        payload = Mass(payload_kg * GRAVITY_M_S2, self._tcp)
+        payload = Mass(payload_kg * GRAVITY_M_S2, at)
         return *self._links[:-1], self._links[-1].together(payload)

@@ -6,35 +6,33 @@ import hashlib
 import random
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from math import asin, atan2, degrees, radians, sqrt
+from math import radians, sqrt
 from typing import final
 
 import numpy as np
 
 from sims.cell import Artefact, SimCell
-from sims.conditions import REFERENCE_C, USUAL, Conditions
+from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
 from sims.world.ageing import Ageing
+from sims.world.bending import Bending
 from sims.world.chain import Chain, chain_of
 from sims.world.compliance import Compliance
 from sims.world.drives import Backlash, Gear
+from sims.world.environment import Environment, Surroundings
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.expansion import expansions, grown
 from sims.world.masses import Body, drawn_body
 from sims.world.motors import Motors
-from sims.world.nominal import nominal_geometry, pose, vector
+from sims.world.nominal import Matrix, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
 from sims.world.screws import Arm, Vector
-from sims.world.statics import GRAVITY_M_S2
+from sims.world.shown import Pose, Shown, angles_abc
+from sims.world.statics import GRAVITY_M_S2, Mass
 
-TOOL_COMPLIANCE = 0.00036
-"""c_t = 1/(E·I) of the torch, 1/(N·m²); Wang et al. 2024, identified."""
 ENCODER_DEG = 0.0005
 NO_SCATTER: Vector = (0.0, 0.0, 0.0)
-
-Pose = tuple[float, float, float, float, float, float]
-"""X Y Z (mm) and A B C (degrees, KUKA)."""
 
 
 @final
@@ -43,8 +41,8 @@ class World:
 
     Joint readings are the controller's A1…An in degrees; points are in the robot's base frame (that of the robot
     file's `base`), mm; its z is up, unless the file's `mounting` says otherwise. The true chain is a product of
-    perturbed screws, not a link table. `ageing` starts fresh and cold. `backlash`: the joints' play, None where it is
-    switched off; the caller that moves the robot knows which way.
+    perturbed screws, not a link table. `ageing` starts fresh and cold; `warm` brings it up to a
+    time. `backlash`: the joints' play, None where it is switched off; the caller that moves the robot knows which way.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -62,55 +60,100 @@ class World:
         self._true_offsets = [a + zero for a, zero in zip(self._offsets, zeros, strict=True)]
         self._geometry = true
         self._tool_pose = pose(vector(offset), robot.tool.abc)
-        self._chain = chain_of(true, self._tool_pose)
+        self._chain = self._warm_chain = chain_of(true, self._tool_pose)
+        self._warm_c = REFERENCE_C
         self._gear, self.backlash = _drives(len(robot.joints), seed, errors)
         body = drawn_body(robot, nominal, seed)
         self._compliance = _compliance(robot, body, self._chain, errors["compliance"])
         self.motors = Motors(body, true.axes, self._signs, robot.down, seed)
         self._expansions = expansions(len(robot.joints), seed, errors["expansion"])
+        self._each_expands = any(self._expansions)
+        self._surroundings = Surroundings(seed, errors["air"])
         self._down = robot.down
-        self._sag_mm = errors["deflection"] * _sag_mm(float(taught[2]), robot.tool.mass)
-        tool = nominal.flange @ pose(robot.tool.xyz, robot.tool.abc)
-        self._nominal = Arm(nominal.axes)
-        self._tool = vector(tool[:3, 3]), vector(tool[:3, 0]), vector(tool[:3, 2])
+        self.payload = cell.payload
+        self._bending = Bending(float(taught[2]), robot.tool.mass, errors["deflection"])
+        self._sag_mm = self._bending.sag_mm(self.payload)
+        self._payload_place = self._place_of(self.payload)
+        self._shown = Shown(robot, nominal)
         self._wrist = vector(np.array(true.axes[-2:][0].point) - true.flange[:3, 3])
         self._upper_arm = Arm(true.axes[:-3])
         self._elbow = true.axes[-3:][0].point
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
         self._obstacles = _obstacles(cell.artefact, self.spheres)
-        self.reach_mm = _reach(self._nominal, self._tool[0])
-        links_mm = _reach(self._nominal, vector(nominal.flange[:3, 3]))
+        self.reach_mm = _reach(self._shown.arm, self._shown.tcp)
+        links_mm = _reach(self._shown.arm, vector(nominal.flange[:3, 3]))
         self.ageing = Ageing(errors["wear"], errors["warm_up"], links_mm)
 
     def true_tcp(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Vector:
         """The mean TCP, with deflection, without the robot's scatter. Raises Falls."""
         chain, angles = self._at(readings, conditions)
-        return self._tip(chain, angles, NO_SCATTER)
+        return self._tip(chain, angles, NO_SCATTER, self._bending.sag_mm(self._payload_of(conditions)))
 
     def true_pose(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Pose:
         """`true_tcp`, and the tool's angles, turned as all joints are but not as the tool bends. Raises Falls."""
         chain, angles = self._at(readings, conditions)
         _, along_x, along_z = chain.arm.carry(angles, chain.tcp, chain.tool_x, chain.tool_z)
-        return *self._tip(chain, angles, NO_SCATTER), *_angles_abc(along_x, along_z)
+        sag_mm = self._bending.sag_mm(self._payload_of(conditions))
+        return *self._tip(chain, angles, NO_SCATTER, sag_mm), *angles_abc(along_x, along_z)
+
+    def true_flange(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Matrix:
+        """The mean flange of the cold robot, 4×4, base ← flange, mm. Raises Falls."""
+        return _flange_of(*self._at(readings, conditions))
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
         """The TCP now, `scatter` being what `scatter()` drew for this approach.
 
         `readings`: less what the joints' play holds back, where there is any. Raises Falls.
         """
-        return self._tip(self._chain, self._angles(readings), scatter)
+        return self._tip(self._warm_chain, self._angles(readings, self.payload), scatter, self._sag_mm)
+
+    def flange(self, readings: Sequence[float], scatter: Vector) -> Matrix:
+        """The flange now, 4×4, base ← flange, as `tcp`. Raises Falls."""
+        found = _flange_of(self._warm_chain, self._angles(readings, self.payload))
+        found[:3, 3] = (1.0 + self._even_expansion) * found[:3, 3] + scatter
+        return found
+
+    def environment(self, time_ns: int) -> Environment:
+        """Temperatures and air at a time of the cell."""
+        return self._surroundings.at(self.ageing.on_ns(time_ns), self.ageing.rise_k(time_ns))
+
+    def warm(self, time_ns: int) -> None:
+        """The robot has been on until this time of the cell: its links have the length of their temperature."""
+        self.ageing.warm(time_ns)
+        if self._each_expands:
+            arm_c = round(self.environment(time_ns).arm_c, 2)
+            if arm_c != self._warm_c:
+                self._warm_c, self._warm_chain = arm_c, self._chain_at(arm_c)
+
+    @property
+    def up(self) -> Vector:
+        """Opposite to gravity, a unit vector in the base frame."""
+        x, y, z = self._down
+        return -x, -y, -z
+
+    @property
+    def _even_expansion(self) -> float:
+        """The share by which all links are longer, where they have no rates of their own."""
+        return 0.0 if self._each_expands else self.ageing.expansion
+
+    def _chain_at(self, temperature_c: float) -> Chain:
+        return chain_of(grown(self._geometry, self._expansions, temperature_c), self._tool_pose)
 
     def _at(self, readings: Sequence[float], conditions: Conditions) -> tuple[Chain, list[float]]:
         """The chain and its model angles, rad."""
         chain = self._chain
         if conditions.temperature_c != REFERENCE_C:
-            chain = chain_of(grown(self._geometry, self._expansions, conditions.temperature_c), self._tool_pose)
+            chain = self._chain_at(conditions.temperature_c)
         if self.backlash:
             slack = self.backlash.behind(conditions.directions)
             readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
-        return chain, self._angles(readings, conditions.payload_kg)
+        return chain, self._angles(readings, self._payload_of(conditions))
 
-    def _angles(self, readings: Sequence[float], payload_kg: float = 0.0) -> list[float]:
+    def _payload_of(self, conditions: Conditions) -> Payload:
+        kg = conditions.payload_kg
+        return self.payload if kg is None else Payload(kg, conditions.payload_at)
+
+    def _angles(self, readings: Sequence[float], payload: Payload) -> list[float]:
         """Model angles, rad, of the true chain: where the links are, not the drives."""
         if self._gear:
             readings = self._gear.turned(readings)
@@ -118,21 +161,29 @@ class World:
             radians(sign * reading + offset)
             for sign, reading, offset in zip(self._signs, readings, self._true_offsets, strict=True)
         ]
-        return self._compliance.sagged(angles, payload_kg) if self._compliance else angles
+        if not self._compliance:
+            return angles
+        at = self._payload_place if payload is self.payload else self._place_of(payload)
+        return self._compliance.sagged(angles, payload.kg, at)
 
-    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector) -> Vector:
+    def _place_of(self, payload: Payload) -> Vector | None:
+        """Its centre of gravity at model zero in the base frame, mm; None: at the TCP."""
+        flange = self._geometry.flange
+        return vector(flange[:3, :3] @ payload.at + flange[:3, 3]) if payload.at else None
+
+    def _tip(self, chain: Chain, angles: Sequence[float], scatter: Vector, sag_mm: float) -> Vector:
         (x, y, z), (ux, uy, uz) = self._carried(chain, angles)
         gx, gy, gz = self._down  # the load bends the tool by what of it is across the flange's z
-        along = -self._sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
+        along = -sag_mm * (gx * ux + gy * uy + gz * uz) - self.ageing.worn_mm
         return (
-            x + along * ux + self._sag_mm * gx + scatter[0],
-            y + along * uy + self._sag_mm * gy + scatter[1],
-            z + along * uz + self._sag_mm * gz + scatter[2],
+            x + along * ux + sag_mm * gx + scatter[0],
+            y + along * uy + sag_mm * gy + scatter[1],
+            z + along * uz + sag_mm * gz + scatter[2],
         )
 
     def _carried(self, chain: Chain, angles: Sequence[float]) -> tuple[Vector, ...]:
         """The unbent TCP and the flange's z; warm links are longer, the tool is not."""
-        expansion = self.ageing.expansion
+        expansion = self._even_expansion
         if not expansion:
             return chain.arm.carry(angles, chain.tcp, chain.flange_z)
         (x, y, z), (a, b, c), across = chain.arm.carry(angles, chain.flange, chain.offset, chain.flange_z)
@@ -162,8 +213,8 @@ class World:
 
     def _body(self, readings: Sequence[float]) -> tuple[Vector, Vector, Vector, Vector]:
         """Elbow, wrist, flange and tip, the tool taken unbent and unworn, without scatter."""
-        angles = self._angles(readings)
-        chain = self._chain
+        angles = self._angles(readings, self.payload)
+        chain = self._warm_chain
         flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
         (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
         return elbow, _sum(flange, back), flange, _sum(flange, offset)
@@ -180,8 +231,9 @@ class World:
         return draw.gauss(0.0, sigma), draw.gauss(0.0, sigma), draw.gauss(0.0, sigma)
 
     def holding_currents(self, readings: Sequence[float]) -> tuple[float, ...]:
-        """Amperes of each motor that hold links and tool there, without friction. Raises Falls."""
-        return self.motors.holding(self._angles(readings))
+        """Amperes of each motor that hold links, tool and payload there, without friction. Raises Falls."""
+        payload = Mass(self.payload.kg * GRAVITY_M_S2, self._payload_place or self._chain.tcp)
+        return self.motors.holding(self._angles(readings, self.payload), payload if self.payload.kg else None)
 
     def encoder(self, joints: Sequence[float]) -> list[float]:
         """What the controller reads where the joints are at `joints`, degrees."""
@@ -190,12 +242,15 @@ class World:
 
     def shown_pose(self, readings: Sequence[float]) -> Pose:
         """What the controller, which knows the nominal model and the taught tool only, shows as X Y Z A B C."""
-        angles = [
-            radians(sign * reading + offset)
-            for sign, reading, offset in zip(self._signs, readings, self._offsets, strict=True)
-        ]
-        place, along_x, along_z = self._nominal.carry(angles, *self._tool)
-        return *place, *_angles_abc(along_x, along_z)
+        return self._shown.pose(readings)
+
+
+def _flange_of(chain: Chain, angles: Sequence[float]) -> Matrix:
+    place, along_x, along_z = chain.arm.carry(angles, chain.flange, chain.flange_x, chain.flange_z)
+    found = np.eye(4)
+    found[:3, 0], found[:3, 1], found[:3, 2] = along_x, np.cross(along_z, along_x), along_z
+    found[:3, 3] = place
+    return found
 
 
 def _drives(joints: int, seed: int, errors: Mapping[str, float]) -> tuple[Gear | None, Backlash | None]:
@@ -208,17 +263,6 @@ def _compliance(robot: RobotFile, body: Body, true: Chain, scale: float) -> Comp
     return Compliance(body, true.arm.axes, true.tcp, scale, robot.down) if scale else None
 
 
-def _angles_abc(x: Vector, z: Vector) -> Vector:
-    """A, B, C in degrees of a frame with these directions."""
-    xx, xy, xz = x
-    zx, zy, zz = z
-    return (
-        degrees(atan2(xy, xx)),
-        degrees(asin(max(-1.0, min(1.0, -xz)))),
-        degrees(atan2(zx * xy - zy * xx, zz)),  # z of y = z × x
-    )
-
-
 def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:
     """The true spheres on their plate, without the tip's radius."""
     stem_radius = artefact.plate.stem_radius if artefact.plate else 0.0
@@ -228,11 +272,6 @@ def _obstacles(artefact: Artefact, spheres: Sequence[TrueSphere]) -> Obstacles:
 
 def _sum(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _sag_mm(length_mm: float, mass_kg: float) -> float:
-    """c_t · l³/3 · G, how far the tool's tip sinks held level."""
-    return TOOL_COMPLIANCE * (length_mm * 1e-3) ** 3 / 3.0 * mass_kg * GRAVITY_M_S2 * 1e3
 
 
 def _reach(arm: Arm, tip: Vector) -> float:

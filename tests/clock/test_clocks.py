@@ -439,3 +439,18 @@ def test_a_time_file_that_is_missing_or_too_short_is_an_os_error(tmp_path):
 def test_the_calendar_is_utc_to_the_second():
     assert len(calendar_time()) == 20
     assert time.strptime(calendar_time(), "%Y-%m-%dT%H:%M:%SZ")
+
+
+def test_a_wire_opened_again_counts_what_the_one_before_has_read_though_no_tick_told_of_it(tmp_path):
+    time_file = tmp_path / "time"
+    time_file.write_bytes(bytes(8))
+
+    async def reopened():
+        clock = LockstepClock(str(time_file))
+        before = clock.wire("plc")
+        before.read(49)
+        before.close()
+        again = clock.wire("plc")
+        return again.has_read(49), again.has_read(50)
+
+    assert asyncio.run(reopened()) == (True, False)

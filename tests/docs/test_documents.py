@@ -16,8 +16,10 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
+from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.currents import currents_of
+from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -134,6 +136,9 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
         case {"convention": _}:
             file.write_text(block.text)
             RobotFile.load(file)
+        case {"load": _}:
+            file.write_text(block.text)
+            assert load_of(load_yaml(file))
         case {"sockets": _}:
             file.write_text(block.text)
             load_artefact(file)

@@ -100,3 +100,14 @@ def test_a_step_without_devices_computes() -> None:
 
     assert compute.computes
     assert not write.computes
+
+
+def test_a_device_that_the_cell_may_lack_is_none_where_it_lacks_it(run: Run) -> None:
+    context = run.context()
+    context.uses = frozenset({"plc"})
+    assert context.optional_device("plc") is None
+    there: Any = object()
+    context.run.devices["plc"] = there  # type: ignore[index]
+    assert context.optional_device("plc") is there
+    with pytest.raises(KeyError, match="does not declare that it uses 'probe'"):
+        context.optional_device("probe")

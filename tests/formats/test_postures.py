@@ -12,7 +12,7 @@ def read(request, tmp_path):
 
     def of(text):
         (tmp_path / "cell.yaml").write_text(text)
-        return postures_of(load_yaml(tmp_path / "cell.yaml"), robot)
+        return postures_of(load_yaml(tmp_path / "cell.yaml"), robot, "touch")
 
     return of
 
@@ -47,3 +47,16 @@ def test_what_this_robot_cannot_take_is_refused_where_it_is_written(read, text, 
     said = refusal(read, text)
     assert place in said
     assert what in said
+
+
+def test_a_posture_from_which_axes_are_turned_is_read_and_checked_where_it_is_needed(request, tmp_path):
+    robot = RobotFile.load(request.config.rootpath / "procedures/robots/kr5_r1400.yaml")
+
+    def read(text):
+        (tmp_path / "cell.yaml").write_text(text)
+        return postures_of(load_yaml(tmp_path / "cell.yaml"), robot, "turn").turn
+
+    home = "postures:\n  home: [0, -90, 90, 0, 45, 0]\n"
+    assert read(home + "  turn: [-47, -76, 106, 4, 90, 89]\n") == [-47.0, -76.0, 106.0, 4.0, 90.0, 89.0]
+    assert "A2 90 is outside" in refusal(read, home + "  turn: [0, 90, 0, 0, 0, 0]\n")
+    assert "there are no postures 'turn'" in refusal(read, home)

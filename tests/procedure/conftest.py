@@ -65,6 +65,11 @@ async def touch(context: StepContext, inputs: TouchInputs) -> None:
     """Touch once."""
 
 
+@step("sphere.weigh", uses={"probe": ContactProbe})
+async def weigh(context: StepContext, inputs: NoInputs) -> None:
+    """A step that a cell without a probe can do too."""
+
+
 @step("robot.stop", needs={"robot": SearchingRobot})
 async def stop(context: StepContext, inputs: NoInputs) -> None:
     """Hold the robot."""
@@ -102,7 +107,7 @@ DEVICES = {"robot": None, "probe": None}
 
 @pytest.fixture
 def registry():
-    return StepRegistry([plan, touch, stop])
+    return StepRegistry([plan, touch, weigh, stop])
 
 
 @pytest.fixture

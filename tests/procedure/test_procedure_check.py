@@ -193,6 +193,13 @@ def test_a_driver_that_cannot_do_what_the_step_needs_is_named_with_what_it_lacks
     assert errors(good, devices={"robot": SearchingRobot, "probe": ContactProbe}) == []
 
 
+def test_a_device_that_a_step_can_do_without_is_checked_only_where_the_cell_has_it(errors):
+    text = "procedure: weigh\ntitle: Weigh\nsteps:\n  - {id: weigh, do: sphere.weigh}\n"
+    assert errors(text, devices={"robot": None}) == []
+    found = errors(text, devices={"probe": SearchingRobot})
+    assert "needs 'probe' to be a ContactProbe, and its driver lacks arm, contact, disarm" in found[0]
+
+
 def test_nothing_is_reported_of_devices_where_the_cell_is_not_known(errors, good):
     assert errors(good, devices=None) == []
 

@@ -12,8 +12,9 @@ from step_contexts import Context
 
 from cellctl.devices import TableInfo, TableState
 from cellctl.records import TableStateRow
-from procedures.steps.sphere.judging import table_taken_back, verdict_of
+from procedures.steps.sphere.judging import verdict_of
 from procedures.steps.sphere.rows import SphereVerdict, StandOffRow
+from procedures.steps.table_push import take_back_unhelpful
 
 HELD_OUT = sphere_verdict()
 MINE = TableStateRow("mine", 2, True, True, True, 0.1)
@@ -96,7 +97,7 @@ class Tables:
 def test_a_table_that_did_no_good_is_taken_back_and_said_to_be(previous: str | None) -> None:
     context: Any = Context([MINE])
     robot: Any = Tables("mine", previous)
-    row = asyncio.run(table_taken_back(context, robot))
+    row = asyncio.run(take_back_unhelpful(context, robot))
     assert robot.active == previous
     assert row.active is False
     assert row.pushed
@@ -107,5 +108,5 @@ def test_a_table_that_did_no_good_is_taken_back_and_said_to_be(previous: str | N
 def test_a_table_that_is_not_in_force_any_more_is_not_rolled_back_again() -> None:
     context: Any = Context([MINE])
     robot: Any = Tables("old", "mine")
-    asyncio.run(table_taken_back(context, robot))
+    asyncio.run(take_back_unhelpful(context, robot))
     assert robot.active == "old"

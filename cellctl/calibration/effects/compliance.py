@@ -53,7 +53,7 @@ class JointCompliance(Effect):
     at every posture, which have no amounts; `of` finds them. down: ĝ in the robot's base frame.
     `compliance{j}_{k}x`, `…y`: rad by which joint j turns under the weight moment that is fixed along x, y of the
     frame behind joint k, where that lies level and across joint j's axis. `compliance_load{j}`: rad/(N m) of joint j
-    under the payload at the TCP. Positive is the direction of the weight's moment.
+    under the payload. Positive is the direction of the weight's moment.
     needs: rows at which the weight pulls differently, and for the payload's amounts rows with different payloads (one
     that never changes is a part of the links' weight).
     """
@@ -139,9 +139,17 @@ def _weight_arms(frames: Floats, down: Direction) -> Floats:
 
 
 def _load_arms(nominal: SerialChain, at: Postures, frames: Floats, arms: Floats) -> Floats:
-    """Moments (n, N) about the joints, N m, of the weight of one kilogram at the TCP."""
-    levers_m = (nominal.forward(at.q)[:, :3, 3].T - frames[:-1, :3, 3]) / 1000.0
+    """Moments (n, N) about the joints, N m, of the weight of one kilogram at the payload's centre of gravity."""
+    levers_m = (_load_places(nominal, at).T - frames[:-1, :3, 3]) / 1000.0
     return np.asarray(STANDARD_GRAVITY * np.sum(arms * levers_m, axis=1))
+
+
+def _load_places(nominal: SerialChain, at: Postures) -> Floats:
+    """Where the payload is (N, 3), mm, in the base frame."""
+    if at.payload_at is None:
+        return nominal.forward(at.q)[:, :3, 3]
+    flange = nominal.forward_flange(at.q)
+    return np.asarray(np.einsum("nij,nj->ni", flange[:, :3, :3], at.payload_at) + flange[:, :3, 3])
 
 
 def _upright(nominal: SerialChain, down: Direction) -> frozenset[int]:

@@ -31,7 +31,8 @@ class ToolDeflection(Effect):
     simulate (0.00036 is what they identify). down: ĝ in the robot's base frame.
     TCP shift c_t · l³/3 · G · (ĝ − (ĝ·z)z), after Wang et al. 2024 (doi 10.3390/app14219824), eq. 11–20. The tilt at
     the end is part of that shift already, and is not added to it again as their eq. 21 would. No orientation changes:
-    the tilt (arc minutes) is left out. needs: the tool's mass.
+    the tilt (arc minutes) is left out. A payload whose centre of gravity is known bends the same cantilever where it is
+    along z. needs: the tool's mass.
     """
 
     length_m: float
@@ -76,4 +77,13 @@ class ToolDeflection(Effect):
         """Ψ (N, 3, 1): the part of ĝ across the flange's z, times `mm_per_unit`."""
         axis = nominal.forward_flange(at.q)[..., :3, 2]
         across = self.down - (axis @ self.down)[..., None] * axis
-        return np.asarray(self.mm_per_unit * across[..., None])
+        return np.asarray((self.mm_per_unit + self._of_payload(at)) * across)[..., None]
+
+    def _of_payload(self, at: Postures) -> Floats | float:
+        """What a payload adds to `mm_per_unit` (N, 1): the tip's shift by a weight at another place of a cantilever."""
+        if at.payload is None or at.payload_at is None:
+            return 0.0
+        place_m = np.maximum(at.payload_at[:, 2], 0.0) / 1000.0
+        near, far = np.minimum(place_m, self.length_m), np.maximum(place_m, self.length_m)
+        bending = 1000.0 * near**2 * (3.0 * far - near) / 6.0 * STANDARD_GRAVITY * at.payload
+        return np.asarray(bending[:, None])

@@ -21,13 +21,15 @@ class Postures:
 
     q (N, n): model angles, rad. approach (N, n): direction of each joint's last move, in the model's sense: 1, −1, or 0
     where it is not known. delta_t (N,): degrees Celsius above the temperature at which the model's lengths hold.
-    payload (N,): mass at the TCP, kg, without the tool's own.
+    payload (N,): mass that the robot carries, kg, without the tool's own. payload_at (N, 3): its centre of gravity in
+    the flange frame, mm; None: at the TCP.
     """
 
     q: Floats
     approach: Floats | None = None
     delta_t: Floats | None = None
     payload: Floats | None = None
+    payload_at: Floats | None = None
 
     @classmethod
     def of(cls, at: Self | ArrayLike) -> Self:
@@ -39,7 +41,7 @@ class Postures:
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array, slice or mask."""
-        parts = (self.approach, self.delta_t, self.payload)
+        parts = (self.approach, self.delta_t, self.payload, self.payload_at)
         return type(self)(self.q[which], *(None if part is None else part[which] for part in parts))
 
     def __len__(self) -> int:

@@ -110,6 +110,10 @@ class RowsAtJoints(ABC):
     def errors(self, state: State) -> Floats:
         """See `Rows`."""
 
+    def deviation(self, state: State) -> Floats:
+        """`residual` (N, k) along the measuring frame's axes, also where rows are weighted along others."""
+        return self.residual(state)
+
     @property
     def positions(self) -> Floats | None:
         """TCPs (N, 3), mm, that an instrument measured; None without them."""
@@ -154,7 +158,8 @@ class RowsAtJoints(ABC):
         """The rows at an index array or mask: every array of the kind, and its postures."""
         names = [each.name for each in fields(self)]  # type: ignore[arg-type]  # every kind is a dataclass
         arrays = [each for each in names if each not in ("at", "session")]
-        return self.changed(at=self.postures.pick(which), **{name: getattr(self, name)[which] for name in arrays})
+        given = {name: values for name in arrays if (values := getattr(self, name)) is not None}
+        return self.changed(at=self.postures.pick(which), **{name: values[which] for name, values in given.items()})
 
     def changed(self, **values: Any) -> Self:
         """These rows with other values of some fields."""

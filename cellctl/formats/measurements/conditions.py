@@ -19,19 +19,23 @@ COLDEST_C, HOTTEST_C = -100.0, 1000.0
 HEAVIEST_KG = 1e4
 """Beyond any robot's conditions: a typing error, which would dominate all other rows."""
 
+PAYLOAD_AT = ("payload_x", "payload_y", "payload_z")
+
 
 @final
 class Conditions:
     """Readings with the conditions whose columns exist.
 
-    delta_t (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; approach (N, n):
-    the model's sense of each joint's last movement, 0 where it is not known. None where there is no column.
+    delta_t (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; payload_at
+    (N, 3): its centre of gravity, flange frame, mm; approach (N, n): the model's sense of each joint's last movement, 0
+    where it is not known. None where there is no column.
     """
 
     def __init__(self, sieve: Sieve, robot: RobotFile, readings: Floats) -> None:
         self.q = robot.joint_map().model(readings)
         self.delta_t = _warmer(sieve)
         self.payload = _payload(sieve)
+        self.payload_at = None if self.payload is None else _payload_at(sieve, self.payload)
         self.approach = _approach(sieve, robot)
 
     def at(self, rows: Collection[int]) -> Postures:
@@ -39,7 +43,7 @@ class Conditions:
         from cellctl.calibration import Postures
 
         chosen = list(rows)
-        parts = (self.approach, self.delta_t, self.payload)
+        parts = (self.approach, self.delta_t, self.payload, self.payload_at)
         return Postures(self.q[chosen], *(None if part is None else part[chosen] for part in parts))
 
 
@@ -67,6 +71,20 @@ def _payload(sieve: Sieve) -> Floats | None:
         if mass < 0.0 or mass > HEAVIEST_KG:
             sieve.reject(row, f"payload is {mass:g} kg")
     return np.array(values)
+
+
+def _payload_at(sieve: Sieve, payload: Floats) -> Floats | None:
+    """`payload_x`, `payload_y`, `payload_z`; without a payload, where the others' is on average."""
+    import numpy as np
+
+    if not any(any(sieve.data.texts(name)) for name in PAYLOAD_AT):
+        return None
+    loaded = np.flatnonzero(payload > 0.0).tolist()
+    places = np.array([sieve.numbers(name, rows=loaded) for name in PAYLOAD_AT]).T
+    stated = np.isfinite(places).all(axis=1)
+    if stated.any():
+        places[payload == 0.0] = places[stated].mean(axis=0)
+    return places
 
 
 def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:

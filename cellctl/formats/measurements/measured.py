@@ -7,9 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
+from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.columns import Sieve, joint_readings
 from cellctl.formats.dataset import DataSet, Rejected
+from cellctl.formats.load_region import two_centres
 from cellctl.formats.measurements.certified import Spacing, known_spacings, refuse_planes, rough_places, spacing_rows
 from cellctl.formats.measurements.conditions import Conditions
 from cellctl.formats.measurements.fixed_points import Planes, Reaches, Sockets, reject_point_names
@@ -23,11 +25,11 @@ from cellctl.formats.measurements.repeats import (
     reject_lone_zeros,
 )
 from cellctl.formats.measurements.sessions import OWN_BASE, Points, session_names, sessions_of
-from cellctl.formats.measurements.sigmas import has_own_sigma
+from cellctl.formats.measurements.sigmas import has_own_sigma, zero_sigmas
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
-    from cellctl.calibration import Measured, RobotModel, Session, Task, Tolerances
+    from cellctl.calibration import Measured, Postures, RobotModel, Session, Task, Tolerances
     from cellctl.kinematics import Floats
 
 _Reading: TypeAlias = Positions | Poses | Reaches | Planes | Sockets
@@ -120,10 +122,12 @@ def measurements(
     found = rows.arranged(sieve.kept())
     refuse_planes([name for row, (name, _) in enumerate(rows.points()) if kinds[row] == "plane"], spacings)
     at, points = conditions.at(found.order), found.points
+    _refuse_two_centres(data, at, found.order)
     touched = any(kinds[row] in ("sphere", "plane") for row in found.order)
     given = {
         "points": points.names,
         "datums": found.datums,
+        "datum_sigmas": zero_sigmas(sieve, rows.zeros(), found.datums),
         "rough": rough_places(points, artefact),
         "spacings": spacing_rows(points, artefact, spacings, use_artefact=use_distances),
         "tolerances": tolerances_of(robot),
@@ -141,6 +145,15 @@ def measurements(
         robot=robot,
         own_sigma=has_own_sigma(data),
     )
+
+
+def _refuse_two_centres(data: DataSet, at: Postures, order: Sequence[int]) -> None:
+    """A fit knows one centre of gravity of its payload, and predicts for that one."""
+    if found := two_centres(at):
+        one, other = (data.lines[order[row]] for row in found)
+        what = f"the payload's centre of gravity is another one than in line {one}"
+        cure = "identify each centre of gravity from a data set of its own"
+        raise InputError(Problem(data.file, other, 0, what, cure))
 
 
 def tolerances_of(robot: RobotFile) -> Tolerances:
@@ -213,14 +226,14 @@ class _Rows:
 
     def _zero(self, row: int) -> str:
         part = self.parts[self.kinds[row]]
-        return part.zeros[row] if isinstance(part, Reaches) else ""
+        return part.zeros[row] if isinstance(part, Reaches | Positions | Poses) else ""
 
     def _block(self, kind: Kind, rows: list[int], session: int, points: Points, datums: tuple[str, ...]) -> Measured:
         import numpy as np
 
         part, at = self.parts[kind], self.conditions.at(rows)
         if isinstance(part, Positions | Poses):
-            return part.block(rows, at, session)
+            return part.block(rows, at, session, datums)
         numbers = np.array([points.number(part.names[row], self.sessions[row]) for row in rows])
         if isinstance(part, Reaches):
             return part.block(rows, at, session, numbers, datums)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from cellctl.formats.columns import Sieve
+from cellctl.formats.measurements.conditions import PAYLOAD_AT
 from cellctl.formats.measurements.kinds import ABC, PLACE, QUATERNION, Kind
 from cellctl.formats.measurements.sigmas import OF_DISTANCE, OF_ROTATION, SIGMAS
 
@@ -20,7 +21,7 @@ POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "plane": "plane", "socket"
 _NAMES = ("sphere", "plane", "socket", "anchor", "zero", "session", "time")
 _NUMBERS = (
     *PLACE, *ABC, *QUATERNION, "radius", "tip_radius", "drift", "distance", *SIGMAS, OF_ROTATION, OF_DISTANCE,
-    "temperature", "payload",
+    "temperature", "payload", *PAYLOAD_AT,
 )  # fmt: skip
 
 _POINT_NUMBERS = 3

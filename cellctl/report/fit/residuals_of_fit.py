@@ -109,7 +109,7 @@ def _block(block: Measured, states: tuple[State, State], predicted: _Predicted |
         "signed_before": block.residual(states[0])[:, 0] if block.along_line else none[:, 0],
         "signed_after": block.residual(states[1])[:, 0] if block.along_line else none[:, 0],
         "normal": block.normals(states[1]),
-        "turn": block.residual(states[1])[:, 3:] if block.orientations is not None else none,
+        "turn": block.deviation(states[1])[:, 3:] if block.orientations is not None else none,
         "joint_before": np.einsum("nr,nrj->nj", vectors[0], ways),
         "joint_after": np.einsum("nr,nrj->nj", vectors[1], ways),
         "scaled": _scaled(block, states[1], predicted),
@@ -117,7 +117,7 @@ def _block(block: Measured, states: tuple[State, State], predicted: _Predicted |
 
 
 def _vectors(block: Measured, state: State) -> Floats:
-    residual = block.residual(state)
+    residual = block.deviation(state)
     return residual * block.normals(state) if block.along_line else residual[:, :3]
 
 

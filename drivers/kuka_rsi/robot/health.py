@@ -36,7 +36,7 @@ def health_of(device: str, lines: ControllerLines) -> Health:
     figures = {slot.name.lower(): float(words[slot]) for slot in _COUNTED}
     figures |= {"cycle_ms": words[Slot.CYCLE] * 1e-6, "real_time": float(process.granted["fifo"])}
     figures |= {"memory_locked": float(process.granted["mlock"]), "pinned": float(process.granted["affinity"])}
-    figures["unreadable"] = float(eki.unreadable)
+    figures |= {"unreadable": float(eki.unreadable), "latency_ms": lines.latency_s * 1e3}
     text = f"{stat.mode}, {stat.program}" + (f": {stat.message}" if stat.message else "")
     text += "".join(f"; {what}" for name, what in _WITHOUT.items() if not process.granted[name])
     if words[Slot.FOREIGN]:

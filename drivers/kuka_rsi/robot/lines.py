@@ -25,11 +25,13 @@ class ControllerLines:
     """Opened and closed together. `identity`: from the controller, None if not connected.
 
     `sends_currents`: the RSI Ethernet configuration has the motor currents in its telegrams.
+    `latency_s`: from the first command to its reply, in the cell's time.
     """
 
     def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.identity: Identity | None = None
         self.sends_currents = False
+        self.latency_s = 0.0
         self._device = device
         self._settings = settings
         self._clock = clock
@@ -103,7 +105,9 @@ class ControllerLines:
             return await CyclicProcess.start(self._device, self._settings, clock.source, reply.template, self._limits)
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:
+        asked_ns = self._clock.now_ns()
         reply = await eki.ask("HELLO")
+        self.latency_s = (self._clock.now_ns() - asked_ns) * 1e-9
         if reply.code:
             raise refusal(self._device, reply, "HELLO")
         stat = await eki.first_stat()

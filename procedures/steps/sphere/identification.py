@@ -15,9 +15,9 @@ from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Row
+from procedures.steps.setup_errors import WrongSetup, wrong_setup
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
-from procedures.steps.sphere.setup_errors import WrongSetup, wrong_setup
 
 
 @final
@@ -46,7 +46,7 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
     touches, drift = context.recorded(TouchRow), drift_of(context)
     choice = _Choice(robot, artefact, model, use_distances)
     measured = _measured(touches, choice, None)
-    if wrong := wrong_setup(context, measured):
+    if wrong := wrong_setup(context, measured, f"--artefact {context.cell.file}"):
         return wrong
     found = _fitted(measured)
     corrected = _fitted(_measured(touches, choice, drift)) if drift.significant else found

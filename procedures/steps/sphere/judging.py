@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
-from cellctl.devices import TableStore
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
 from procedures.steps.sphere.rows import HeldOutFigures, SphereVerdict, StandOffFigures, StandOffRow
-from procedures.steps.table_push import take_back
 
 
 def verdict_of(context: StepContext) -> SphereVerdict:
@@ -49,13 +47,6 @@ def verdict_of(context: StepContext) -> SphereVerdict:
         standoff=standoff,
         table=tables[-1] if tables else None,
     )
-
-
-async def table_taken_back(context: StepContext, robot: TableStore) -> TableStateRow:
-    """Activate the previous table again; returns the row of the withdrawn one. Raises DeviceUncertain."""
-    row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
-    context.say(f"table {row.short} is not better than nominal: rolled back, no longer in force")
-    return row
 
 
 def _paired(rows: Sequence[StandOffRow], run: str) -> list[StandOffRow]:

@@ -12,6 +12,8 @@ from cellctl.files import InputError
 from cellctl.formats import RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
 from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.obstacles import Obstacles
+from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.rows import TouchSet
@@ -53,9 +55,9 @@ def plan_on(
     """
     artefact = artefact_of(context.cell, ("artefact",))
     robot = RobotFile.load(context.robot_file)
-    targets = [_target(artefact, sphere, centres or {}) for sphere in artefact.spheres]
+    targets = [target_of(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
-    postures = postures_of(context.cell, robot)
+    postures = postures_of(context.cell, robot, "touch")
     try:
         return plan_touches(
             robot.chain(),
@@ -66,7 +68,7 @@ def plan_on(
             [counts.get(target.name, 0) for target in targets],
             seed,
             options,
-            plate=_plate(artefact),
+            plate=plate_of(artefact),
             reference_every=reference_every,
             reference=reference,
         )
@@ -103,7 +105,7 @@ def assumption(context: CellContext) -> str | None:
     artefact = artefact_of(context.cell, ("artefact",))
     if artefact.plate:
         return None
-    plate = _plate(artefact)
+    plate = plate_of(artefact)
     return (
         f"the cell file names no plate under the spheres: ways are kept clear of one at z {plate.z:.0f} mm, and of "
         f"stems with a radius of {plate.stem_radius:.0f} mm straight below the spheres"
@@ -147,13 +149,24 @@ def as_plan(number: int, touch: PlannedTouch, of: TouchSet, repeats: int = 0) ->
     )
 
 
-def _plate(artefact: Artefact) -> Plate:
+def spheres_around(context: CellContext) -> Obstacles | None:
+    """The cell's spheres at their rough places, with stems and plate; None for a cell without spheres."""
+    if "artefact" not in context.cell.data:
+        return None
+    artefact = artefact_of(context.cell, ("artefact",))
+    targets = [target_of(artefact, sphere, {}) for sphere in artefact.spheres]
+    return Obstacles(spheres_of(targets), plate_of(artefact)) if targets else None
+
+
+def plate_of(artefact: Artefact) -> Plate:
+    """The plate under the spheres: the cell file's, else an assumed one."""
     if artefact.plate:
         return Plate(artefact.plate.z, artefact.plate.stem_radius)
     return Plate.assumed(np.array([[*sphere.centre, sphere.diameter / 2] for sphere in artefact.spheres]))
 
 
-def _target(artefact: Artefact, sphere: Sphere, centres: dict[str, tuple[float, float, float]]) -> SphereTarget:
+def target_of(artefact: Artefact, sphere: Sphere, centres: dict[str, tuple[float, float, float]]) -> SphereTarget:
+    """What to touch on `sphere`: at its centre among `centres` (mm), else at its rough place."""
     x, y, z = sphere.centre
     return SphereTarget(sphere.id, centres.get(sphere.id, (x, y, z)), sphere.diameter / 2 + artefact.tip_radius)
 

@@ -119,14 +119,12 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-    from procedures.steps.table_push import pushed_row
+    from procedures.steps.table_push import push_of_run
 
     judged = [verdict.better for verdict in context.recorded(SphereVerdict) if verdict.standoff]
     if inputs.table is None or judged:
         return Pushed(active=any(judged))
-    row = await pushed_row(context, context.device("robot"), inputs.table)
-    await context.record(row)
-    context.say(f"table {row.short} is in force: {row.rows} rows, read back letter for letter")
+    await push_of_run(context, inputs.table)
     return Pushed(active=True)
 
 
@@ -183,11 +181,12 @@ class Judged(StepResult):
 @step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
-    from procedures.steps.sphere.judging import table_taken_back, verdict_of
+    from procedures.steps.sphere.judging import verdict_of
+    from procedures.steps.table_push import take_back_unhelpful
 
     found = await context.clock.compute(verdict_of, context)
     if not found.better and context.recorded(TableStateRow):
-        found = replace(found, table=await table_taken_back(context, context.device("robot")))
+        found = replace(found, table=await take_back_unhelpful(context, context.device("robot")))
     await context.record(found)
     return Judged(verdict=found.verdict, sentence=found.sentence)
 

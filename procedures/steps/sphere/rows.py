@@ -168,7 +168,6 @@ class StopFigures:
         )
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class SphereVerdict(VerdictRow):
     """The verdict on held-out touches; with `standoff`, that of the whole campaign. noise_scale: of the fit."""

@@ -166,8 +166,8 @@ class Identified(StepResult):
 @step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
+    from procedures.steps.setup_errors import WrongSetup
     from procedures.steps.sphere.identification import identify_touches
-    from procedures.steps.sphere.setup_errors import WrongSetup
 
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
     await context.write_artefact("dataset.csv", found.data)

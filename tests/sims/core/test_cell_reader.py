@@ -45,12 +45,14 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     assert [link.a for link in cell.robot.links] == [180, 600, 40, 0, 0, 0]
     assert [joint.sign for joint in cell.robot.joints] == [-1, 1, 1, -1, 1, -1]
     assert cell.robot.tool.mass == 1.535
-    unasked = {"wear", "warm_up", "compliance", "gear", "backlash", "expansion"}
+    unasked = {"wear", "warm_up", "compliance", "gear", "backlash", "expansion", "station_drift", "air"}
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == unasked
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - unasked
     rsi = {"cycle_ms": 4, "precision": 4, "timeout_cycles": 100, "counter": "total", "mode": None}
-    drives = {"brakes_after_s": 10.0, "noise": 0.004}
-    assert cell.simulate.settings == {"rsi": rsi, "probe": {"usb_delay_ms": 1.0, "bounce": 2}, "drives": drives}
+    assert cell.simulate.settings["rsi"] == rsi
+    assert cell.simulate.settings["probe"] == {"usb_delay_ms": 1.0, "bounce": 2}
+    assert cell.simulate.settings["plc"] == {"delay_least_ms": 5.0, "delay_most_ms": 20.0, "clamp_ms": 300.0}
+    assert cell.simulate.settings["drives"] == {"brakes_after_s": 10.0, "noise": 0.004}
 
 
 def test_errors_are_switched_off_or_scaled(edited):

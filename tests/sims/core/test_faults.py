@@ -144,7 +144,7 @@ def test_a_search_is_the_event_of_that_name():
         ({"fault": "rsi.drop", "search": 1, "at_ms": 2}, "only one of"),
         ({"fault": "rsi.drop", "after_ms": 2}, "after_ms counts from an event; say which"),
         ({"fault": "rsi.drop", "count": 2}, "count is of events; say which"),
-        ({"fault": "rsi.drop", "event": "tracker.measure"}, "no device .* the event 'tracker.measure'; .* probe.arm"),
+        ({"fault": "rsi.drop", "event": "gripper.close"}, "no device .* the event 'gripper.close'; .* probe.arm"),
         ({"fault": "rsi.drop", "event": ["x"]}, "no device .* has the event"),
         ({"fault": "rsi.drop", "event": "probe.arm", "search": 1}, "only one of"),
         ({"fault": "rsi.drop", "event": "probe.arm", "count": 0}, "count counts from 1"),

@@ -31,7 +31,7 @@ class Server:
     def measure(self, message):
         tcp = self.setup.scene.tcp()
         assert len(tcp) == 3 and self.setup.scene.blocked(tcp, tcp) in (True, False)
-        self.setup.faults.announce("tracker.measure")
+        self.setup.faults.announce("laser.measure")
 
     def close(self):
         pass
@@ -39,10 +39,10 @@ class Server:
 SIMULATOR = Simulator(
     schemes=("invented",),
     start=Server,
-    section="tracker",
+    section="laser",
     settings=(Setting("noise_mm", "number", 0.01, 0.0),),
-    faults=(FaultKind("tracker.blind", "no target is found", (FOR_MS,)),),
-    events={"tracker.measure": "a measurement begins"},
+    faults=(FaultKind("laser.blind", "no target is found", (FOR_MS,)),),
+    events={"laser.measure": "a measurement begins"},
     most=2,
 )
 '''
@@ -87,8 +87,8 @@ def errors(run, devices, **simulate):
 
 
 def test_it_runs_with_its_settings_event_fault_and_request(run):
-    fault = {"fault": "tracker.blind", "event": "tracker.measure", "count": 2}
-    process = run("run", {"laser": "invented://a?b=1"}, tracker={"noise_mm": 0.5}, faults=[fault], clock="realtime")
+    fault = {"fault": "laser.blind", "event": "laser.measure", "count": 2}
+    process = run("run", {"laser": "invented://a?b=1"}, laser={"noise_mm": 0.5}, faults=[fault], clock="realtime")
     assert select.select([process.stdout], [], [], PATIENCE_S)[0]
     ready = json.loads(process.stdout.readline())
     assert ready["laser"] == "invented:///here/0.5?b=1"
@@ -103,26 +103,26 @@ def test_it_runs_with_its_settings_event_fault_and_request(run):
 
         assert ask(op="measure", device="laser") == {"ok": True}
         assert "devices that have it: laser" in ask(op="measure", device="robot")["error"]
-        again = ask(op="fault", fault="tracker.blind", event="tracker.measure", count=1)
-        assert "tracker.measure 1 has begun already" in again["error"]
-        assert ask(op="fault", fault="tracker.blind", event="tracker.measure", count=5) == {"ok": True}
-        assert ask(op="status")["events"] == {"tracker.measure": 1}
+        again = ask(op="fault", fault="laser.blind", event="laser.measure", count=1)
+        assert "laser.measure 1 has begun already" in again["error"]
+        assert ask(op="fault", fault="laser.blind", event="laser.measure", count=5) == {"ok": True}
+        assert ask(op="status")["events"] == {"laser.measure": 1}
 
 
 def test_check_knows_its_section_and_its_faults(run):
-    fault = {"fault": "tracker.deaf"}
-    found = errors(run, {"laser": "invented://a"}, tracker={"noise_mm": -1, "colour": "red"}, faults=[fault])
+    fault = {"fault": "laser.deaf"}
+    found = errors(run, {"laser": "invented://a"}, laser={"noise_mm": -1, "colour": "red"}, faults=[fault])
     assert [text.split(":")[0] for text in found] == [
-        "simulate.tracker.colour", "simulate.tracker.noise_mm", "simulate.faults[0]",
+        "simulate.laser.colour", "simulate.laser.noise_mm", "simulate.faults[0]",
     ]  # fmt: skip
-    assert "tracker.blind" in found[2]
+    assert "laser.blind" in found[2]
 
 
 def test_an_event_that_no_device_of_the_cell_has_is_named_with_those_that_there_are(run):
-    fault = {"fault": "tracker.blind", "event": "probe.arm"}
+    fault = {"fault": "laser.blind", "event": "probe.arm"}
     (found,) = errors(run, {"laser": "invented://a"}, faults=[fault])
     assert found.startswith("simulate.faults[0]: ")
-    assert "'probe.arm'; there are tracker.measure" in found
+    assert "'probe.arm'; there are laser.measure" in found
 
 
 def test_how_many_of_a_kind_there_can_be_is_reported_by_the_description(run):
@@ -134,8 +134,8 @@ def test_how_many_of_a_kind_there_can_be_is_reported_by_the_description(run):
 
 def test_a_device_that_nobody_simulates_is_an_error_at_check(run):
     (found,) = errors(run, {"laser": "invented://a", "hand": "gripper://b"})
-    assert "there is no simulator for 'gripper', only for " in found
-    assert " and contact+serial and invented and kuka+rsi" in found
+    assert "there is no simulator for 'gripper', only for canopen" in found
+    assert " and invented and kuka+rsi" in found
 
 
 def test_a_package_that_cannot_be_loaded_is_named(run, tmp_path):

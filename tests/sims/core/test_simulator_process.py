@@ -178,10 +178,10 @@ def test_all_errors_of_a_cell_file_are_one_block_and_exit_code_2(request, probe_
 
 def test_a_device_without_simulator_is_named(request, probe_cell):
     path = probe_cell()
-    path.write_text(path.read_text().replace("devices:\n", "devices:\n  tracker: geocom+serial:///dev/ttyUSB0\n"))
+    path.write_text(path.read_text().replace("devices:\n", "devices:\n  hand: gripper+serial:///dev/ttyUSB0\n"))
     done = run(request, "run", path)
     assert done.returncode == 2
-    assert "tracker: there is no simulator for 'geocom+serial'" in done.stderr
+    assert "hand: there is no simulator for 'gripper+serial'" in done.stderr
 
 
 @pytest.mark.parametrize("arguments", [["run", "nowhere.yaml"], ["run"], ["run", "x", "--seed", "-1"], ["dance"], []])

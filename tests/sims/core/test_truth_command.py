@@ -2,6 +2,7 @@
 
 import csv
 
+import numpy as np
 import pytest
 import yaml
 
@@ -94,6 +95,11 @@ def flexible(cell, tmp_path):
         (",D6,D5,D4,D3,D2,D1", ",1,0,-1,1,-1,1", Conditions((1, -1, 1, -1, 0, 1))),
         (",temperature", ",31.5", Conditions(temperature_c=31.5)),
         (",payload", ",4.5", Conditions(payload_kg=4.5)),
+        (
+            ",payload,payload_x,payload_y,payload_z",
+            ",4.5,20,-5,90",
+            Conditions(payload_kg=4.5, payload_at=(20.0, -5.0, 90.0)),
+        ),
         (",payload,temperature,D1,D2,D3,D4,D5,D6", ",,,,-1,,,,", Conditions((0, -1, 0, 0, 0, 0))),
     ],
 )
@@ -113,12 +119,38 @@ def test_asked_for_the_pose_it_gives_the_tools_angles_too(flexible, truth):
     assert [float(value) for value in rows[1]] == pytest.approx(world.true_pose(READINGS), abs=1e-6)
 
 
+def test_asked_for_a_reflector_it_gives_its_true_place(truth, cell, tmp_path):
+    content = yaml.safe_load(cell.read_text())
+    content["model"] = str(cell.parent / content["model"])
+    content["reflectors"] = {
+        "on_flange": [
+            {"id": "R1", "xyz": [0, 0, 90], "facing": [0, 0, 1]},
+            {"id": "R2", "xyz": [80, 0, 90], "facing": [0, 0, 1]},
+        ]
+    }
+    path = tmp_path / "reflectors.yaml"
+    path.write_text(yaml.safe_dump(content))
+    places = []
+    for name in ("R1", "R2"):
+        code, rows, _ = truth(HEADER + ROW + "\n", "--reflector", name, at=path)
+        assert (code, rows[0]) == (0, list("XYZ"))
+        places.append([float(value) for value in rows[1]])
+    flange = World(read_cell(path), 1).true_flange(READINGS)
+    first, second = (flange[:3, :3].T @ (np.array(place) - flange[:3, 3]) for place in places)
+    assert 0.05 < np.linalg.norm(first - [0, 0, 90]) < 3.0  # off by 0.5 mm on each axis, 1 σ
+    assert second - first == pytest.approx([80, 0, 0], abs=4.0)
+    code, rows, errors = truth(HEADER + ROW + "\n", "--reflector", "R9", at=path)
+    assert code == 2
+    assert "no reflector 'R9' on the robot; it has R1, R2" in errors
+
+
 @pytest.mark.parametrize(
     ("columns", "cells", "complaint"),
     [
         ("D1,D2", "1,1", ":1: columns D1…D6 are expected, each once"),
         ("D1,D2,D3,D4,D5,D6", "1,1,1,1,1,2", ":2: D6 is 1, -1 or 0, not '2'"),
         ("temperature", "warm", ":2: temperature is a number of °C, not 'warm'"),
+        ("payload,payload_x,payload_y", "5,1,2", ":2: payload_x, payload_y, payload_z are three numbers of mm"),
         ("payload", "-1", ":2: payload is at least 0 kg, not '-1'"),
         ("payload,payload", "1,1", ":1: column payload is there more than once"),
         ("payload", "1e7", ":2: the joints are too soft for what they carry"),

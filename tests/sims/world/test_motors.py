@@ -7,6 +7,7 @@ import pytest
 from own_kinematics import turn
 
 from sims.cell import ERRORS, read_cell
+from sims.conditions import Payload
 from sims.world.masses import drawn_body
 from sims.world.motors import PRESLIDING_DEG, slid
 from sims.world.nominal import nominal_geometry
@@ -61,7 +62,7 @@ def test_a_payload_adds_the_moment_of_its_weight(cell):
     body = drawn_body(cell.robot, nominal, SEED)
     payload = Mass(5.0 * GRAVITY_M_S2, (1200.0, 40.0, 900.0))
     loaded = (*body.links[:-1], body.links[-1].together(payload))
-    torques = np.multiply(world.motors.holding(world._angles(POSE), payload), world.motors.nm_per_a)
+    torques = np.multiply(world.motors.holding(world._angles(POSE, Payload()), payload), world.motors.nm_per_a)
     assert torques == pytest.approx(by_virtual_work(cell.robot, loaded, nominal.axes, POSE), abs=1e-4)
 
 

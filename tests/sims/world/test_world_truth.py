@@ -97,7 +97,7 @@ def test_the_tool_sinks_by_the_part_of_its_weight_across_it(down, readings):
 
 def test_geometry_errors_have_the_size_of_the_published_table():
     offsets, tilts = [], []
-    nominal = world()._nominal.axes
+    nominal = world()._shown.arm.axes
     for seed in range(150):
         for true, axis in zip(world(seed, geometry=1)._chain.arm.axes, nominal, strict=True):
             across = np.subtract(true.point, axis.point)

@@ -1,4 +1,7 @@
-"""A pseudo-terminal in the place of the serial adapter. It never blocks, and notices when the host hangs up."""
+"""A serial line: a pseudo-terminal in the place of the adapter, and the time that characters take.
+
+The terminal never blocks, and notices when the host hangs up.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,15 @@ from sims.kernel import Kernel
 
 _UNREAD = 1000
 """Number of unread characters that shows, without a known host, that no process reads."""
+
+
+BITS_PER_CHARACTER = 10
+"""8N1."""
+
+
+def wire_time_ns(characters: int, baud: int) -> int:
+    """How long so many characters take."""
+    return characters * BITS_PER_CHARACTER * 1_000_000_000 // baud
 
 
 @final

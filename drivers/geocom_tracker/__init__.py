@@ -1,0 +1,1 @@
+"""Laser stations that speak GeoCOM on a serial line: TDRA, TDA, TM30, TS30, TPS1200."""

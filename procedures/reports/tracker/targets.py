@@ -1,0 +1,78 @@
+"""The held-out targets before and after the table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cellctl.report import ReportSection, Run, Sigma
+from cellctl.report.distributions import before_and_after
+from cellctl.report.figures import error_line
+from cellctl.report.numbers import significant
+from procedures.reports.tracker.pictures import arrows_picture, bars_picture
+from procedures.steps.tracker.rows import TargetErrorsRow, TargetFigures, TargetsRow, TrackerVerdict
+
+
+def build(run: Run) -> Mapping[str, Any] | None:
+    """Pictures, and found against predicted errors."""
+    row, verdict = run.state.last(TargetErrorsRow), run.state.last(TrackerVerdict)
+    if row is None or verdict is None or verdict.targets is None:
+        return None
+    before, after, late = np.array(row.before), np.array(row.after), np.array(row.late)
+    lengths = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+    return {
+        "sentences": list(_sentences(verdict, verdict.targets, run.state.last(TargetsRow))),
+        "distribution": before_and_after("targets", *lengths, "position error"),
+        "bars": bars_picture(row.number, *lengths, np.array(row.sigma), late),
+        "arrows": arrows_picture(np.array(row.place), before, after),
+    }
+
+
+def _sentences(verdict: TrackerVerdict, found: TargetFigures, made: TargetsRow | None) -> Iterator[str]:
+    yield "No held-out pose was used for the identification. Its target is where the registered nominal robot would be."
+    yield "Before: nominal joints. After: the same target by the controller's table. Errors are 3-D."
+    ratio = significant(found.found_sigma / found.predicted_sigma) if found.predicted_sigma else "–"
+    yield (
+        f"After: found {significant(found.found_sigma)} mm RMS where {significant(found.predicted_sigma)} mm was "
+        f"predicted (ratio {ratio}); {significant(found.interleaved_after)} mm of targets interleaved with the fit, "
+        f"{significant(found.late_after)} mm of the late block."
+    )
+    if made and made.left_out:
+        yield f"{len(made.left_out)} held-out poses have no row in the table."
+    if verdict.noise_only:
+        yield f"The instrument's accuracy {verdict.accuracy} is a profile of noise only, not of its behaviour."
+
+
+def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
+    """Targets before and after, from the verdict."""
+    verdict = run.state.last(TrackerVerdict)
+    found = verdict.targets if verdict else None
+    if found is None or not found.n:
+        return []
+    return [error_line("held-out targets", found.n, vars(found.before), vars(found.after), found.predicted_sigma)]
+
+
+SECTION = ReportSection(
+    id="tracker-targets",
+    title="Proof by held-out targets",
+    order=20,
+    needs=(TargetErrorsRow,),
+    build=build,
+    error_lines=error_lines,
+    sigmas=(
+        Sigma(
+            "predicted 1 σ after",
+            "the error at one target with the table in force",
+            "covariance of the parameters, repeatability of the robot, and the measured point without its common part",
+            "1 σ, 3-D",
+        ),
+    ),
+    template="""\
+<p>{{ sentences | join(" ") }}</p>
+<figure>{{ distribution | safe }}</figure>
+<figure>{{ bars | safe }}</figure>
+<figure>{{ arrows | safe }}</figure>
+""",
+)

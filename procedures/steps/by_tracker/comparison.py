@@ -1,0 +1,211 @@
+"""Nominal robot, model from the touches and model from the tracker's poses, compared at held-out poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, final
+
+import numpy as np
+
+from cellctl.calibration import ErrorFigures, FitResult, RowBlocks, Split, State, Task, compared_errors, fit
+from cellctl.files import sha256_of
+from cellctl.formats import Measurements, ModelFile, RobotFile, from_prior, measurements
+from cellctl.kinematics import Floats, inverse_pose
+from cellctl.metrology.error_directions import error_directions
+from cellctl.procedure import StepContext
+from cellctl.records import Figures
+from procedures.steps.by_tracker.rows import (
+    ByTrackerFigures,
+    ByTrackerVerdict,
+    DirectionFigures,
+    JudgedModel,
+    JudgedPosesRow,
+)
+from procedures.steps.sphere.rows import HeldOutFigures, SphereVerdict
+from procedures.steps.tracker.identification import pose_data
+from procedures.steps.tracker.rows import PoseRow
+
+_BENDS = "deflection"
+"""The group of the tool's bending: the reflectors are fixed to the flange and do not move with it."""
+
+
+@final
+@dataclass(frozen=True)
+class Compared:
+    """The texts of the poses' data set and of the model from them, the errors at held-out poses, and the verdict."""
+
+    data: str
+    model: str
+    poses: JudgedPosesRow
+    verdict: ByTrackerVerdict
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """The poses, and the two fits to those of the set `fit`: of registration alone for the model from the touches, of
+    a model of their own.
+    """
+
+    measured: Measurements
+    touches: FitResult
+    tracker: FitResult
+
+
+def compared(context: StepContext) -> Compared:
+    """Register all models alike on the poses of the set `fit`, compare them on the others. Raises InputError."""
+    robot = RobotFile.load(context.robot_file)
+    data, left_out = pose_data(context)
+    measured = measurements(robot, data, measure="position")
+    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    model = ModelFile.load(context.run_folder / "model.json")
+    registered = _at_the_flange(from_prior(measured, model, ("base", "tool")).task)
+    fits = _Fits(measured, fit(registered, split), fit(measured.task, split))
+    poses = _judged_poses(fits, split)
+    provenance = {
+        "cell_sha256": sha256_of(context.cell.text),
+        "data_sha256": sha256_of(data.text()),
+        "robot_serial": context.identity("robot").serial,
+        "run": context.run_name,
+    }
+    return Compared(
+        data=data.text(),
+        model=ModelFile.of(robot, measured, fits.tracker, provenance).text(),
+        poses=poses,
+        verdict=_verdict(context, fits, split, poses, left_out),
+    )
+
+
+def _at_the_flange(task: Task) -> Task:
+    """The task with a prior model, without the tool's bending."""
+    model = task.model
+    kept = np.array([each.group != _BENDS for each in model.parameters])
+    of_chain = len(model.chain.parameters)
+    stiff = replace(
+        model,
+        effects=tuple(effect for effect in model.effects if effect.group != _BENDS),
+        amounts=model.deviations[of_chain:][kept[of_chain:]],
+    )
+    assert task.prior is not None
+    return replace(task, model=stiff, prior=task.prior[np.ix_(kept, kept)])
+
+
+def _judged_poses(fits: _Fits, split: Split) -> JudgedPosesRow:
+    held_out = _held_out(split)
+    rows = fits.measured.task.rows.pick(held_out)
+    touches = fits.touches.identification.identified.state
+    nominal, tracker = (
+        each.state for each in (fits.tracker.identification.nominal, fits.tracker.identification.identified)
+    )
+    return JudgedPosesRow(
+        readings=_tuples(fits.measured.readings[held_out]),
+        place=_tuples(_places(touches, rows)),
+        nominal=_tuples(_errors(nominal, rows)),
+        touches=_tuples(_errors(touches, rows)),
+        tracker=_tuples(_errors(tracker, rows)),
+    )
+
+
+def _held_out(split: Split) -> Any:
+    """Indices of the held-out rows."""
+    return np.concatenate([np.asarray(test, int) for _, test in split.judged])
+
+
+def _registration(touches: FitResult, rows: RowBlocks) -> Floats:
+    """How the places (N, 3, R) of `rows` follow station frame and reflector offset, in the robot's base frame."""
+    found = touches.identification.identified
+    parts = []
+    for block in rows.blocks:
+        to_base = found.state.models[block.session].chain.base_now[:3, :3].T
+        parts.append(to_base @ block.jacobian(found.state)[..., found.unknowns.free])
+    return np.concatenate(parts)
+
+
+def _errors(state: State, rows: RowBlocks) -> Floats:
+    """Measured less predicted place (N, 3), mm, in the robot's base frame."""
+    return np.concatenate(
+        [-block.residual(state) @ state.models[block.session].chain.base_now[:3, :3] for block in rows.blocks]
+    )
+
+
+def _places(state: State, rows: RowBlocks) -> Floats:
+    """Measured places (N, 3), mm, in the robot's base frame."""
+    parts = []
+    for block in rows.blocks:
+        to_base, measured = inverse_pose(state.models[block.session].chain.base_now), block.positions
+        assert measured is not None
+        parts.append(measured @ to_base[:3, :3].T + to_base[:3, 3])
+    return np.concatenate(parts)
+
+
+def _tuples(values: Floats) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in values.round(6).tolist())
+
+
+def _verdict(context: StepContext, fits: _Fits, split: Split, poses: JudgedPosesRow, left_out: int) -> ByTrackerVerdict:
+    touched, points = context.recorded(SphereVerdict)[-1], [row.point for row in context.recorded(PoseRow)]
+    columns = _registration(fits.touches, fits.measured.task.rows.pick(_held_out(split)))
+    figures = ByTrackerFigures(
+        n_fit=fits.tracker.n_fit,
+        n_test=fits.touches.n_test,
+        nominal=_judged(poses, poses.nominal, columns),
+        touches=_judged(poses, poses.touches, columns, fits.touches),
+        tracker=_judged(poses, poses.tracker, columns, fits.tracker),
+    )
+    decided = {
+        "verdict": fits.touches.verdict,
+        "sentence": _sentence(figures, fits.touches),
+        "before": figures.nominal.errors,
+        "after": figures.touches.errors,
+        "lines": tuple(_lines(figures, touched, points[0].accuracy, left_out, noise_only=points[0].noise_only)),
+        "held_out": HeldOutFigures(touched.verdict, touched.before, touched.after),
+        "by_tracker": figures,
+        "accuracy": points[0].accuracy,
+        "noise_only": points[0].noise_only,
+    }
+    return ByTrackerVerdict(**{field.name: getattr(touched, field.name) for field in fields(touched)} | decided)
+
+
+def _judged(
+    poses: JudgedPosesRow, errors: Sequence[Sequence[float]], registration: Floats, by: FitResult | None = None
+) -> JudgedModel:
+    vectors = np.array(errors)
+    return JudgedModel(
+        errors=Figures(**asdict(ErrorFigures.of(np.linalg.norm(vectors, axis=1)))),
+        directions=DirectionFigures(**asdict(error_directions(np.array(poses.place), vectors, registration))),
+        predicted_rms=by.predicted_test_rms if by else None,
+        coverage_95=by.coverage_95 if by else None,
+    )
+
+
+def _sentence(figures: ByTrackerFigures, touches: FitResult) -> str:
+    names = ("by the nominal robot", "by the model from the touches", "by a model from the tracker's own poses")
+    models = (figures.nominal, figures.touches, figures.tracker)
+    errors = [ErrorFigures(*(value or 0.0 for value in asdict(each.errors).values())) for each in models]
+    ends = {
+        "better": "The model from the touches is better than nominal.",
+        "worse": "The model from the touches is worse than nominal: do not use it.",
+    }
+    end = ends.get(touches.verdict, f"The model from the touches is no better than nominal: {touches.verdict_reason}.")
+    return f"Position error at held-out poses, by the tracker: {compared_errors(names, errors, figures.n_test)}. {end}"
+
+
+def _lines(
+    figures: ByTrackerFigures, touched: SphereVerdict, accuracy: str, left_out: int, *, noise_only: bool
+) -> list[str]:
+    """Lines below the verdict: σ, directions, held-out touches, the instrument."""
+    model, along = figures.touches, figures.touches.directions
+    share = 100.0 * (model.coverage_95 or 0.0)
+    profile = " (the noise of such an instrument only, not its behaviour)" if noise_only else ""
+    lines = [
+        f"Model from the touches: {model.predicted_rms:.3f} mm RMS predicted, {model.errors.rms:.3f} mm found; "
+        f"{share:.0f} % of the poses lie in their 95 % region.",
+        f"Its errors by direction: {along.radial:.3f} mm radial, {along.tangential:.3f} mm tangential, {along.z:.3f} "
+        f"mm vertical (RMS); scale {along.scale_ppm:+.0f} ± {along.scale_sigma_ppm:.0f} ppm (1 σ).",
+        touched.sentence,
+        f"Instrument: accuracy profile {accuracy}{profile}. Nothing was pushed to the controller.",
+    ]
+    if left_out:
+        lines.append(f"{left_out} poses were measured while the station moved; they were left out.")
+    return lines

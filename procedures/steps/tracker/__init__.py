@@ -1,0 +1,28 @@
+"""Campaigns with an instrument that measures reflectors on the robot: the steps of the family `tracker`."""
+
+from procedures.steps.tracker.identifying import identify
+from procedures.steps.tracker.instrument import prepare, two_face
+from procedures.steps.tracker.measuring import measure, measure_compensated
+from procedures.steps.tracker.monuments import check_reflector, monuments
+from procedures.steps.tracker.posing import plan
+from procedures.steps.tracker.proving import compensate, judge, push, withdraw
+from procedures.steps.tracker.turning import frames, plan_turns
+from procedures.steps.tracker.warming import warm_up
+
+__all__ = [
+    "check_reflector",
+    "compensate",
+    "frames",
+    "identify",
+    "judge",
+    "measure",
+    "measure_compensated",
+    "monuments",
+    "plan",
+    "plan_turns",
+    "prepare",
+    "push",
+    "two_face",
+    "warm_up",
+    "withdraw",
+]

@@ -1,0 +1,132 @@
+"""The verdict of a tracker campaign: held-out poses by the model, then targets measured before and after the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cellctl.calibration import ErrorFigures, compared_errors, paired_verdict
+from cellctl.formats import TableFile
+from cellctl.kinematics import Bools, Floats
+from cellctl.procedure import StepContext
+from cellctl.records import Figures, Rows, TableStateRow
+from procedures.steps.tracker.points import points_of
+from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetErrorsRow, TargetFigures, TrackerVerdict
+from procedures.steps.tracker.sessions import Sessions
+from procedures.steps.tracker.station import reflector_at
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """N held-out targets measured twice. numbers (N,): of the poses; late (N,): in the late block. before, after
+    (N, 3): measured less intended place, mm, in the instrument's frame of the first session. noise (N,): 1 σ (3-D) of
+    the point after, without the part that all points share: the targets are in the same instrument's frame.
+    """
+
+    numbers: Floats
+    late: Bools
+    before: Floats
+    after: Floats
+    noise: Floats
+
+    @classmethod
+    def of(cls, rows: Rows) -> Targets:
+        """From the rows of a run; targets that no session could be given to at either visit are left out."""
+        sessions = Sessions.of(rows)
+        poses = {row.number: row for row in rows.recorded(PoseRow)}
+        last_fit = max((number for number, row in poses.items() if row.set == "fit"), default=0)
+        found = []
+        for row in sorted(rows.recorded(CompensatedRow), key=lambda each: each.number):
+            ends = [sessions.place(each) for each in (poses[row.number], row)]
+            if ends[0] is not None and ends[1] is not None:
+                sigma = float(np.sqrt(np.trace(points_of([row.point]).alone[0])))
+                found.append((row.number, row.number > last_fit, *(end - np.array(row.target) for end in ends), sigma))
+        columns = list(zip(*found, strict=True)) if found else [(), (), (), (), ()]
+        empty = np.zeros((0, 3))
+        before, after = (np.array(column) if found else empty for column in columns[2:4])
+        return cls(np.array(columns[0]), np.array(columns[1], bool), before, after, np.array(columns[4]))
+
+    @property
+    def lengths(self) -> tuple[Floats, Floats]:
+        """3-D errors before and after (N,), mm."""
+        return np.linalg.norm(self.before, axis=1), np.linalg.norm(self.after, axis=1)
+
+
+def verdict_of(context: StepContext) -> tuple[TrackerVerdict, TargetErrorsRow | None]:
+    """The last verdict, including the targets, if any, and their errors. They decide the campaign's verdict: only a
+    model that was better on held-out poses gets this far.
+    """
+    held_out = context.recorded(TrackerVerdict)[-1]
+    if not context.recorded(CompensatedRow):
+        return held_out, None
+    targets = Targets.of(context)
+    errors, sigma = targets.lengths, predicted_sigma(context, targets)
+    before, after = (Figures(**asdict(ErrorFigures.of(each))) for each in errors)
+    figures = TargetFigures(
+        before=before,
+        after=after,
+        n=len(targets.numbers),
+        interleaved_after=_rms(errors[1][~targets.late]),
+        late_after=_rms(errors[1][targets.late]),
+        predicted_sigma=_rms(sigma),
+        found_sigma=_rms(errors[1]),
+    )
+    tables, verdict = context.recorded(TableStateRow), paired_verdict(*errors)
+    found = replace(
+        held_out,
+        verdict=verdict,
+        sentence=_sentence(verdict, errors),
+        lines=(held_out.sentence, *held_out.lines),
+        before=before,
+        after=after,
+        targets=figures,
+        table=tables[-1] if tables else None,
+    )
+    return found, _errors_row(context, targets, sigma)
+
+
+def _errors_row(context: StepContext, targets: Targets, sigma: Floats) -> TargetErrorsRow:
+    rows = {row.number: row for row in context.recorded(CompensatedRow)}
+    numbers = [int(number) for number in targets.numbers]
+    joints = np.array([rows[number].commanded for number in numbers])
+    return TargetErrorsRow(
+        number=tuple(numbers),
+        late=tuple(targets.late.tolist()),
+        before=tuple(map(tuple, targets.before.tolist())),
+        after=tuple(map(tuple, targets.after.tolist())),
+        sigma=tuple(sigma.tolist()),
+        place=tuple(map(tuple, reflector_at(context, rows[numbers[0]].reflector, joints).tolist())),
+    )
+
+
+def predicted_sigma(context: StepContext, targets: Targets) -> Floats:
+    """1 σ (N,), 3-D, mm, of the errors after: model, repeatability of the robot, and the measured point."""
+    table = TableFile.load(context.run_folder / "table.json")
+    model_sigma: Mapping[int, float] = {
+        row.number: table.rows[row.row - 1].sigma_mm for row in context.recorded(CompensatedRow)
+    }
+    repeatability = _repeatability(context)
+    model = np.array([model_sigma[int(number)] for number in targets.numbers])
+    return np.asarray(np.sqrt(model**2 + repeatability**2 + targets.noise**2))
+
+
+def _repeatability(context: StepContext) -> float:
+    from cellctl.formats import RobotFile
+
+    return RobotFile.load(context.robot_file).repeatability
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _sentence(verdict: str, errors: tuple[Floats, Floats]) -> str:
+    each = [ErrorFigures.of(values) for values in errors]
+    figures = compared_errors(("before", "after"), each, len(errors[0]))
+    ends = {"better": "Better than nominal.", "worse": "Worse than nominal: the table was rolled back."}
+    end = ends.get(verdict, "No better than nominal: the table was rolled back.")
+    return f"Position error at held-out targets (not used for calibration): {figures}. {end}"

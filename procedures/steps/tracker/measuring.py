@@ -1,0 +1,189 @@
+"""Measures a reflector on the robot: motion by the stated side, motor currents on arrival, then the point."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from cellctl.devices import (
+    CellIO,
+    CurrentSource,
+    JointReadings,
+    MeasuredPoint,
+    MotorCurrents,
+    MovingRobot,
+    PointSource,
+    TableRobot,
+)
+from cellctl.procedure import StepContext, StepInputs, StepResult, step
+from cellctl.records import Row
+from procedures.steps.motor_currents import current_source
+from procedures.steps.rejoining import rejoin
+from procedures.steps.tracker.plans import PosePlan
+from procedures.steps.tracker.pointing import NestsDisagree, NotSettled, Settling, settled_point
+from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TurnRow
+
+NEEDS = {"robot": MovingRobot, "tracker": PointSource}
+USES = {"plc": CellIO, "drives": CurrentSource}
+
+_NEAR_SHARE = 0.4
+"""Share of the transfer speed from the approach to the pose."""
+
+
+class PointInputs(StepInputs):
+    """How a point is measured: samples, seconds at rest before it, limit of the samples' scatter (1 σ), mm."""
+
+    samples: Annotated[int, Field(ge=1, le=200)] = 3
+    settle_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    scatter_mm: Annotated[float, Field(gt=0)] = 1.0
+
+    @property
+    def settling(self) -> Settling:
+        """For the measurement of a point."""
+        return Settling(self.samples, self.settle_s, self.scatter_mm)
+
+
+class MeasureInputs(PointInputs):
+    """A planned pose, the share of axis speed of transfers, percent, and how many reflectors to measure there."""
+
+    pose: PosePlan
+    reflectors: Annotated[int, Field(ge=1, le=8)] = 1
+    transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
+
+
+class Measured(StepResult):
+    """The measured point in the instrument's frame, mm."""
+
+    xyz: list[float]
+
+
+@step(
+    "tracker.measure", needs=NEEDS, uses=USES, moves=True, errors=(NotSettled, NestsDisagree), title="measuring poses"
+)
+async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
+    """Go to a pose by its approach, take the motor currents, measure the reflector."""
+    robot: MovingRobot = context.device("robot")
+    near = inputs.transfer_percent * _NEAR_SHARE
+    return await measure_pose(context, inputs, lambda: robot.move(tuple(inputs.pose.joints), near))
+
+
+@step(
+    "tracker.measure_compensated",
+    needs={**NEEDS, "robot": TableRobot},
+    uses=USES,
+    moves=True,
+    errors=(NotSettled,),
+    title="measuring compensated targets",
+)
+async def measure_compensated(context: StepContext, inputs: MeasureInputs) -> Measured:
+    """Go to a row of the run's table by its approach, take the motor currents, measure the reflector."""
+    from procedures.steps.table_push import require_in_force
+    from procedures.steps.tracker.rows import TargetsRow
+
+    robot: TableRobot = context.device("robot")
+
+    async def to_row() -> JointReadings:
+        assert inputs.pose.row is not None
+        await require_in_force(robot, context.recorded(TargetsRow)[-1].table)
+        return await robot.move_to_row(inputs.pose.row, inputs.transfer_percent * _NEAR_SHARE)
+
+    return await measure_pose(context, inputs, to_row)
+
+
+async def measure_pose(
+    context: StepContext, inputs: MeasureInputs, arrive: Callable[[], Awaitable[JointReadings]]
+) -> Measured:
+    """Approach, `arrive`, measure, record; the row is the pose's own."""
+    pose, robot = inputs.pose, context.device("robot")
+    await _approach(robot, pose, inputs.transfer_percent)
+    fields = await measured_fields(context, pose, await arrive(), inputs.settling)
+    if inputs.reflectors > 1 and pose.kind in ("fit", "test"):
+        fields["others"] = await measured_plate(context, fields, inputs.reflectors, inputs.settling)
+    await context.record(_row(pose, fields))
+    return Measured(xyz=list(fields["point"].xyz))
+
+
+async def measured_fields(
+    context: StepContext, pose: PosePlan, joints: JointReadings, settling: Settling
+) -> dict[str, Any]:
+    """Measure the reflector of `pose` with the robot at `joints`: the fields of a `VisitedRow`."""
+    from procedures.steps.tracker.station import reflector_at, seen_from_instrument
+
+    currents = await _currents(context, len(joints))
+    place = seen_from_instrument(context, reflector_at(context, pose.reflector, _array(joints))[0])
+    point = await settled_point(context.device("tracker"), context.clock, place, _search_mm(context), settling)
+    plc: CellIO | None = context.optional_device("plc")
+    return {
+        "number": pose.number,
+        "reflector": pose.reflector,
+        "joints": tuple(round(value, 6) for value in joints),
+        "commanded": tuple(pose.joints),
+        "direction": tuple(pose.direction),
+        "visit": len(context.recorded(MonumentsRow)),
+        "arm_c": (await plc.temperatures()).arm if plc else None,
+        "currents": currents,
+        "point": point,
+        "attempt": context.attempt,
+    }
+
+
+async def measured_plate(
+    context: StepContext, fields: Mapping[str, Any], count: int, settling: Settling
+) -> tuple[MeasuredPoint, ...]:
+    """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
+    from cellctl.formats.station import reflectors_of
+    from procedures.steps.tracker.plate import check_plate
+    from procedures.steps.tracker.station import reflector_at, seen_from_instrument
+
+    joints = _array(fields["joints"])
+    points = []
+    for reflector in reflectors_of(context.cell).on_flange[1:count]:
+        place = seen_from_instrument(context, reflector_at(context, reflector.id, joints)[0])
+        tracker = context.device("tracker")
+        points.append(await settled_point(tracker, context.clock, place, _search_mm(context), settling))
+    check_plate(context, [fields["point"], *points])
+    return tuple(points)
+
+
+async def _approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:
+    """To the approach: along the planned way, or, after an interruption, from where the robot is on it."""
+    way = [tuple(joints) for joints in (pose.origin, *pose.way, pose.joints)]
+    passed = await rejoin(robot, way, percent)
+    for joints in way[min(passed + 1, len(way) - 2) : -1]:
+        await robot.move(joints, percent)
+
+
+async def _currents(context: StepContext, axes: int) -> MotorCurrents | None:
+    """The motor currents on arrival, before the brakes close, from the source that the cell file names."""
+    source = current_source(context, axes)
+    return await source.currents(_CURRENT_SAMPLES) if source else None
+
+
+_CURRENT_SAMPLES = 10
+
+
+def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:
+    if pose.kind == "turn":
+        assert pose.axis is not None
+        return TurnRow(**fields, axis=pose.axis)
+    if pose.kind == "return":
+        return ReturnRow(**fields)
+    if pose.kind == "compensated":
+        assert pose.row is not None
+        assert pose.target is not None
+        return CompensatedRow(**fields, row=pose.row, target=tuple(pose.target))
+    return PoseRow(**fields, set=pose.kind)
+
+
+def _search_mm(context: StepContext) -> float:
+    from cellctl.formats.station import station_of
+
+    return station_of(context.cell).search_mm
+
+
+def _array(joints: JointReadings) -> Any:
+    import numpy as np
+
+    return np.array([joints])

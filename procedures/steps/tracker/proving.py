@@ -1,0 +1,99 @@
+"""Proves a model on held-out poses: compensate them, push the table, measure them again, judge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import Field
+
+from cellctl.devices import TableStore
+from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.records import TableStateRow
+from procedures.steps.tracker.plans import Round
+from procedures.steps.tracker.rows import TrackerVerdict
+
+
+class CompensateInputs(StepInputs):
+    """Targets between two visits to the monuments."""
+
+    monuments_every: Annotated[int, Field(ge=5)] = 30
+
+
+class Compensation(StepResult):
+    """The targets, in rounds; the id of the table in the run folder. Empty if the model is no better than nominal."""
+
+    rounds: list[Round]
+    table: str | None
+
+
+@step("tracker.compensate", title="compensating targets")
+async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
+    """Compensate the held-out poses and write their table into the run folder, if the model is better than nominal."""
+    from procedures.steps.tracker.target_table import compensated_rounds
+
+    if not context.recorded(TrackerVerdict)[-1].better:
+        context.say("the model is no better than nominal on held-out poses: nothing is compensated or pushed")
+        return Compensation(rounds=[], table=None)
+    found = await context.clock.compute(compensated_rounds, context, inputs.monuments_every)
+    await context.write_artefact("table.json", found.table)
+    await context.record(found.row)
+    context.say(found.sentence)
+    return Compensation(rounds=found.rounds, table=found.row.table)
+
+
+class PushInputs(StepInputs):
+    """The id of the table in the run folder; None without a table to push."""
+
+    table: str | None
+
+
+class Pushed(StepResult):
+    """Whether the run's table is active on the controller."""
+
+    active: bool
+
+
+@step("tracker.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
+async def push(context: StepContext, inputs: PushInputs) -> Pushed:
+    """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
+
+    In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
+    """
+    from procedures.steps.table_push import push_of_run
+
+    judged = [verdict.better for verdict in context.recorded(TrackerVerdict) if verdict.targets]
+    if inputs.table is None or judged:
+        return Pushed(active=any(judged))
+    await push_of_run(context, inputs.table)
+    return Pushed(active=True)
+
+
+class Judged(StepResult):
+    """The verdict of the whole campaign."""
+
+    verdict: str
+    sentence: str
+
+
+@step("tracker.judge", needs={"robot": TableStore}, moves=True, verdict=TrackerVerdict, title="judging the table")
+async def judge(context: StepContext, inputs: NoInputs) -> Judged:
+    """State how good the robot was and is on the held-out targets; withdraw a table that is not better."""
+    from procedures.steps.table_push import take_back_unhelpful
+    from procedures.steps.tracker.judging import verdict_of
+
+    found, errors = await context.clock.compute(verdict_of, context)
+    if errors:
+        await context.record(errors)
+    if not found.better and context.recorded(TableStateRow):
+        found = replace(found, table=await take_back_unhelpful(context, context.device("robot")))
+    await context.record(found)
+    return Judged(verdict=found.verdict, sentence=found.sentence)
+
+
+@step("tracker.withdraw", needs={"robot": TableStore}, moves=True)
+async def withdraw(context: StepContext, inputs: NoInputs) -> None:
+    """For the clean-up: take the run's table out of force where the run ended before it was proved."""
+    from procedures.steps.table_push import take_back_unproved
+
+    await take_back_unproved(context, context.device("robot"))

@@ -1,0 +1,186 @@
+"""Movements of the telescope: positioning, search, fine adjustment, lock, change of face."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import degrees, pi
+from typing import final
+
+from sims.geocom import optics
+from sims.geocom.codes import Code
+from sims.geocom.instrument import Instrument
+from sims.geocom.optics import Direction, Seen
+from sims.geocom.profiles import FIELD_OF_VIEW_RAD
+from sims.geocom.work import DONE, Answer, Step, Work, seconds
+
+SEARCH_DEG2_S = 20.0
+"""Solid angle that a search sweeps, square degrees a second."""
+
+LONGEST_SEARCH_S = 5.0
+"""A fine adjustment gives up then, whatever the time-outs of the positioning are (GeoCOM Reference Manual)."""
+
+SWEEP_DEG_S = 30.0
+"""Rate of a search with the fan of light, about the standing axis."""
+
+NARROWEST_RAD = FIELD_OF_VIEW_RAD / 4
+"""Half of the smallest window: what the camera sees however small a window is asked for."""
+
+SWING_RAD = pi / 20
+"""10 gon."""
+
+ATTEMPT_S = 2.0
+"""A search that finds nothing, besides its sweep."""
+
+
+@final
+class Aiming:
+    """Each method begins a movement and returns what it comes to. announce: told the event's name."""
+
+    def __init__(self, instrument: Instrument, announce: Callable[[str], object]) -> None:
+        self._instrument = instrument
+        self._announce = announce
+
+    def position(self, hz: float, v: float, *, recognise: bool) -> Step:
+        """Turn to where the circles show `hz`, `v`; `recognise`: then adjust to the reflector nearby."""
+        if recognise and not self._instrument.configuration.recognition:
+            return Answer(Code.AUT_NOT_ENABLED)
+        self._announce("tracker.aim")
+        return self._turn(self._instrument.commanded(hz, v), recognise=recognise)
+
+    def change_face(self, *, recognise: bool) -> Step:
+        """Turn to the same direction in the other face."""
+        if recognise and not self._instrument.configuration.recognition:
+            return Answer(Code.AUT_NOT_ENABLED)
+        return self._turn(self._instrument.axis().other_face(), recognise=recognise)
+
+    def fine_adjust(self, half_hz: float, half_v: float) -> Step:
+        """Find the one reflector within the window about the axis, and point at it."""
+        instrument = self._instrument
+        if not instrument.configuration.recognition:
+            return Answer(Code.AUT_NOT_ENABLED)
+        instrument.stop_movement()
+        start = instrument.axis()
+        window = max(half_hz, NARROWEST_RAD), max(half_v, NARROWEST_RAD)
+        found = optics.in_window(self._candidates(start), start, *window)
+        if len(found) > 1:
+            return self._give_up(start, Code.AUT_MULTIPLE_TARGETS, 0.0)
+        reach = max(map(abs, optics.offsets(start, found[0].xyz))) if found else max(window)
+        sweep_s = self._sweep_s(reach)
+        if sweep_s > LONGEST_SEARCH_S:
+            return self._give_up(start, Code.AUT_TIMEOUT, LONGEST_SEARCH_S)
+        if not found:
+            return self._give_up(start, Code.AUT_NO_TARGET, sweep_s)
+        adjust_s = instrument.build.fine_adjust_s
+        return Work(seconds(adjust_s + sweep_s), lambda: self._adjusted(found[0].id, start))
+
+    def search_window(self) -> Step:
+        """The fan of light over the working area: the first reflector found."""
+        configuration = self._instrument.configuration
+        if not configuration.area_on:
+            return Answer(Code.AUT_NO_WORKING_AREA)
+        hz, v, range_hz, range_v = configuration.area
+        centre = self._instrument.commanded(hz, v)
+        seen = optics.in_window(self._instrument.targets(), centre, range_hz / 2, range_v / 2)
+        seen.sort(key=lambda one: optics.difference(optics.direction_of(one.xyz, centre.face).hz, centre.hz))
+        return self._fan(seen, degrees(range_hz))
+
+    def search_next(self, *, clockwise: bool, swing: bool) -> Step:
+        """The fan of light about the standing axis from here on: the next reflector in that sense of rotation.
+
+        swing: the search begins 10 gon back.
+        """
+        axis = self._instrument.axis()
+        begin = SWING_RAD if swing else -FIELD_OF_VIEW_RAD
+
+        def way(one: Seen) -> float:
+            ahead = optics.direction_of(one.xyz, axis.face).hz - axis.hz
+            return ((ahead if clockwise else -ahead) + begin) % optics.TURN
+
+        seen = list(self._instrument.targets())
+        seen.sort(key=way)
+        return self._fan(seen, degrees(way(seen[0])) if seen else 360.0)
+
+    def lock_in(self) -> Step:
+        """Follow the reflector in the field of view."""
+        instrument = self._instrument
+        if not instrument.configuration.lock:
+            return Answer(Code.AUT_NOT_ENABLED)
+        return Work(seconds(instrument.build.lock_s), self._locked)
+
+    def _turn(self, target: Direction, *, recognise: bool) -> Step:
+        instrument = self._instrument
+        instrument.stop_movement()
+        duration = instrument.telescope.turn(target, instrument.kernel.now)
+        limit = seconds(max(instrument.configuration.time_out_s))
+        if duration > limit:
+            return Work(limit, lambda: self._stopped(Code.AUT_TIMEOUT))
+        return Work(duration, self._recognise if recognise else lambda: DONE)
+
+    def _recognise(self) -> Step:
+        """After positioning: adjust within the user's spiral, and lock where lock mode is on."""
+        spiral = self._instrument.configuration.spiral
+        return _after(self.fine_adjust(spiral[0] / 2, spiral[1] / 2), self._lock_if_on)
+
+    def _lock_if_on(self) -> Step:
+        return self.lock_in() if self._instrument.configuration.lock else DONE
+
+    def _stopped(self, code: Code) -> Step:
+        self._instrument.stop_movement()
+        return Answer(code)
+
+    def _candidates(self, axis: Direction) -> tuple[Seen, ...]:
+        return self._instrument.sight.with_second(self._instrument.targets(), axis)
+
+    def _adjusted(self, target: str, start: Direction) -> Step:
+        """The end of an adjustment: the reflector may have gone meanwhile."""
+        found = self._instrument.seen(target)
+        if found is None:
+            return self._give_up(start, Code.AUT_NO_TARGET, 0.0)
+        self._point_at(found)
+        return DONE
+
+    def _point_at(self, seen: Seen) -> None:
+        instrument = self._instrument
+        towards = optics.direction_of(seen.xyz, instrument.axis().face)
+        instrument.telescope.point(towards, instrument.kernel.now)
+
+    def _give_up(self, start: Direction, code: Code, sweep_s: float) -> Step:
+        """Turn back to where the search began."""
+
+        def back() -> Step:
+            self._instrument.telescope.point(start, self._instrument.kernel.now)
+            return Answer(code)
+
+        return Work(seconds(ATTEMPT_S + sweep_s), back)
+
+    def _sweep_s(self, reach_rad: float) -> float:
+        """A square spiral out to this offset; what is in the field of view needs none."""
+        return 0.0 if reach_rad <= FIELD_OF_VIEW_RAD else (2 * degrees(min(reach_rad, 10.0))) ** 2 / SEARCH_DEG2_S
+
+    def _fan(self, seen: list[Seen], sweep_deg: float) -> Step:
+        instrument = self._instrument
+        instrument.stop_movement()
+        start = instrument.axis()
+        sweep_s = min(sweep_deg, 360.0) / SWEEP_DEG_S
+        if not seen:
+            return self._give_up(start, Code.AUT_NO_TARGET, sweep_s)
+        target = seen[0].id
+        return Work(seconds(ATTEMPT_S + sweep_s), lambda: self._adjusted(target, start))
+
+    def _locked(self) -> Step:
+        instrument = self._instrument
+        instrument.telescope.stop(instrument.kernel.now)
+        found = optics.nearest(instrument.targets(), instrument.axis(), FIELD_OF_VIEW_RAD)
+        if found is None:
+            return Answer(Code.AUT_NO_LOCK)
+        instrument.lock.follow(found)
+        self._point_at(found)
+        self._announce("tracker.lock")
+        return DONE
+
+
+def _after(step: Step, then: Callable[[], Step]) -> Step:
+    """`then` follows where `step` ends well."""
+    if isinstance(step, Work):
+        return Work(step.duration_ns, lambda: _after(step.then(), then))
+    return then() if step.code is Code.OK else step

@@ -1,0 +1,105 @@
+"""Emergency stop and guard, opened in a motion and in a search: the arm stops at once, and the campaign says why."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from cell_runs import cell_with, cellctl, faults, run_here, touches_procedure
+
+from cellctl.devices import DeviceError
+from cellctl.engine import State
+from cellctl.journal import InterlockChanged, fold, read_journal
+
+pytestmark = pytest.mark.campaign
+
+INTERLOCKS = """interlocks:
+  - {id: emergency_stop, device: plc, condition: emergency_stop_ok, on_break: abort}
+  - {id: guard, device: plc, condition: guard_closed, on_break: abort}
+steps:
+"""
+PLC = {"devices:\n": "devices:\n  plc: modbus+tcp://192.168.10.5:502?unit=1\n"}
+IN_MOTION = "event: robot.move, count: 2, after_ms: 300"
+IN_SEARCH = "search: 2, after_ms: 400"
+
+
+def watched(folder: Path, interlocks: str = INTERLOCKS) -> Path:
+    procedure = touches_procedure(folder, fit=5)
+    procedure.write_text(procedure.read_text().replace("steps:\n", interlocks, 1))
+    return procedure
+
+
+@pytest.mark.parametrize("when", [IN_MOTION, IN_SEARCH], ids=["motion", "search"])
+@pytest.mark.parametrize(
+    ("fault", "interlock", "message"),
+    [
+        ("safety.emergency_stop", "emergency_stop", "KSS00001 EMERGENCY STOP"),
+        ("safety.guard_open", "guard", "Safety gate open"),
+    ],
+)
+def test_the_arm_stops_and_the_interlock_aborts_the_run(tmp_path, fault, interlock, message, when):
+    cell = cell_with(tmp_path, faults(f"fault: {fault}, {when}"), PLC)
+    ended = run_here(watched(tmp_path), cell, tmp_path)
+    assert ended.outcome.state is State.ABORTED, ended.outcome.error
+    assert f"interlock '{interlock}' does not hold" in str(ended.outcome.error)
+    assert ended.outcome.held
+    assert ended.robot_is_held()
+    assert ended.states[-1]["Msg"] == message
+    assert ended.journal.ended is not None
+    changes = [entry.event for entry in read_journal(tmp_path / "run") if isinstance(entry.event, InterlockChanged)]
+    assert (interlock, False) in [(event.interlock, event.holds) for event in changes]
+    ends = [entry.event for entry in read_journal(tmp_path / "run")]
+    assert any("cleanup.hold" in str(event) for event in ends), "the clean-up ran"
+
+
+def test_the_operator_reads_which_interlock_and_the_exit_code_is_3(tmp_path):
+    cell = cell_with(tmp_path, faults(f"fault: safety.guard_open, {IN_SEARCH}"), PLC)
+    done = cellctl("run", watched(tmp_path), "--cell", cell, "--runs", tmp_path / "runs")
+    assert done.returncode == 3, done.stderr
+    assert "interlock 'guard' does not hold (plc: guard_closed)" in done.stderr + done.stdout
+
+
+def test_after_the_guard_is_closed_and_the_message_acknowledged_the_run_goes_on_at_the_same_touch(tmp_path):
+    async def operator(mailbox, simulated):
+        while not _paused(tmp_path / "run"):
+            await asyncio.sleep(0.02)
+        while True:  # the guard is open for a while
+            try:
+                await simulated.tell({"op": "acknowledge", "device": "robot"})
+                break
+            except DeviceError:
+                await asyncio.sleep(0.02)
+        while _paused(tmp_path / "run"):
+            mailbox.resume()
+            await asyncio.sleep(0.1)
+
+    interlocks = "interlocks:\n  - {id: guard, device: plc, condition: guard_closed}\nsteps:\n"
+    cell = cell_with(tmp_path, faults(f"fault: safety.guard_open, {IN_SEARCH}, for_ms: 3000"), PLC)
+    ended = run_here(watched(tmp_path, interlocks), cell, tmp_path, meanwhile=operator)
+    assert ended.outcome.state is State.FINISHED, ended.outcome.error
+    assert len(ended.touches) == 6
+
+
+def _paused(run: Path) -> bool:
+    return (run / "journal.sqlite").exists() and fold(read_journal(run)).state == "paused"
+
+
+def test_a_plc_that_is_gone_aborts_the_run_too(tmp_path):
+    cell = cell_with(tmp_path, faults(f"fault: plc.gone, {IN_SEARCH}"), PLC)
+    ended = run_here(watched(tmp_path), cell, tmp_path)
+    assert ended.outcome.state is State.ABORTED, ended.outcome.error
+    assert "plc: " in str(ended.outcome.error)
+    assert ended.robot_is_held()
+
+
+@pytest.mark.long
+def test_with_a_plc_polled_beside_it_the_same_seed_gives_the_same_rows(tmp_path):
+    rows = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        ended = run_here(watched(folder), cell_with(folder, "", PLC), folder)
+        assert ended.outcome.state is State.FINISHED, ended.outcome.error
+        rows.append(ended.touches)
+    assert rows[0] == rows[1]

@@ -1,0 +1,23 @@
+"""Benches with a laser station."""
+
+import pytest
+from laser_bench import Bench, Scene
+
+from sims.kernel import Kernel
+
+
+@pytest.fixture
+def kernel():
+    kernel = Kernel("lockstep")
+    yield kernel
+    kernel.close()
+
+
+@pytest.fixture
+def bench(kernel):
+    """Makes a bench: reflectors, `scene` fields, and what the instrument is like."""
+
+    def make(*targets, scene=None, **build):
+        return Bench(kernel, scene or Scene(list(targets)), **build)
+
+    return make
