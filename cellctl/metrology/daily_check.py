@@ -25,9 +25,9 @@ from scipy import stats
 from cellctl.kinematics import Bools, Floats
 
 LEAST_RUNS = 20
-"""Baseline runs below which nothing is judged."""
+"""DailyBaseline runs below which nothing is judged."""
 SPARE_RUNS = 5
-"""Baseline runs needed beyond the number of features."""
+"""DailyBaseline runs needed beyond the number of features."""
 
 SCALE = "scale"
 RIGID_AND_SCALE = ("x", "y", "z", "turn x", "turn y", "turn z", SCALE)
@@ -38,7 +38,7 @@ _DRAWS = 4000
 _SEED = 20240811
 
 
-class Verdict(StrEnum):
+class DailyAction(StrEnum):
     """What to do."""
 
     IN_CONTROL = "in control"
@@ -46,7 +46,7 @@ class Verdict(StrEnum):
     RECALIBRATE = "recalibrate"
 
 
-class Reason(StrEnum):
+class DailyReason(StrEnum):
     """Why."""
 
     NONE = "none"
@@ -66,8 +66,8 @@ class CheckLimits:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Baseline:
-    """Baseline runs as features. nominal (p,): what is subtracted; basis (p, k): its columns in mm; names (k,).
+class DailyBaseline:
+    """DailyBaseline runs as features. nominal (p,): what is subtracted; basis (p, k): its columns in mm; names (k,).
 
     mean (k,), covariance (k, k): of `runs` runs.
     """
@@ -80,7 +80,7 @@ class Baseline:
     runs: int
 
     @classmethod
-    def of(cls, runs: ArrayLike, nominal: ArrayLike, basis: Floats, names: tuple[str, ...]) -> Baseline:
+    def of(cls, runs: ArrayLike, nominal: ArrayLike, basis: Floats, names: tuple[str, ...]) -> DailyBaseline:
         """From runs (m, …) of the same numbers as `nominal`. Raises ValueError for too few runs for the features."""
         values, origin = np.asarray(runs, float), np.asarray(nominal, float).ravel()
         flat = values.reshape(len(values), -1)
@@ -103,10 +103,10 @@ class Baseline:
 @final
 @dataclass(frozen=True, eq=False)
 class DailyVerdict:
-    """verdict and reason; t2, ewma with their limits; features (k,): standardised deviations; words: a sentence."""
+    """action and reason; t2, ewma with their limits; features (k,): standardised deviations; words: a sentence."""
 
-    verdict: Verdict
-    reason: Reason
+    action: DailyAction
+    reason: DailyReason
     t2: float
     t2_limit: float
     ewma: float
@@ -155,7 +155,7 @@ def simulated_ewma(runs: int, features: int, weight: float, horizon: int, rng: n
     return result
 
 
-def daily_check(baseline: Baseline, runs: ArrayLike, limits: CheckLimits | None = None) -> DailyVerdict:
+def daily_check(baseline: DailyBaseline, runs: ArrayLike, limits: CheckLimits | None = None) -> DailyVerdict:
     """Judge the last of the runs (t, …) since the baseline, oldest first.
 
     One run beyond the limit of T² is measured again, and left out of the EWMA if the next one is within; two in a row,
@@ -179,28 +179,31 @@ def daily_check(baseline: Baseline, runs: ArrayLike, limits: CheckLimits | None 
     highest = ewma_limit(baseline.runs, count, limits.weight, limits.false_alarm)
     scaled = (each[-1] if beyond[-1] else average) / np.sqrt(np.diag(baseline.covariance))
     largest = int(np.abs(scaled).argmax())
-    verdict, reason = _verdict(beyond, ewma > highest, baseline.names[largest])
-    words = _words(verdict, reason, baseline.names[largest], float(scaled[largest]))
-    return DailyVerdict(verdict, reason, float(t2[-1]), limit, ewma, highest, scaled, words)
+    action, reason = _action(beyond, ewma > highest, baseline.names[largest])
+    words = _words(action, reason, baseline.names[largest], float(scaled[largest]))
+    return DailyVerdict(action, reason, float(t2[-1]), limit, ewma, highest, scaled, words)
 
 
-def _verdict(beyond: Bools, slow: bool, largest: str) -> tuple[Verdict, Reason]:
+def _action(beyond: Bools, slow: bool, largest: str) -> tuple[DailyAction, DailyReason]:
     """By which runs were beyond the limit of T² (t,), the EWMA's alarm, and the largest feature."""
     if not beyond[-1]:
-        return (Verdict.RECALIBRATE, Reason.DRIFT) if slow else (Verdict.IN_CONTROL, Reason.NONE)
+        return (DailyAction.RECALIBRATE, DailyReason.DRIFT) if slow else (DailyAction.IN_CONTROL, DailyReason.NONE)
     again = len(beyond) > 1 and bool(beyond[-2])
-    return Verdict.RECALIBRATE if again else Verdict.REPEAT, Reason.SCALE if largest == SCALE else Reason.SHIFT
+    return (
+        DailyAction.RECALIBRATE if again else DailyAction.REPEAT,
+        DailyReason.SCALE if largest == SCALE else DailyReason.SHIFT,
+    )
 
 
-def _words(verdict: Verdict, reason: Reason, largest: str, size: float) -> str:
-    if verdict is Verdict.IN_CONTROL:
+def _words(action: DailyAction, reason: DailyReason, largest: str, size: float) -> str:
+    if action is DailyAction.IN_CONTROL:
         return "The robot is as in the baseline."
     what = {
-        Reason.SHIFT: "the points moved together",
-        Reason.SCALE: "the distances between the points changed together",
-        Reason.DRIFT: "the points change slowly from run to run",
+        DailyReason.SHIFT: "the points moved together",
+        DailyReason.SCALE: "the distances between the points changed together",
+        DailyReason.DRIFT: "the points change slowly from run to run",
     }[reason]
-    cure = "Measure the points again." if verdict is Verdict.REPEAT else "Recalibrate."
+    cure = "Measure the points again." if action is DailyAction.REPEAT else "Recalibrate."
     return f"{what[0].upper()}{what[1:]} (largest: {largest}, {size:+.1f} σ). {cure}"
 
 

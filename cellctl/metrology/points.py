@@ -64,6 +64,12 @@ class Points:
         """The part (N, 3, 3) that each point has for itself."""
         return np.asarray(self.covariance - self.common + LEAST_MM**2 * np.eye(3))
 
+    @property
+    def range_sigma(self) -> Floats:
+        """Standard deviation (N,), mm, of the common part along each beam: of the zero of the range (`sZero`)."""
+        beams = beam_directions(self.xyz)[..., 0]
+        return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", beams, self.common, beams)))
+
     def together(self) -> Floats:
         """Covariance (3N, 3N), mm², of all coordinates: Σ_ij = δ_ij (C_i − K_i) + L_i L_jᵀ.
 

@@ -103,8 +103,8 @@ def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
 def _measuring(block: PositionRows | PoseRows, model: RobotModel, at: Postures) -> Measured:
     sigma = np.tile(np.median(block.sigma, axis=0), (len(at), 1))
     if isinstance(block, PositionRows):
-        return replace(block, at=at, xyz=model.tcp(at), sigma=sigma, decorrelation=None)
-    return replace(block, at=at, poses=model.pose(at), sigma=sigma, decorrelation=None)
+        return replace(block, at=at, xyz=model.tcp(at), sigma=sigma, decorrelation=None, datum=None)
+    return replace(block, at=at, poses=model.pose(at), sigma=sigma, decorrelation=None, datum=None)
 
 
 def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats, count: int) -> Measured:

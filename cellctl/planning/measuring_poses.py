@@ -40,7 +40,8 @@ class Sight:
 
     reflectors, facing (M, 3): centres and directions in the flange frame; all M are to be visible. acceptance: half
     angle within which they reflect, with the margin for errors of robot and station already taken off. nearest,
-    farthest: range of the instrument.
+    farthest: range of the instrument. nests (K, 3): other reflectors, which the search for one on the robot must not
+    find; search: half width of its window at the reflector.
     """
 
     station: Array
@@ -49,6 +50,8 @@ class Sight:
     acceptance: float = 27.0
     nearest: float = 800.0
     farthest: float = 40_000.0
+    nests: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    search: float = 0.0
 
 
 @final
@@ -212,6 +215,7 @@ class _Arm:
         """Reasons for rejection and what passes, the cheapest and most selective first."""
         return [
             ("no reflector faces the station in range", self.faces_station),
+            ("a monument's nest is in the search window of the reflector", self.found_alone),
             ("the arm would come too near the floor", self.above_floor),
             ("the wrist would come too near the robot's own column", self.clear_of_itself),
             ("the arm would come too near a sphere", self.clear_of_spheres),
@@ -228,6 +232,15 @@ class _Arm:
         cosine = np.einsum("kmi,kmi->km", beam, facing) / distance
         inside = (distance > self._sight.nearest) & (distance < self._sight.farthest)
         return np.asarray((inside & (cosine > np.cos(np.radians(self._sight.acceptance)))).all(axis=1))
+
+    def found_alone(self, readings: Array) -> Mask:
+        """Whether (k,) no nest lies in the square window of the search, wherever within its half width both are."""
+        places, _ = self._reflectors(readings)
+        beams, nests = places - self._sight.station, self._sight.nests - self._sight.station
+        ranges, far = np.linalg.norm(beams, axis=-1), np.linalg.norm(nests, axis=-1)
+        cosine = np.einsum("kmi,ni->kmn", beams, nests) / (ranges[..., None] * far)
+        needed = np.sqrt(2.0) * self._sight.search / ranges[..., None] + self._sight.search / far
+        return np.asarray((np.arccos(np.clip(cosine, -1.0, 1.0)) > needed).all(axis=(1, 2)))
 
     def above_floor(self, readings: Array) -> Mask:
         """Whether (k,) links from the elbow on, TCP and reflectors keep the clearance from the floor."""

@@ -17,7 +17,7 @@ from drivers.geocom_tracker.library import Library
 from drivers.geocom_tracker.line import Line
 from drivers.serial_port import SerialPlace, open_port
 
-READ_S: Final = 3.0
+READ_S: Final = 5.0
 """Cell time for the answer to a read or a setting."""
 _SENDINGS: Final = 3
 _BUSY_S: Final = 10.0

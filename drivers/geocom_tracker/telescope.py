@@ -24,6 +24,7 @@ _EDM_WAIT_S: Final = 10
 """The instrument waits this long for its distance meter before it answers."""
 _REGAIN_S: Final = 3.0
 _REGAIN_STEP_S: Final = 0.2
+_BEGINNINGS: Final = 3
 _REPEATS: Final = 2
 """Interruptions of the beam that one sample may have."""
 _LOCKS: Final = {ATRLock.NONE: Lock.NONE, ATRLock.LOCK: Lock.LOCKED, ATRLock.PREDICT: Lock.PREDICTED}
@@ -35,8 +36,8 @@ Result = TypeVar("Result")
 class Telescope:
     """The telescope of a connected instrument. Raises every DeviceError.
 
-    Where the answer to a motion or measurement is lost, the operation is begun again once: from a stated direction,
-    from the face that the instrument reads, or with the old distance cleared.
+    Where the answer to a motion or measurement is lost, the operation is begun again, twice at most: from a stated
+    direction, from the face that the instrument reads, or with the old distance cleared.
     """
 
     def __init__(self, device: str, session: Session, clock: Clock) -> None:
@@ -44,7 +45,7 @@ class Telescope:
 
     async def aim(self, polar: Polar, search_mm: float) -> None:
         """Turn in the first face, search within ± `search_mm` across the beam, lock."""
-        await self._once_more(lambda: self._aim(polar, search_mm))
+        await self._begun_again(lambda: self._aim(polar, search_mm))
 
     async def _aim(self, polar: Polar, search_mm: float) -> None:
         hz_window = 2.0 * math.asin(search_mm / (polar.range_mm * math.sin(polar.v)))
@@ -66,7 +67,7 @@ class Telescope:
 
     async def samples(self, face: int, count: int) -> list[Sample]:
         """Take this many samples in this face."""
-        await self._once_more(lambda: self._turn_over_to(face))
+        await self._begun_again(lambda: self._turn_over_to(face))
         return [await self._sample() for _ in range(count)]
 
     async def _turn_over_to(self, face: int) -> None:
@@ -80,11 +81,11 @@ class Telescope:
     async def _sample(self) -> Sample:
         for _ in range(_REPEATS):
             try:
-                return await self._once_more(self._measured)
+                return await self._begun_again(self._measured)
             except TargetLost:
                 if not await self._regained():
                     raise
-        return await self._once_more(self._measured)
+        return await self._begun_again(self._measured)
 
     async def _measured(self) -> Sample:
         """One distance with its angles. The old distance is cleared first, so it cannot be taken for the new one."""
@@ -115,8 +116,9 @@ class Telescope:
             await self._clock.sleep(_REGAIN_STEP_S)
         return state is Lock.LOCKED
 
-    async def _once_more(self, operation: Callable[[], Awaitable[Result]]) -> Result:
+    async def _begun_again(self, operation: Callable[[], Awaitable[Result]]) -> Result:
         """The operation, begun again if an answer in it was lost: it begins by what makes the state known."""
-        with suppress(AnswerLost):
-            return await operation()
+        for _ in range(_BEGINNINGS - 1):
+            with suppress(AnswerLost):
+                return await operation()
         return await operation()

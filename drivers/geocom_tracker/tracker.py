@@ -122,7 +122,7 @@ class GeocomTracker:
     async def health(self) -> Health:
         """Power, internal temperature, the round trip measured now, and counts since connecting."""
         session = self._connected()
-        figures: dict[str, float] = {"round_trip_ms": await session.ping_ns() * 1e-6, **_figures(session)}
+        figures: dict[str, float] = {"latency_ms": await session.ping_ns() * 1e-6, **_figures(session)}
         try:
             percent, source, _ = await session.read(lambda geocom: geocom.csv.check_power())
             figures["power_percent"] = percent

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Any, final
@@ -15,11 +16,15 @@ from cellctl.clock import Clock
 from cellctl.devices import DeviceLost, DeviceUnreachable
 from drivers.modbus_plc.refusals import refusal
 
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+"""What the library logs is in this driver's errors; without a handler it would appear on the operator's terminal."""
+
 ANSWER_S = 1.0
 """Longest wait for an answer, in the cell's time."""
 
-_DEAD_S = 10.0
-"""Wall time after which the library gives up; it guards against a dead peer only."""
+_CONNECT_S = 10.0
+_DEAD_S = 600.0
+"""Wall time after which the library gives up. A guard against a dead peer: the cell's time may stand for long."""
 
 _LOST_CURE = "check the network cable, the PLC's supply, and that its Modbus server runs"
 
@@ -46,7 +51,7 @@ class ModbusLine:
             name=device,
             retries=0,
             reconnect_delay=0,
-            timeout=_DEAD_S,
+            timeout=_CONNECT_S,
             trace_packet=self._sent,
             trace_connect=self._connected,
         )
@@ -57,6 +62,7 @@ class ModbusLine:
         """Connect. Raises DeviceUnreachable."""
         with self._clock.standing():
             if await self._client.connect():
+                self._client.ctx.comm_params.timeout_connect = _DEAD_S  # the library uses it for answers too
                 self._wire = self._clock.wire(self._device)
                 return
         what = f"no Modbus connection to {self._place}"

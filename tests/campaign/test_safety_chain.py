@@ -91,3 +91,15 @@ def test_a_plc_that_is_gone_aborts_the_run_too(tmp_path):
     assert ended.outcome.state is State.ABORTED, ended.outcome.error
     assert "plc: " in str(ended.outcome.error)
     assert ended.robot_is_held()
+
+
+@pytest.mark.long
+def test_with_a_plc_polled_beside_it_the_same_seed_gives_the_same_rows(tmp_path):
+    rows = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        ended = run_here(watched(folder), cell_with(folder, "", PLC), folder)
+        assert ended.outcome.state is State.FINISHED, ended.outcome.error
+        rows.append(ended.touches)
+    assert rows[0] == rows[1]

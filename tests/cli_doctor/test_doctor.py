@@ -42,6 +42,7 @@ def test_a_device_that_fails_is_named_with_its_cure_and_the_others_are_examined(
     assert "cellctl: plc: " in done.stderr
     assert "check the network cable" in done.stderr
     assert "FAILED" in done.stdout
+    assert len(done.stderr.splitlines()) == 2, "the library's own log is not shown"
 
 
 @pytest.mark.parametrize(

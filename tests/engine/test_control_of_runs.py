@@ -148,6 +148,53 @@ def test_no_step_begins_where_an_interlock_that_aborts_is_broken_from_the_start(
     assert CALLS == []
 
 
+class OpensWithTheFailure:
+    """A watcher: the gate opens when a step fails, as a guard that stops the robot before anybody reports it."""
+
+    def __init__(self, gate: FakeGate) -> None:
+        self._gate = gate
+
+    def event(self, event: Any) -> None:
+        if isinstance(event, StepEnded) and event.outcome == "failed":
+            self._gate.closed = False
+
+    def loop(self, path: str, index: int, count: int) -> None:
+        pass
+
+
+FLAKY = "  - {id: touch, do: test.flaky}"
+
+
+def test_a_step_that_failed_because_an_interlock_broke_is_done_again_and_the_run_does_not_fail(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    engine, _, journal = engine_for(FLAKY, tmp_path, [gate], interlocks=interlock(", resume: auto"))
+    engine._recorder.watcher = OpensWithTheFailure(gate)
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is State.PAUSED)
+        gate.closed = True
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    assert [event.outcome for event in events_of(journal, StepEnded)] == ["failed", "done"]
+    assert paused_reasons(journal) == ["interlock 'door' does not hold (gate: closed)"]
+
+
+def test_an_interlock_that_aborts_is_the_reason_and_not_the_failure_that_came_first(tmp_path: Path) -> None:
+    gate = FakeGate("gate")
+    engine, _, _ = engine_for(FLAKY, tmp_path, [gate], interlocks=interlock(", on_break: abort"))
+    engine._recorder.watcher = OpensWithTheFailure(gate)
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.ABORTED
+    assert "interlock 'door' does not hold" in str(outcome.error)
+
+
+def test_a_failure_with_no_broken_interlock_fails_the_run_as_before(tmp_path: Path) -> None:
+    engine, _, _ = engine_for(FLAKY, tmp_path, [FakeGate("gate")], interlocks=interlock())
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert "nothing there" in str(outcome.error)
+
+
 def test_a_device_that_no_longer_says_breaks_its_interlock(tmp_path: Path) -> None:
     gate = FakeGate("gate")
     gate.lost = True

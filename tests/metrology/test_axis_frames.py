@@ -77,7 +77,7 @@ def test_with_effects_off_nees_of_station_tool_frame_and_reflector_is_about_1(co
     rng = np.random.default_rng(5)
     exact = measured(np.random.default_rng(0), KR5, noise=1e-4)
     of_station, of_tool, of_reflector = [], [], []
-    for _ in range(120):
+    for _ in range(50):
         frames = measured(rng, KR5, common)
         of_station.append(station(frames, KR5, START).nees(STATION))
         of_tool.append(frames.tool.nees(exact.tool.matrix))

@@ -8,9 +8,9 @@ import pytest
 from cellctl.metrology.daily_check import (
     HORIZON,
     RIGID_AND_SCALE,
-    Baseline,
-    Reason,
-    Verdict,
+    DailyAction,
+    DailyBaseline,
+    DailyReason,
     daily_check,
     ewma_limit,
     rigid_and_scale,
@@ -29,7 +29,7 @@ def runs(rng, count, moved=None):
 
 
 def baseline(rng, count=20):
-    return Baseline.of(runs(rng, count), POINTS, rigid_and_scale(POINTS), RIGID_AND_SCALE)
+    return DailyBaseline.of(runs(rng, count), POINTS, rigid_and_scale(POINTS), RIGID_AND_SCALE)
 
 
 def scaled(ppm):
@@ -63,8 +63,8 @@ def test_with_a_very_long_baseline_one_feature_has_the_limit_of_the_textbook():
 def test_an_unchanged_robot_is_in_control_for_most_of_a_hundred_runs():
     rng = np.random.default_rng(2)
     base, later = baseline(rng, 40), runs(rng, 100)
-    verdicts = [daily_check(base, later[: count + 1]).verdict for count in range(100)]
-    assert verdicts.count(Verdict.RECALIBRATE) <= 5
+    verdicts = [daily_check(base, later[: count + 1]).action for count in range(100)]
+    assert verdicts.count(DailyAction.RECALIBRATE) <= 5
 
 
 def test_a_sudden_shift_is_measured_again_first_and_then_says_recalibrate():
@@ -72,8 +72,8 @@ def test_a_sudden_shift_is_measured_again_first_and_then_says_recalibrate():
     base = baseline(rng, 40)
     moved = np.concatenate([runs(rng, 5), runs(rng, 2, np.array([0.25, 0.0, 0.0]))])
     first, second = daily_check(base, moved[:6]), daily_check(base, moved)
-    assert first.verdict is Verdict.REPEAT
-    assert (second.verdict, second.reason) == (Verdict.RECALIBRATE, Reason.SHIFT)
+    assert first.action is DailyAction.REPEAT
+    assert (second.action, second.reason) == (DailyAction.RECALIBRATE, DailyReason.SHIFT)
     assert "Recalibrate" in second.words
 
 
@@ -81,7 +81,7 @@ def test_an_arm_that_expands_gives_scale_as_the_reason():
     rng = np.random.default_rng(4)
     base = baseline(rng, 40)
     found = daily_check(base, np.concatenate([runs(rng, 3), runs(rng, 2, scaled(300.0))]))
-    assert (found.verdict, found.reason) == (Verdict.RECALIBRATE, Reason.SCALE)
+    assert (found.action, found.reason) == (DailyAction.RECALIBRATE, DailyReason.SCALE)
 
 
 def test_a_slow_change_is_found_as_drift_before_a_single_run_shows_it():
@@ -90,8 +90,8 @@ def test_a_slow_change_is_found_as_drift_before_a_single_run_shows_it():
     slow = np.array([0.004, 0.003, 0.0])
     later = np.stack([runs(rng, 1, day * slow)[0] for day in range(60)])
     verdicts = [daily_check(base, later[: day + 1]) for day in range(60)]
-    first = next(one for one in verdicts if one.verdict is Verdict.RECALIBRATE)
-    assert first.reason is Reason.DRIFT
+    first = next(one for one in verdicts if one.action is DailyAction.RECALIBRATE)
+    assert first.reason is DailyReason.DRIFT
     assert first.t2 <= first.t2_limit
 
 
@@ -100,9 +100,9 @@ def test_a_single_bad_run_asks_for_another_and_does_not_spoil_the_next_days():
     base = baseline(rng, 60)
     bad = np.concatenate([runs(rng, 8), runs(rng, 1, np.array([0.0, 5.0, 0.0]))])
     found = daily_check(base, bad)
-    assert (found.verdict, found.reason) == (Verdict.REPEAT, Reason.SHIFT)
+    assert (found.action, found.reason) == (DailyAction.REPEAT, DailyReason.SHIFT)
     assert "Measure the points again" in found.words
-    assert daily_check(base, np.concatenate([bad, runs(rng, 1)])).verdict is Verdict.IN_CONTROL
+    assert daily_check(base, np.concatenate([bad, runs(rng, 1)])).action is DailyAction.IN_CONTROL
 
 
 def test_fewer_than_twenty_baseline_runs_are_refused_and_more_features_need_more():
@@ -110,7 +110,7 @@ def test_fewer_than_twenty_baseline_runs_are_refused_and_more_features_need_more
     with pytest.raises(ValueError, match="measure 20 at least"):
         baseline(rng, 19)
     with pytest.raises(ValueError, match="measure 35 at least"):
-        Baseline.of(runs(rng, 34), POINTS, np.eye(30), tuple(str(number) for number in range(30)))
+        DailyBaseline.of(runs(rng, 34), POINTS, np.eye(30), tuple(str(number) for number in range(30)))
 
 
 def test_missing_points_are_refused():

@@ -82,7 +82,7 @@ def test_a_reflector_beside_its_nest_is_refused_with_the_distance_that_does_not_
 
 def test_sound_nests_are_seldom_refused():
     rng = np.random.default_rng(4)
-    for _ in range(300):
+    for _ in range(150):
         plate_pose(station(NEST_XYZ, rng), Plate.of(CORNERS))
 
 

@@ -55,3 +55,20 @@ def test_the_beam_to_each_pose_passes_the_spheres(poses: list[PosePlan]) -> None
     reflector = flange @ np.array([*reflectors_of(CELL).on_flange[0].xyz, 1.0])
     station = np.tile(station_of(CELL).xyz, (len(poses), 1))
     assert gaps(reflector[:, :3], station) > 30.0
+
+
+def directions(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Horizontal and vertical angle of places (k, 3) from the station, rad."""
+    x, y, z = (places - np.array(station_of(CELL).xyz)).T
+    return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+
+
+def test_no_nest_is_in_the_search_window_of_a_pose(poses: list[PosePlan]) -> None:
+    station = station_of(CELL)
+    flange = ROBOT.chain().forward_flange(ROBOT.joint_map().model(np.array([pose.joints for pose in poses])))
+    reflector = (flange @ np.array([*reflectors_of(CELL).on_flange[0].xyz, 1.0]))[:, :3]
+    window = station.search_mm / np.linalg.norm(reflector - station.xyz, axis=1)
+    (hz, v), (nest_hz, nest_v) = directions(reflector), directions(np.array([nest.xyz for nest in station.nests]))
+    turn = np.abs((hz[:, None] - nest_hz + np.pi) % (2 * np.pi) - np.pi)
+    outside = (turn > window[:, None]) | (np.abs(v[:, None] - nest_v) > window[:, None])
+    assert outside.all()

@@ -54,6 +54,9 @@ INVISIBLE = 100.0
 """A metre of base or tool that moves all rows together by fewer standard deviations than this is unobservable: rows
 and tolerances leave 10 mm of it open."""
 
+FLAT = 100.0
+"""Prior σ (mm) above which a zero counts as unknown beforehand."""
+
 FEW_SCALES = 5
 """With more prior scales than this, as with the bands of harmonics, a rough value of each is enough."""
 
@@ -279,6 +282,8 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     """
     if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
         return np.zeros((0, len(unknowns.names)))
+    known = unknowns.among(frozenset({"datums"})) & (unknowns.sigma < FLAT)  # its prior holds it, not a pin
+    unknowns = unknowns.masked(~known)
     _, singular, right = np.linalg.svd(seen_despite_tolerances(unknowns, blocks))
     unseen = right[singular < INVISIBLE]
     result = np.zeros((len(unseen), len(unknowns.names)))

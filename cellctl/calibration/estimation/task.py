@@ -37,9 +37,9 @@ class Task:
 
     model: nominal robot, or a prior model. rows: everything measured, one block or several. points, rough: names of
     spheres, sockets and planes, and their rough places (S, 3), mm (of planes the poles; NaN where not known).
-    datums: names of instruments that measure lengths from an unknown zero. spacings: certified distances, or
-    None. groups: what may change besides what registers the robot to the measurement; None: geometry, tool, and all
-    effects that the model has.
+    datums: names of instruments that measure lengths from an unknown zero; datum_sigmas: prior 1 σ of these zeros
+    about 0, mm; none: flat. spacings: certified distances, or None. groups: what may change besides what registers the
+    robot to the measurement; None: geometry, tool, and all effects that the model has.
     sessions: by the blocks' numbers; the first always has its own base and tool.
 
     prior (P, P): covariance of the model's own parameters where a prior model is updated. With it and no `groups`,
@@ -64,6 +64,7 @@ class Task:
     prior: Floats | None = None
     candidates: tuple[Effect, ...] | None = None
     datums: tuple[str, ...] = ()
+    datum_sigmas: tuple[float, ...] = ()
     nominal: RobotModel | None = None
     region: MeasuredRegion | None = None
 
@@ -128,9 +129,9 @@ class Task:
     def unknowns(self, start: State) -> Unknowns:
         """All parameters about `start`, all free, with their priors."""
         names = [session.name for session in self.sessions[1:]]
-        of = partial(Unknowns.of, start, self.points, self.tolerances)
-        taught = of(sessions=names, datums=self.datums, planes=self.planes)
-        flat = of(flat=PLACED, sessions=names, datums=self.datums, planes=self.planes)
+        of = partial(Unknowns.of, start, self.points, self.tolerances, sessions=names, planes=self.planes)
+        taught = of(datums=self.datums, datum_sigmas=self.datum_sigmas)
+        flat = of(flat=PLACED, datums=self.datums, datum_sigmas=self.datum_sigmas)
         seen = self._seen_by(taught, lambda block: block.of_instrument)
         if self.prior is None:
             unknown = seen | taught.among(frozenset({"base"}))

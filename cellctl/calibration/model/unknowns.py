@@ -149,12 +149,14 @@ class Unknowns:
         flat: frozenset[Group] = frozenset(),
         sessions: Sequence[str] = (),
         datums: Sequence[str] = (),
+        datum_sigmas: Sequence[float] = (),
         planes: Collection[int] = (),
     ) -> Self:
         """Every parameter of `start`, all free. Groups named `flat` have a flat prior.
 
         sessions: names of all after the first; their own parameters are called `base_x@NAME`, those of points
-        `NAME_x`, datums `NAME_zero`. planes: which points are planes, with the three numbers of the pole.
+        `NAME_x`, datums `NAME_zero`. datum_sigmas (D,): prior 1 σ of the datums about 0, mm; none: flat. planes: which
+        points are planes, with the three numbers of the pole.
         """
         model = start.model
         expected = _expected(model, flat, tolerances)
@@ -166,7 +168,8 @@ class Unknowns:
         parameters += [each for at, name in enumerate(points) for each in of_point(name, plane=at in planes)]
         parameters += [of_datum(name) for name in datums]
         of_robot = [robot[column][1] for column in range(start.points_at)]
-        sigmas = np.append(of_robot, np.full(start.points.size + start.datums.size, tolerances.flat_mm))
+        of_datums = datum_sigmas or [tolerances.flat_mm] * start.datums.size
+        sigmas = np.concatenate([of_robot, np.full(start.points.size, tolerances.flat_mm), of_datums])
         return cls(start, tuple(parameters), sigmas, np.ones(len(parameters), bool))
 
     @cached_property

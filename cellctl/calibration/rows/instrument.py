@@ -7,7 +7,7 @@ Residual and Jacobian are multiplied by it, so that the estimator meets independ
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -19,18 +19,44 @@ from cellctl.kinematics import Floats, rotation_vector
 
 
 class _InstrumentRows(RowsAtJoints):
-    """Rows with a matrix `decorrelation` (N, k, k) each, or None where the numbers are independent."""
+    """Rows with a matrix `decorrelation` (N, k, k) each, or None where the numbers are independent.
+
+    datum (N,): index of the unknown zero of the instrument's range, −1: none; None: none in any row. The measured point
+    is further from the measuring frame's origin, where the instrument is, by that zero.
+    """
 
     decorrelation: Floats | None
+    datum: Any
+
+    @property
+    def zeros(self) -> Any:
+        """Each row's datum (N,)."""
+        return np.full(len(self), -1) if self.datum is None else self.datum
 
     def residual(self, state: State) -> Floats:
         """`deviation` as independent numbers (N, k), their standard deviations `sigma`."""
         away = self.deviation(state)
         return away if self.decorrelation is None else np.einsum("nij,nj->ni", self.decorrelation, away)
 
-    def _independent(self, columns: Floats) -> Floats:
-        """Columns (N, k, P) of `deviation` as those of `residual`."""
-        return columns if self.decorrelation is None else np.matmul(self.decorrelation, columns)
+    def _columns(self, columns: Floats, state: State) -> Floats:
+        """Derivative (N, k, `width`) of `residual`, by that of model pose (N, k, P) and the zero of the range."""
+        result = state.spread(columns, self.session)
+        if self.datum is not None:
+            known = np.flatnonzero(self.datum >= 0)
+            result[known, :3, state.datums_at + self.datum[known]] = self._beams[known]
+        return result if self.decorrelation is None else np.matmul(self.decorrelation, result)
+
+    def _beyond(self, state: State) -> Floats | float:
+        """By what the measured points (N, 3) are too far from the instrument, mm."""
+        if self.datum is None:
+            return 0.0
+        return np.asarray(np.append(state.datums, 0.0)[self.datum][:, None] * self._beams)  # -1: the last one, 0
+
+    @property
+    def _beams(self) -> Floats:
+        """Unit vectors (N, 3) from the instrument to the measured points."""
+        assert self.positions is not None
+        return np.asarray(self.positions / np.maximum(np.linalg.norm(self.positions, axis=1, keepdims=True), 1e-9))
 
     def errors(self, state: State) -> Floats:
         """3-D distance of the positions (N,), mm."""
@@ -73,6 +99,7 @@ class PositionRows(_InstrumentRows):
     sigma: Floats
     session: int = 0
     decorrelation: Floats | None = None
+    datum: Any = None
 
     @classmethod
     def of(cls, at: At, xyz: Floats, covariance: Floats, session: int = 0) -> Self:
@@ -96,11 +123,11 @@ class PositionRows(_InstrumentRows):
 
     def deviation(self, state: State) -> Floats:
         """Model point minus measured point (N, 3), mm."""
-        return np.asarray(self._model(state).tcp(self.postures) - self.xyz)
+        return np.asarray(self._model(state).tcp(self.postures) - self.xyz + self._beyond(state))
 
     def jacobian(self, state: State) -> Floats:
         """(N, 3, P)."""
-        return state.spread(self._independent(self._model(state).jacobian(self.postures)[:, :3]), self.session)
+        return self._columns(self._model(state).jacobian(self.postures)[:, :3], state)
 
 
 @final
@@ -116,6 +143,7 @@ class PoseRows(_InstrumentRows):
     sigma: Floats
     session: int = 0
     decorrelation: Floats | None = None
+    datum: Any = None
 
     @classmethod
     def of(cls, at: At, poses: Floats, covariance: Floats, session: int = 0) -> Self:
@@ -158,14 +186,14 @@ class PoseRows(_InstrumentRows):
         """Model minus measured position, and the turn from measured to model, in the measuring frame (N, 6)."""
         pose = self._model(state).pose(self.postures)
         turn = np.matmul(pose[:, :3, :3], np.swapaxes(self.poses[:, :3, :3], -1, -2))
-        return np.concatenate([pose[:, :3, 3] - self.poses[:, :3, 3], rotation_vector(turn)], axis=-1)
+        away = pose[:, :3, 3] - self.poses[:, :3, 3] + self._beyond(state)
+        return np.concatenate([away, rotation_vector(turn)], axis=-1)
 
     def jacobian(self, state: State) -> Floats:
         """(N, 6, P). The turn's derivative is J_l⁻¹(φ) ω: exact for a residual turn φ of any size below π."""
         columns = self._model(state).jacobian(self.postures)
         turned = np.matmul(_left_jacobian_inverse(self.deviation(state)[:, 3:]), columns[:, 3:])
-        both = np.concatenate([columns[:, :3], turned], axis=1)
-        return state.spread(self._independent(both), self.session)
+        return self._columns(np.concatenate([columns[:, :3], turned], axis=1), state)
 
 
 def _left_jacobian_inverse(turns: Floats) -> Floats:

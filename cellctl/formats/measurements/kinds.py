@@ -67,9 +67,10 @@ def kinds_of(sieve: Sieve, asked: Kind | None) -> list[Kind]:
 
 
 def reject_zeros(sieve: Sieve, kinds: Collection[Kind]) -> None:
-    """Reject the rows that name a zero and are not distances."""
+    """Reject the rows that name a zero and are not distances; positions and poses may, if they state its σ."""
+    stated = sieve.data.texts("sZero")
     for row, (zero, kind) in enumerate(zip(sieve.data.texts("zero"), kinds, strict=True)):
-        if zero and kind != "distance":
+        if zero and kind != "distance" and not (kind in ("position", "pose") and stated[row]):
             sieve.reject(row, f"zero '{zero}' is of a distance from an anchor, and this is {_ONE[kind]}")
 
 

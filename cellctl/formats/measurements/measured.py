@@ -25,7 +25,7 @@ from cellctl.formats.measurements.repeats import (
     reject_lone_zeros,
 )
 from cellctl.formats.measurements.sessions import OWN_BASE, Points, session_names, sessions_of
-from cellctl.formats.measurements.sigmas import has_own_sigma
+from cellctl.formats.measurements.sigmas import has_own_sigma, zero_sigmas
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:
@@ -127,6 +127,7 @@ def measurements(
     given = {
         "points": points.names,
         "datums": found.datums,
+        "datum_sigmas": zero_sigmas(sieve, rows.zeros(), found.datums),
         "rough": rough_places(points, artefact),
         "spacings": spacing_rows(points, artefact, spacings, use_artefact=use_distances),
         "tolerances": tolerances_of(robot),
@@ -225,14 +226,14 @@ class _Rows:
 
     def _zero(self, row: int) -> str:
         part = self.parts[self.kinds[row]]
-        return part.zeros[row] if isinstance(part, Reaches) else ""
+        return part.zeros[row] if isinstance(part, Reaches | Positions | Poses) else ""
 
     def _block(self, kind: Kind, rows: list[int], session: int, points: Points, datums: tuple[str, ...]) -> Measured:
         import numpy as np
 
         part, at = self.parts[kind], self.conditions.at(rows)
         if isinstance(part, Positions | Poses):
-            return part.block(rows, at, session)
+            return part.block(rows, at, session, datums)
         numbers = np.array([points.number(part.names[row], self.sessions[row]) for row in rows])
         if isinstance(part, Reaches):
             return part.block(rows, at, session, numbers, datums)

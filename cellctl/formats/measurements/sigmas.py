@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from cellctl.formats.columns import Sieve
@@ -27,6 +27,7 @@ MOST = 1e3
 SIGMAS = ("sX", "sY", "sZ")
 OF_DISTANCE = "sD"
 OF_ROTATION = "sR"
+OF_ZERO = "sZero"
 ROTATION_SIGMAS = ("sRX", "sRY", "sRZ")
 
 AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
@@ -63,6 +64,19 @@ def rotation_sigma(sieve: Sieve, rows: Collection[int]) -> Floats:
     common = np.array(_positive(sieve, OF_ROTATION, rows, ROTATION_SIGMA_DEG))
     own = np.array([_positive(sieve, name, rows, math.inf) for name in ROTATION_SIGMAS]).T
     return np.deg2rad(np.where(np.isfinite(own), own, common[:, None]))
+
+
+def zero_sigmas(sieve: Sieve, zeros: Sequence[str], names: Sequence[str]) -> tuple[float, ...]:
+    """Prior σ of each zero of `names` (D,) about 0, mm: the smallest sZero of its rows, `MOST` if none of them has one;
+    () if no row at all has one.
+
+    zeros (N): name of each row's zero, empty where it has none.
+    """
+    rows = {row for row, zero in enumerate(zeros) if zero}
+    if not any(sieve.data.texts(OF_ZERO)):
+        return ()
+    stated = _positive(sieve, OF_ZERO, rows, MOST)
+    return tuple(min(stated[row] for row in rows if zeros[row] == name and stated[row] > 0.0) for name in names)
 
 
 def covariances(sieve: Sieve, sigma: Floats, rows: Collection[int]) -> Floats | None:

@@ -53,7 +53,7 @@ def planes(story: FitStory) -> list[Section]:
 
 def datums(story: FitStory) -> list[Section]:
     """The zero offset of each instrument of unknown zero, with its σ; none without a row of the fit."""
-    found, rows = story.found, _counts(story, "datum", len(story.task.datums))
+    found, rows = story.found, _counts(story, "zeros", len(story.task.datums))
     sigma = np.sqrt(np.maximum(np.diag(found.covariance)[found.state.datums_at :], 0.0))
     return [
         {"name": name, "rows": int(rows[at]), "mm": fixed(float(value), 3), "sigma": significant(float(sigma[at]))}

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, postures_of
-from cellctl.formats.station import floor_of, reflectors_of
+from cellctl.formats.station import floor_of, reflectors_of, station_of
 from cellctl.kinematics import Floats
 from cellctl.planning import OutOfReach
 from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
@@ -73,7 +73,7 @@ def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None)
 def _poses(
     context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
-    given, floor = reflectors_of(context.cell), floor_of(context.cell)
+    given, given_station, floor = reflectors_of(context.cell), station_of(context.cell), floor_of(context.cell)
     mine = given.on_flange[: wanted.reflectors]
     sight = Sight(
         (rough_station(context) if station is None else station)[:3, 3],
@@ -81,6 +81,8 @@ def _poses(
         np.array([one.facing for one in mine]),
         given.acceptance_deg - _MARGIN_DEG,
         nearest=_NEAREST_MM,
+        nests=np.array([nest.xyz for nest in given_station.nests], float).reshape(-1, 3),
+        search=given_station.search_mm,
     )
     reach = Reach(
         tuple(max(joint.min, -_WIDEST_DEG) for joint in robot.joints),

@@ -369,7 +369,7 @@ def test_health_names_power_temperature_and_latency(station, run):
         health = await tracker.health()
         assert health.ok
         assert health.text == "battery 80 %, inside 31.5 °C"
-        assert {"round_trip_ms", "power_percent", "internal_c", "missing_answers"} <= set(health.figures)
+        assert {"latency_ms", "power_percent", "internal_c", "missing_answers"} <= set(health.figures)
         station.plan[POWER] = [lambda number, _line: station.send_answer(number, 0, 4, 2, 2)]
         assert not (await tracker.health()).ok
         station.codes[POWER] = [18]

@@ -76,12 +76,12 @@ def test_a_motion_with_a_lost_answer_is_begun_again_after_the_instrument_answere
     run(work)
 
 
-def test_a_motion_whose_answer_is_lost_twice_is_a_lost_device(station, run):
+def test_a_motion_whose_answer_is_lost_three_times_is_a_lost_device(station, run):
     async def work(tracker):
-        station.plan[TURN] = [station.missing] * 2
+        station.plan[TURN] = [station.missing] * 3
         with pytest.raises(DeviceLost):
             await tracker.aim(PLACE, 40.0)
-        assert station.asked().count(TURN) == 2
+        assert station.asked().count(TURN) == 3
 
     run(work)
 
