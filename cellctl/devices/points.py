@@ -53,8 +53,8 @@ class MeasuredPoint:
     """The centre of a reflector at rest.
 
     xyz: mm, in the instrument's frame: right-handed; z along its standing axis, which is opposite to gravity while
-    `levelled`. covariance: of xyz, mm², all parts. common: the part of it that further samples of this set-up do not
-    reduce (range scale and zero, refraction, centring); covariance − common decreases as 1/samples.
+    `levelled`. covariance: of xyz, mm², all parts. common: the part of it that all points of this set-up share (range
+    scale and zero, collimation, refraction, centring). More samples reduce neither that nor the pointing of this aim.
     scatter: 1 σ of one sample along the beam, across it horizontally and vertically, mm, found from the samples (0 if
     there is one). faces: 1 or 2, the telescope's faces that were used. hz_rad, v_rad, range_mm: mean raw readings of
     the first face; hz clockwise, v from the zenith. time_ns: the cell's time in the middle of the samples; device_ms:

@@ -81,8 +81,9 @@ def scatter_of(deviating: Sequence[Vector3], means: int) -> Vector3:
 def covariances(
     mean: Polar, accuracy: Accuracy, *, samples: int, faces: int, scatter: Vector3, centring_mm: float
 ) -> tuple[Matrix3, Matrix3]:
-    """Covariance of a point of `samples` readings in all, and its common part, which no further sample reduces; mm².
+    """Covariance of a point of `samples` readings in all, and the part that all points of the set-up share; mm².
 
+    More samples reduce neither that part nor the pointing, which is new with each aim.
     scatter: as found, along, horizontally, vertically; it replaces the profile's where it is clearly larger.
     centring_mm: 1 σ of the reflector's centre. Cov = R diag(σ²) Rᵀ, R: unit vectors along and across the beam.
     """
@@ -92,7 +93,7 @@ def covariances(
     common = np.array(_common_variance(accuracy, distance, faces)) + centring_mm**2
     axes = _beam_axes(mean)
     return (
-        _matrix(axes @ np.diag(common + np.square(sample) / samples) @ axes.T),
+        _matrix(axes @ np.diag(common + _aim_variance(accuracy, distance) + np.square(sample) / samples) @ axes.T),
         _matrix(axes @ np.diag(common) @ axes.T),
     )
 
@@ -106,8 +107,13 @@ def _common_variance(accuracy: Accuracy, distance: float, faces: int) -> Vector3
     along = accuracy.common.along_at(distance)
     one_face = accuracy.one_face_rad if faces == 1 else 0.0
     refraction = _REFRACTION_RAD_PER_MM * distance
-    across = math.hypot(accuracy.common.across_at(distance), one_face * distance, refraction * distance)
+    across = math.hypot(one_face, refraction) * distance
     return (along**2, across**2, across**2)
+
+
+def _aim_variance(accuracy: Accuracy, distance: float) -> Vector3:
+    across = accuracy.common.across_at(distance)
+    return (0.0, across**2, across**2)
 
 
 def _beam_axes(mean: Polar) -> NDArray[np.float64]:

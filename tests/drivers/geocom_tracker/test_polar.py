@@ -83,7 +83,7 @@ def test_the_covariance_is_that_of_simulated_readings(name, place, samples, face
     assert np.cov(whitened) == pytest.approx(np.eye(3), abs=0.04)  # 5 σ of a variance of 40 000 draws
 
 
-def test_more_samples_reduce_the_rest_as_one_over_n_and_not_the_common_part():
+def test_more_samples_reduce_their_own_part_as_one_over_n_and_neither_pointing_nor_the_common_part():
     mean = to_polar((2000.0, 3000.0, 500.0))
 
     def of(samples):
@@ -92,10 +92,21 @@ def test_more_samples_reduce_the_rest_as_one_over_n_and_not_the_common_part():
             for part in covariances(mean, TDRA, samples=samples, faces=1, scatter=NO_SCATTER, centring_mm=0.01)
         ]
 
-    (one, common), (many, still_common) = of(1), of(25)
+    (one, common), (two, _), (many, still_common) = of(1), of(2), of(10**12)
     assert still_common == pytest.approx(common)
-    assert many - common == pytest.approx((one - common) / 25, abs=1e-12)
+    assert one - many == pytest.approx(2.0 * (two - many), abs=1e-9)
     assert np.all(np.linalg.eigvalsh(common) > 0)
+    pointing = np.linalg.eigvalsh(many - common)
+    assert pointing[0] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(pointing[1:] >= 0.05**2)
+
+
+def test_each_aim_of_a_nest_errs_by_the_pointing_that_its_own_part_states():
+    """What two visits to a nest differ by is judged by the part that no other point shares."""
+    covariance, common = covariances(
+        to_polar((0.0, 3000.0, 0.0)), TDRA, samples=3, faces=1, scatter=NO_SCATTER, centring_mm=0.01
+    )
+    assert math.sqrt(covariance[0][0] - common[0][0]) == pytest.approx(0.05, abs=0.005)
 
 
 def test_two_faces_have_a_smaller_common_part_across_the_beam():
