@@ -10,6 +10,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from contextvars import ContextVar
 from typing import ParamSpec, Protocol, Self, TypeVar, final
 
 from cellctl.clock.reading import reader_of
@@ -131,7 +132,6 @@ class LockstepClock(Clock):
         self._wires: dict[str, CountedWire] = {}
         self._written_by_cell: dict[str, int] = {}
         self._standing = 0
-        self._expiries: set[_Expiry] = set()
         self._changed = asyncio.Event()
 
     @classmethod
@@ -158,17 +158,23 @@ class LockstepClock(Clock):
 
     @contextmanager
     def standing(self) -> Iterator[None]:
-        """As every clock's: no tick is answered meanwhile, and time-outs around the body count wall time."""
+        """As every clock's: no tick is answered meanwhile, and the time-outs around the body count wall time.
+
+        Other time-outs count the cell's time still: what they wait for is not late because this computer is at work.
+        """
         self._standing += 1
-        for expiry in self._expiries:
+        around, body = _AROUND.get(), _Body()
+        inside = _BODY.set(body)
+        for expiry in around:
             expiry.count_wall_time(self.now_ns())
         try:
             yield
         finally:
+            body.ended = True
+            _BODY.reset(inside)
             self._standing -= 1
-            if not self._standing:
-                for expiry in self._expiries:
-                    expiry.count_cell_time()
+            for expiry in around:
+                expiry.count_cell_time()
             self._changed.set()
 
     def wire(self, device: str) -> Wire:
@@ -192,9 +198,9 @@ class LockstepClock(Clock):
 
     def _expire_later(self, scope: asyncio.Timeout, seconds: float) -> Timer:
         expiry = _Expiry(scope, self.now_ns() + round(seconds * 1e9), super()._expire_later(scope, seconds))
-        expiry.when_over = lambda: self._expiries.discard(expiry)
-        self._expiries.add(expiry)
-        if self._standing:
+        token = _AROUND.set((*_AROUND.get(), expiry))
+        expiry.when_over = lambda: _AROUND.reset(token)
+        if not _BODY.get().ended:
             expiry.count_wall_time(self.now_ns())
         return expiry
 
@@ -257,23 +263,48 @@ async def _loop_about_to_block() -> None:
 
 
 class _Expiry:
-    """The end of a `timeout`, at `due_ns` of the cell's time; in wall time while the cell's time is stopped."""
+    """The end of a `timeout`, at `due_ns` of the cell's time; in wall time while a body in it stops the cell's time."""
 
     def __init__(self, scope: asyncio.Timeout, due_ns: int, timer: Timer) -> None:
         self.when_over: Callable[[], object] = lambda: None
         self._scope, self._due_ns, self._timer = scope, due_ns, timer
+        self._bodies = 0
+        self._over = False
 
     def count_wall_time(self, now_ns: int) -> None:
-        if not self._scope.expired() and self._scope.when() is None:
+        self._bodies += 1
+        if self._bodies == 1 and self._counts:
             self._scope.reschedule(asyncio.get_running_loop().time() + (self._due_ns - now_ns) * 1e-9)
 
     def count_cell_time(self) -> None:
-        if not self._scope.expired():
+        self._bodies -= 1
+        if not self._bodies and self._counts:
             self._scope.reschedule(None)
 
+    @property
+    def _counts(self) -> bool:
+        """Whether it can still expire: a task that outlives the time-out has it around itself too."""
+        return not self._over and not self._scope.expired()
+
     def cancel(self) -> None:
+        self._over = True
         self._timer.cancel()
         self.when_over()
+
+
+_AROUND: ContextVar[tuple[_Expiry, ...]] = ContextVar("_AROUND", default=())
+"""The time-outs around the code that runs, in it and in the tasks that it started."""
+
+
+class _Body:
+    """A body that stops the cell's time."""
+
+    def __init__(self, *, ended: bool = False) -> None:
+        self.ended = ended
+
+
+_BODY: ContextVar[_Body] = ContextVar("_BODY", default=_Body(ended=True))  # noqa: B039 - never changed
+"""The body that runs, or whose task runs."""
 
 
 class _HeapTimer:

@@ -79,8 +79,8 @@ class Context:
         return self.run.robot_file
 
     def device(self, name: str) -> Any:
-        """A connected device that the step declared in `needs`. Raises KeyError."""
-        if name not in self.needs:
+        """A connected device that the step declared in `needs` or `uses`. Raises KeyError."""
+        if name not in self.needs | self.uses:
             raise KeyError(f"step {self.step} does not declare that it needs '{name}'")
         return self.run.devices[name]
 

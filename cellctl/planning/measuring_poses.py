@@ -73,6 +73,8 @@ class PoseOptions:
     """side: of each joint, 1: the reading grows as it arrives, −1: it falls. step: degrees that each joint moves in the
     approach. floor: height in the base frame, mm, or None; clearance: from it; apart: between wrist and the robot's own
     column. arm: radius of column and upper arm, mm. around: spheres to keep clear of, None if there are none.
+    amplified: largest turn of a joint per turn of the tool, its TCP at rest; no correction can be commanded nearer to a
+    singularity.
     """
 
     side: tuple[int, ...] = (1, 1, 1, 1, 1, 1)
@@ -81,6 +83,7 @@ class PoseOptions:
     clearance: float = 100.0
     arm: float = 130.0
     apart: float = 120.0
+    amplified: float = 4.0
     thickness: Thickness = field(default_factory=Thickness)
     around: Obstacles | None = None
 
@@ -216,6 +219,7 @@ class _Arm:
             ("the arm would come too near the floor", self.above_floor),
             ("the wrist would come too near the robot's own column", self.clear_of_itself),
             ("the arm would come too near a sphere", self.clear_of_spheres),
+            ("the posture is near a singularity", self.away_from_singularities),
             ("the arm or a sphere is in the beam", self.free_beam),
             ("the way from home comes too near the floor, a sphere or the robot's own column", self.clear_from_home),
         ]
@@ -274,6 +278,11 @@ class _Arm:
         station = np.broadcast_to(self._sight.station, places[:, 0].shape)
         gaps = [around.gaps(places[:, number], station).min(axis=0) for number in range(places.shape[1])]
         return np.asarray(np.min(gaps, axis=0) > _FROM_SPHERES_MM)
+
+    def away_from_singularities(self, readings: Array) -> Mask:
+        """Whether (k,) no joint turns more than `amplified` times as far as the tool."""
+        inverse = np.linalg.pinv(self._chain.tool_jacobian(self._joints.model(readings)))
+        return np.asarray(np.linalg.norm(inverse[:, :, 3:], axis=2).max(axis=1) < self.options.amplified)
 
     def free_beam(self, readings: Array) -> Mask:
         """Whether (k,) every beam passes all links, or comes nowhere nearer to a link than the reflector itself is."""

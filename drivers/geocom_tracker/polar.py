@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.devices import Matrix3, Vector3
-from drivers.geocom_tracker.accuracy import COMMON_SHARE, SAMPLE_SHARE, Accuracy
+from drivers.geocom_tracker.accuracy import Accuracy
 
 _REFRACTION_RAD_PER_MM: Final = 0.15e-9
 """1 σ of the bend of the beam: half of 1e-6/K times a gradient of 0.3 K/m across the beam, per distance."""
@@ -99,12 +99,12 @@ def covariances(
 
 
 def _sample_sigma(accuracy: Accuracy, distance: float) -> Vector3:
-    across = SAMPLE_SHARE * accuracy.across_mm_at(distance)
-    return (SAMPLE_SHARE * accuracy.along_mm(distance), across, across)
+    across = accuracy.sample.across_at(distance)
+    return (accuracy.sample.along_at(distance), across, across)
 
 
 def _common_variance(accuracy: Accuracy, distance: float, faces: int) -> Vector3:
-    along = COMMON_SHARE * accuracy.along_mm(distance)
+    along = accuracy.common.along_at(distance)
     one_face = accuracy.one_face_rad if faces == 1 else 0.0
     refraction = _REFRACTION_RAD_PER_MM * distance
     across = math.hypot(one_face, refraction) * distance
@@ -112,7 +112,7 @@ def _common_variance(accuracy: Accuracy, distance: float, faces: int) -> Vector3
 
 
 def _aim_variance(accuracy: Accuracy, distance: float) -> Vector3:
-    across = math.hypot(COMMON_SHARE * accuracy.across_mm_at(distance), accuracy.pointing_mm)
+    across = accuracy.common.across_at(distance)
     return (0.0, across**2, across**2)
 
 

@@ -38,4 +38,4 @@ def check_address(address: Address, folder: Path) -> list[str]:
     return read_ethernet_config(settings).errors
 
 
-DRIVER = DriverDescription(open_robot, CompensatedRobot, check_address, findings, controller_files)
+DRIVER = DriverDescription(open_robot, KukaRobot, check_address, findings, controller_files)

@@ -43,9 +43,10 @@ class XmlNode:
 @final
 @dataclass(frozen=True, slots=True)
 class EthernetConfig:
-    """The file's content, and its errors (`file:line: what`, empty if valid)."""
+    """The file's content (`send`, `receive`: tags in their order), and its errors (`file:line: what`; empty: valid)."""
 
     sentype: str = ""
+    send: tuple[str, ...] = ()
     receive: tuple[ReplyTag, ...] = ()
     errors: list[str] = field(default_factory=list)
 
@@ -65,7 +66,7 @@ def read_ethernet_config(settings: RsiSettings) -> EthernetConfig:
     found = chain(_in_config(nodes, settings.bind[1]), _in_send(nodes), _in_receive(nodes, settings))
     errors = [f"{file}:{line}: {what}" for line, what in sorted(found)]
     receive = tuple(ReplyTag(_tag(node), _kind(node)) for node in _elements(nodes, "RECEIVE"))
-    return EthernetConfig(_text(nodes, "SENTYPE"), receive, errors)
+    return EthernetConfig(_text(nodes, "SENTYPE"), tuple(map(_tag, _elements(nodes, "SEND"))), receive, errors)
 
 
 Errors = Iterable[tuple[int, str]]

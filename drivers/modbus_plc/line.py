@@ -78,7 +78,8 @@ class ModbusLine:
             self._check(doing)
             sent_ns = self._clock.now_ns()
             try:
-                answer = await self._answer(asyncio.ensure_future(request(self._client)), sent_ns)
+                async with self._clock.timeout(ANSWER_S):
+                    answer = await request(self._client)
             except TimeoutError:
                 self._end(f"no answer within {ANSWER_S:g} s")
             except ModbusException as error:
@@ -88,20 +89,6 @@ class ModbusLine:
         if isinstance(answer, ExceptionResponse):
             raise refusal(self._device, doing, answer.exception_code)
         return answer
-
-    async def _answer(self, pending: asyncio.Future[ModbusPDU], sent_ns: int) -> ModbusPDU:
-        """Wait until `ANSWER_S` of the cell's time have passed. Raises TimeoutError, ModbusException.
-
-        While the cell's time stands for another device, its time-outs count wall time: then it waits again.
-        """
-        try:
-            while (left_s := ANSWER_S - (self._clock.now_ns() - sent_ns) * 1e-9) > 0.0:
-                with suppress(TimeoutError):
-                    async with self._clock.timeout(left_s):
-                        return await asyncio.shield(pending)
-            raise TimeoutError
-        finally:
-            pending.cancel()
 
     async def close(self) -> None:
         """Close the connection, before another can be opened: the PLC then sees them in this order."""

@@ -47,7 +47,7 @@ def _row(title: str, model: JudgedModel) -> dict[str, Any]:
         "predicted": "" if model.predicted_rms is None else fixed(model.predicted_rms),
         "inside": "" if model.coverage_95 is None else percent(model.coverage_95),
         "directions": [fixed(getattr(along, name)) for name in _DIRECTIONS],
-        "scale": f"{along.scale_ppm:+.0f} ± {along.scale_sigma_ppm:.0f}",
+        "scale": f"{along.scale_ppm:+.0f} ± {along.scale_sigma_ppm:.0f}".replace("-", "−"),
     }
 
 
@@ -63,8 +63,7 @@ def errors_picture(poses: JudgedPosesRow) -> str:
             lengths = np.linalg.norm(np.array(getattr(poses, name)), axis=1)
             left.step(np.sort(lengths), shares, where="post", color=colour, linewidth=1.4, label=title)
             right.plot(distance, lengths, "o", color=colour, markersize=3)
-        for axes in (left, right):
-            axes.set_ylim(bottom=0.0)
+        left.set_ylim(0.0, 1.05)
         left.set_xscale("log")
         millimetres(left)
         left.set(xlabel="position error, mm", ylabel="share of the held-out poses")

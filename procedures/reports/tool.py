@@ -60,7 +60,7 @@ SECTION = ReportSection(
     id="tool",
     title="Tool",
     order=20,
-    needs=(ToolVerdict, ToolErrorsRow),
+    needs=(ToolErrorsRow,),
     build=build,
     sigmas=(
         Sigma(

@@ -454,3 +454,57 @@ def test_a_wire_opened_again_counts_what_the_one_before_has_read_though_no_tick_
         return again.has_read(49), again.has_read(50)
 
     assert asyncio.run(reopened()) == (True, False)
+
+
+def test_a_timeout_elsewhere_counts_the_cells_time_while_another_task_stops_it(run):
+    async def script(cell, clock):
+        async def waits_for_its_device():
+            async with clock.timeout(0.01):
+                await answered.wait()
+            return "answered"
+
+        answered = asyncio.Event()
+        waiting = asyncio.create_task(waits_for_its_device())
+        await asyncio.sleep(0)
+        with clock.standing():
+            await asyncio.sleep(0.05)  # five times as long
+        answered.set()
+        assert await waiting == "answered"
+
+    run(script)
+
+
+def test_a_timeout_around_or_inside_work_of_this_computer_counts_wall_time(run):
+    async def script(cell, clock):
+        async def around():
+            async with clock.timeout(0.01):
+                with clock.standing():
+                    await asyncio.sleep(PATIENCE_S)
+
+        async def inside():
+            with clock.standing():
+                async with clock.timeout(0.01):
+                    await asyncio.sleep(PATIENCE_S)
+
+        for work in (around, inside):
+            with pytest.raises(TimeoutError):
+                await work()
+
+    run(script)
+
+
+def test_a_task_that_outlives_the_timeout_it_was_started_in_may_stop_the_cells_time(run):
+    async def script(cell, clock):
+        async def works():
+            await begin.wait()
+            with clock.standing():
+                await asyncio.sleep(0)
+            return "done"
+
+        begin = asyncio.Event()
+        async with clock.timeout(0.01):
+            task = asyncio.create_task(works())
+        begin.set()
+        assert await task == "done"
+
+    run(script)

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cellctl.formats import RobotFile
+from cellctl.kinematics import inverse
 from cellctl.planning import Counts, OutOfReach, PoseOptions, Sight, plan_measuring_poses
 from cellctl.planning.ways import Reach
 
@@ -135,3 +137,15 @@ def test_held_out_postures_are_within_the_joints_of_the_fit(seed):
     fit, held_out = found.readings[~found.held_out], found.readings[found.held_out]
     assert (held_out >= fit.min(axis=0)).all()
     assert (held_out <= fit.max(axis=0)).all()
+
+
+def test_no_posture_needs_a_large_correction_for_a_small_error_of_orientation():
+    """By inverse kinematics: no posture is near a singularity."""
+    poses, q = CHAIN.forward(JOINTS.model(PLAN.readings)), JOINTS.model(PLAN.readings)
+    error = np.radians(0.3)
+    for axis in np.eye(3):
+        turned = poses.copy()
+        turned[:, :3, :3] = Rotation.from_rotvec(error * axis).as_matrix() @ poses[:, :3, :3]
+        found = inverse(CHAIN, turned, q)
+        assert found.converged.all()
+        assert np.abs(found.q - q).max() < 1.05 * PoseOptions().amplified * error

@@ -149,7 +149,7 @@ class Responder:
     def _take_in(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
         self._telegrams += 1
         self._count_reported(telegram)
-        self._block.add_sample(Sample(task.number, telegram.ipoc, now_ns, telegram.joints))
+        self._block.add_sample(Sample(task.number, telegram.ipoc, now_ns, telegram.joints, telegram.currents or ()))
 
     def _plan(self, task: CyclicTask, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
         stopped = self._block.words[Slot.STOP] == task.number

@@ -209,6 +209,8 @@ class SearchCycle:
             return
         self._held_cycles += 1
         self._recent.append(joints)
+        if self.cause is Cause.TRAVEL and self._held_cycles < self.order.hold_cycles:
+            return
         cycle_s = (self.timing.cycle_ns or 4_000_000) * 1e-9
         held_s = self._held_cycles * cycle_s
         if held_s >= _LONGEST_HOLD_S or (held_s >= _SHORTEST_HOLD_S and self._stands()):

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from ipaddress import IPv4Address
+from math import isnan, nan
 from typing import Self, final
 
 from drivers.kuka_rsi.axes import AXES
@@ -23,11 +24,11 @@ GUARDS = 8
 ROWS = 8192
 """Samples in the ring: 32 s at 4 ms."""
 
-_ROW_SLOTS = 3 + AXES
+_ROW_SLOTS = 3 + 2 * AXES
 
 
 class Slot(IntEnum):
-    """Places of the slots. Up to `SPEED` the engine writes, from `SEARCH` on the cyclic process.
+    """Places of the slots. Up to `HOLD` the engine writes, from `SEARCH` on the cyclic process.
 
     `STOP`: number of the search to be stopped, 0 without a stop. `SESSION`: number of the search for which the
     controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
@@ -41,7 +42,8 @@ class Slot(IntEnum):
     START = OLDEST + GUARDS
     CORRECTION = START + AXES
     SPEED = CORRECTION + AXES
-    SEARCH = SPEED + 1
+    HOLD = SPEED + 1
+    SEARCH = HOLD + 1
     PHASE = SEARCH + 1
     CAUSE = PHASE + 1
     DETAIL = CAUSE + 1
@@ -69,16 +71,19 @@ _SIZE = 8 * (Slot.RING + ROWS * _ROW_SLOTS)
 NEVER = -(1 << 62)
 """No beat yet."""
 
+_NO_CURRENTS = (nan,) * AXES
+
 
 @final
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One telegram: `ipoc`, `arrival_ns` of the cell's time, `joints` (AIPos) in degrees."""
+    """One telegram: `ipoc`, `arrival_ns` of the cell's time, `joints` (AIPos) in degrees, `currents` (MACur) if any."""
 
     search: int
     ipoc: int
     arrival_ns: int
     joints: tuple[float, ...]
+    currents: tuple[float, ...] = ()
 
 
 @final
@@ -123,6 +128,7 @@ class SharedBlock:
         self._put_reals(Slot.START, order.start)
         self._put_reals(Slot.CORRECTION, order.correction)
         self.reals[Slot.SPEED] = order.speed_deg_s
+        self.words[Slot.HOLD] = order.hold_cycles
         for slot, oldest_ns in enumerate(order.guards_ns):
             self.words[Slot.OLDEST + slot] = oldest_ns
         self.words[Slot.ORDER] = order.number
@@ -164,7 +170,8 @@ class SharedBlock:
         words = self.words
         oldest = tuple(words[Slot.OLDEST : Slot.OLDEST + GUARDS])
         start, correction = self._reals(Slot.START), self._reals(Slot.CORRECTION)
-        return SearchOrder(words[Slot.ORDER], start, correction, self.reals[Slot.SPEED], oldest)
+        speed, hold = self.reals[Slot.SPEED], words[Slot.HOLD]
+        return SearchOrder(words[Slot.ORDER], start, correction, speed, oldest, hold)
 
     def put_foreign(self, count: int, sender: tuple[str, int] | None) -> None:
         """How many datagrams came from other senders, and the sender of the last one."""
@@ -198,12 +205,14 @@ class SharedBlock:
         self.words[row + 1] = sample.ipoc
         self.words[row + 2] = sample.arrival_ns
         self._put_reals(row + 3, sample.joints)
+        self._put_reals(row + 3 + AXES, sample.currents or _NO_CURRENTS)
         self.words[Slot.HEAD] = count + 1
 
     def _sample(self, count: int) -> Sample:
         row = _row(count)
         search, ipoc, arrival_ns = self.words[row : row + 3]
-        return Sample(search, ipoc, arrival_ns, self._reals(row + 3))
+        currents = self._reals(row + 3 + AXES)
+        return Sample(search, ipoc, arrival_ns, self._reals(row + 3), () if isnan(currents[0]) else currents)
 
     def _reals(self, first: int) -> tuple[float, ...]:
         return tuple(self.reals[first : first + AXES])

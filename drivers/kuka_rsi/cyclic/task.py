@@ -46,7 +46,8 @@ class SearchOrder:
     """An order to the cyclic process.
 
     `start`: the joints from which the line was planned; `correction`: offset at its end, degrees; `speed_deg_s`;
-    `guards_ns`: oldest beat allowed per guard slot, 0 if the slot is unused.
+    `guards_ns`: oldest beat allowed per guard slot, 0 if the slot is unused; `hold_cycles`: least telegrams answered
+    at the end of the line.
     """
 
     number: int
@@ -54,6 +55,7 @@ class SearchOrder:
     correction: Correction
     speed_deg_s: float
     guards_ns: tuple[int, ...]
+    hold_cycles: int = 0
 
 
 class CyclicTask(Protocol):

@@ -17,6 +17,7 @@ DECIMALS = 6
 LARGEST_IPOC = 10**15
 LARGEST_DELAY = 10**9
 FARTHEST_JOINT_DEG = 3600.0
+LARGEST_CURRENT = 1e6
 """Ranges of the values in a telegram; others show that it is not from a controller."""
 
 COARSEST_DEG = 0.1
@@ -32,7 +33,7 @@ class Telegram:
 
     `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count, 0 … 10^15; `joints`: A1…A6 actual
     (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, if it sends one; `resolution_deg`:
-    last decimal of the joints.
+    last decimal of the joints; `currents`: motor currents (MACur), None if it sends none or not six numbers.
     """
 
     ipoc_text: str
@@ -40,6 +41,7 @@ class Telegram:
     joints: tuple[float, ...]
     delay: int | None
     resolution_deg: float = COARSEST_DEG
+    currents: tuple[float, ...] | None = None
 
 
 def read_telegram(datagram: bytes) -> Telegram:
@@ -61,7 +63,18 @@ def read_telegram(datagram: bytes) -> Telegram:
     axes = [_number(joints.get(name, ""), -FARTHEST_JOINT_DEG, FARTHEST_JOINT_DEG) for name in AXIS_NAMES]
     late = None if delay is None else round(_number(delay.get("D", ""), 0, LARGEST_DELAY)[0])
     resolution = min(COARSEST_DEG, 10.0 ** -max(decimals for _, decimals in axes))
-    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution)
+    currents = _currents(root.find("MACur"))
+    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution, currents)
+
+
+def _currents(element: ElementTree.Element | None) -> tuple[float, ...] | None:
+    """A search does not depend on them: a telegram is valid without."""
+    if element is None:
+        return None
+    try:
+        return tuple(_number(element.get(name, ""), -LARGEST_CURRENT, LARGEST_CURRENT)[0] for name in AXIS_NAMES)
+    except ValueError:
+        return None
 
 
 def _count(text: str) -> int:

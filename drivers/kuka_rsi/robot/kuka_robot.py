@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Final, final
 
 from cellctl.clock import Clock
@@ -12,11 +12,13 @@ from cellctl.devices import (
     ControllerTable,
     DeviceError,
     DeviceLost,
+    DeviceRefused,
     Guard,
     Health,
     Identity,
     JointReadings,
     LimitExceeded,
+    MotorCurrents,
     SearchResult,
     TableState,
 )
@@ -27,6 +29,7 @@ from drivers.kuka_rsi.eki.documents import Reply, point_to_point
 from drivers.kuka_rsi.eki.refusals import refusal
 from drivers.kuka_rsi.eki.table_channel import TableChannel
 from drivers.kuka_rsi.eki.table_rows import to_row
+from drivers.kuka_rsi.robot.currents_at_rest import AT_REST, mean_currents
 from drivers.kuka_rsi.robot.guards import ENGINE, GuardSlots
 from drivers.kuka_rsi.robot.health import health_of
 from drivers.kuka_rsi.robot.holding import Holding
@@ -52,7 +55,10 @@ _CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message 
 
 @final
 class KukaRobot:
-    """A KUKA robot: RSI in a separate process, EthernetKRL for the rest. A CompensatedRobot and Listener."""
+    """A KUKA robot: RSI in a separate process, EthernetKRL for the rest.
+
+    A CompensatedRobot, CurrentSource and Listener.
+    """
 
     def __init__(self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.name = name
@@ -136,21 +142,32 @@ class KukaRobot:
         """Go along the joint-space line to `end` until `stop_now`, the end, or trouble; see SearchingRobot."""
         self._check_joints(end)
         async with self._holding.held_in_trouble():
-            process, eki = self._lines.process, self._lines.eki
-            start = eki.latest_joints
+            start = self._lines.eki.latest_joints
             correction = tuple(b - a for a, b in zip(start, end, strict=True))
             if passed := self._limits.passed_by(correction, speed_deg_s):
                 raise LimitExceeded(self.name, f"search: {', '.join(passed)}")
             if not speed_deg_s > 0:
                 raise LimitExceeded(self.name, f"search: speed {speed_deg_s:g} deg/s is not positive")
             oldest = self._guards.oldest_ns(guards or {})
-            order = SearchOrder(self._holding.search, start, correction, speed_deg_s, oldest)
-            process.block.keep_stop(order.number)
-            names = self._guards.names
-            try:
-                return await Search(self.name, self._clock, eki, process, order, names, self._configuration).run()
-            finally:
-                self._holding.search += 1
+            with self._ordered(SearchOrder(self._holding.search, start, correction, speed_deg_s, oldest)) as search:
+                return await search.run()
+
+    async def currents(self, samples: int) -> MotorCurrents:
+        """Mean of `samples` telegrams' motor currents (MACur) in an RSI session at rest; see CurrentSource.
+
+        Nothing moves: the correction is 0 throughout. As in a search the brakes are open. Raises also DeviceRefused (no
+        MACur in the RSI Ethernet configuration, a stop is set).
+        """
+        if samples < 1:
+            raise ValueError(f"{samples} samples of motor currents")
+        if self._lines.connected and not self._lines.sends_currents:
+            what = f"{self._configuration} has no motor currents in its telegrams"
+            cure = 'add <ELEMENT TAG="DEF_MACur" TYPE="DOUBLE" INDX="INTERNAL"/> to SEND, here and on the controller'
+            raise DeviceRefused(self.name, what, cure)
+        async with self._holding.held_in_trouble():
+            here, oldest = self._lines.eki.latest_joints, self._guards.oldest_ns({})
+            with self._ordered(SearchOrder(self._holding.search, here, AT_REST, 1.0, oldest, samples)) as search:
+                return mean_currents(self.name, await search.at_rest())
 
     def stop_now(self) -> None:
         """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
@@ -193,6 +210,16 @@ class KukaRobot:
             return await self._tables().rollback()
 
     # internal
+
+    @contextmanager
+    def _ordered(self, order: SearchOrder) -> Iterator[Search]:
+        """A search of this order; a stop that is set applies to it. The next one has the next number."""
+        process, eki = self._lines.process, self._lines.eki
+        process.block.keep_stop(order.number)
+        try:
+            yield Search(self.name, self._clock, eki, process, order, self._guards.names, self._configuration)
+        finally:
+            self._holding.search += 1
 
     async def _transfer(self, operation: str, content: str, farthest_deg: float, speed_percent: float) -> JointReadings:
         """A move planned by the controller, at most `farthest_deg` in any axis; returns the joints on arrival."""

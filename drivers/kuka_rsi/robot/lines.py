@@ -25,11 +25,13 @@ class ControllerLines:
     """Opened and closed together. `identity`: from the controller, None if not connected.
 
     `latency_s`: from the first command to its reply, in the cell's time.
+    `sends_currents`: the RSI Ethernet configuration has the motor currents in its telegrams.
     """
 
     def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
         self.identity: Identity | None = None
         self.latency_s = 0.0
+        self.sends_currents = False
         self._device = device
         self._settings = settings
         self._clock = clock
@@ -96,6 +98,7 @@ class ControllerLines:
         if config.errors:
             cure = "Correct the file, and load the same one on the controller."
             raise DeviceRefused(self._device, "; ".join(config.errors), cure)
+        self.sends_currents = "DEF_MACur" in config.send
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
         clock = self._clock
         with clock.standing():

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import final
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceFault, DeviceLost, LimitExceeded, SearchEnd, SearchResult
+from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, LimitExceeded, SearchEnd, SearchResult
 from drivers.kuka_rsi.cyclic.limits import Limit
-from drivers.kuka_rsi.cyclic.shared_block import SearchStatus, Slot
+from drivers.kuka_rsi.cyclic.shared_block import Sample, SearchStatus, Slot
 from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending
 from drivers.kuka_rsi.eki.documents import Reply
@@ -27,6 +27,7 @@ _LOOK_S = 0.05
 """Wall time between two checks of the cyclic process."""
 
 _BESIDES_THE_LINE_S = 15.0
+_LONGEST_CYCLE_S = 0.012
 
 _FOLLOWED_DEG = 0.1
 """If an axis rests further than this from the end of the line, the corrections had no full effect."""
@@ -54,6 +55,17 @@ class Search:
 
     async def run(self) -> SearchResult:
         """RSI on, search, RSI off. Raises as `SearchingRobot.search` does; after an interruption the caller halts."""
+        record, reply = await self._session()
+        return self._result(record, reply)
+
+    async def at_rest(self) -> list[Sample]:
+        """RSI on without a correction, RSI off: the last `hold_cycles` telegrams. Raises as `run`, DeviceRefused."""
+        record, reply = await self._session()
+        if self._result(record, reply).end is SearchEnd.STOPPED:
+            raise DeviceRefused(self.device, "a stop is set: RSI was left at once", "clear the stop, then try again")
+        return record.samples[-self.order.hold_cycles :]
+
+    async def _session(self) -> tuple[SearchRecord, Reply]:
         record = SearchRecord(self.process.block, self.order.number)
         self.process.block.place_order(self.order)
         pending = await self.eki.send("RSI")
@@ -64,7 +76,7 @@ class Search:
         record.collect()
         if final_reply.code:
             raise self._stopped(final_reply, record)
-        return self._result(record, final_reply)
+        return record, final_reply
 
     async def _on(self, pending: Pending) -> None:
         try:
@@ -95,7 +107,8 @@ class Search:
     async def _until_off(self, pending: Pending, record: SearchRecord) -> Reply:
         """Collect until the controller has left RSI. Raises DeviceLost if it does not, or the process has ended."""
         line_s = math.hypot(*self.order.correction) / self.order.speed_deg_s
-        deadline = self.clock.now() + 2 * line_s + _BESIDES_THE_LINE_S
+        hold_s = self.order.hold_cycles * _LONGEST_CYCLE_S
+        deadline = self.clock.now() + 2 * line_s + hold_s + _BESIDES_THE_LINE_S
         heard, heard_at = 0, self.clock.now()
         while True:
             reply = await self._last_reply(pending)

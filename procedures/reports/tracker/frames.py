@@ -22,9 +22,9 @@ def build(run: Run) -> Mapping[str, Any] | None:
     circles = zip(("A1", "A2", "A5", "A6"), row.radius, row.radius_sigma, row.residual, strict=True)
     return {
         "frames": [
-            ("{B} in the instrument's frame", _cells(row.base)),
-            ("{T} in the instrument's frame", _cells(row.tool)),
-            ("instrument in the robot's base frame", _cells(row.station)),
+            ("{B}, instrument's frame", _cells(row.base)),
+            ("{T}, instrument's frame", _cells(row.tool)),
+            ("instrument, base frame", _cells(row.station)),
         ],
         "circles": [(axis, with_sigma(radius, sigma), significant(rest)) for axis, radius, sigma, rest in circles],
         "outliers": row.outliers,
@@ -39,7 +39,7 @@ def _cells(frame: FrameFigures) -> list[str]:
     matrix = np.array(frame.matrix)
     places = [with_sigma(value, sigma) for value, sigma in zip(matrix[:3, 3], frame.sigma[:3], strict=True)]
     angles = [with_sigma(value, max(frame.sigma[3:])) for value in abc_from_rotation(matrix[:3, :3])]
-    return [*places, *angles]
+    return [text.replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}") for text in (*places, *angles)]
 
 
 def _gravity(row: FramesRow) -> str:

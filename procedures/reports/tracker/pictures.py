@@ -26,7 +26,7 @@ def bars_picture(numbers: Sequence[int], before: Floats, after: Floats, sigma: F
             axes.text(first + 0.2, 0.97, "late block", color=HELD_OUT, transform=axes.get_xaxis_transform(), va="top")
         axes.set_yscale("log")
         millimetres(axes, "y")
-        every = max(1, len(numbers) // 25)
+        every = max(1, len(numbers) // 15)
         axes.set_xticks(at[::every], [str(number) for number in numbers[::every]])
         axes.set(xlabel="held-out pose, by its number in the plan", ylabel="position error, mm", xlim=(-0.7, len(at)))
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.drawing import ACCENT, HELD_OUT, svg_of
+from cellctl.report.drawing import ACCENT, HELD_OUT, millimetres, svg_of
 from cellctl.report.numbers import DASH, fixed, percent
 from procedures.steps.tracker.rows import SixFigures, SixRow
 
@@ -54,10 +54,11 @@ def _line(name: str, figures: SixFigures) -> dict[str, Any]:
 def _picture(row: SixRow) -> str:
     def draw(figure: Figure) -> None:
         axes, at = figure.subplots(), np.arange(len(row.r))
-        axes.bar(at, np.maximum(row.r, 1e-6), color=ACCENT)
+        axes.bar(at, np.maximum(row.r, 1e-3), color=ACCENT)
         axes.axhline(row.observable, color=HELD_OUT, linewidth=1.0)
         axes.text(0.0, row.observable * 1.3, "below: redundant", color=HELD_OUT, fontsize=7)
         axes.set_yscale("log")
+        millimetres(axes, "y")
         axes.set_xticks(at, row.parameters, rotation=90, fontsize=6)
         axes.set(ylabel="|R_ii|, σ of the rows per prior σ", xlim=(-0.7, len(at)))
         axes.grid(axis="x", visible=False)

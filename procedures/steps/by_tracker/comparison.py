@@ -117,15 +117,16 @@ def _registration(touches: FitResult, rows: RowBlocks) -> Floats:
     found = touches.identification.identified
     parts = []
     for block in rows.blocks:
-        to_base = found.state.models[block.session].chain.base_now[:3, :3].T
-        parts.append(to_base @ block.jacobian(found.state)[..., found.unknowns.free])
+        model = found.state.models[block.session]
+        columns = found.state.spread(model.jacobian(block.q)[:, :3], block.session)
+        parts.append(model.chain.base_now[:3, :3].T @ columns[..., found.unknowns.free])
     return np.concatenate(parts)
 
 
 def _errors(state: State, rows: RowBlocks) -> Floats:
     """Measured less predicted place (N, 3), mm, in the robot's base frame."""
     return np.concatenate(
-        [-block.residual(state) @ state.models[block.session].chain.base_now[:3, :3] for block in rows.blocks]
+        [-block.deviation(state) @ state.models[block.session].chain.base_now[:3, :3] for block in rows.blocks]
     )
 
 

@@ -17,7 +17,8 @@ from cellctl.devices import (
     PointSource,
     TableRobot,
 )
-from cellctl.procedure import StepContext, StepInputs, StepResult, step
+from cellctl.files import InputError
+from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from cellctl.records import Row
 from procedures.steps.rejoining import rejoin
 from procedures.steps.tracker.plans import PosePlan
@@ -58,8 +59,27 @@ class Measured(StepResult):
     xyz: list[float]
 
 
+def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
+    """Raise InputError for an error in the cell file's `currents:`."""
+    from cellctl.formats.currents import currents_of
+    from procedures.steps.tracker.station import robot_of
+
+    if "currents" not in context.cell.data:
+        return
+    source = currents_of(context.cell, robot_of(context.robot_file)[0].n).source
+    if source not in ("drives", "robot"):
+        what = f"the campaign takes no currents from '{source}'"
+        raise InputError(context.cell.problem(("currents", "source"), what, "drives or robot"))
+
+
 @step(
-    "tracker.measure", needs=NEEDS, uses=USES, moves=True, errors=(NotSettled, NestsDisagree), title="measuring poses"
+    "tracker.measure",
+    check=_check_currents,
+    needs=NEEDS,
+    uses=USES,
+    moves=True,
+    errors=(NotSettled, NestsDisagree),
+    title="measuring poses",
 )
 async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a pose by its approach, take the motor currents, measure the reflector."""
@@ -156,8 +176,13 @@ async def _approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:
 
 async def _currents(context: StepContext) -> MotorCurrents | None:
     """The motor currents on arrival, before the brakes close, from the source that the cell file names."""
-    source: CurrentSource | None = context.optional_device("drives")
-    return await source.currents(samples=_CURRENT_SAMPLES) if source else None
+    from procedures.steps.motor_currents import current_source
+    from procedures.steps.tracker.station import robot_of
+
+    if "currents" not in context.cell.data:
+        return None
+    axes = robot_of(context.robot_file)[0].n
+    return await current_source(context, axes).currents(_CURRENT_SAMPLES)
 
 
 _CURRENT_SAMPLES = 10

@@ -64,13 +64,13 @@ def test_the_covariance_is_that_of_simulated_readings(name, place, samples, face
     """Draw ranges and angles with the profile's errors, compute points, compare their covariance."""
     profile, true, rng, draws = PROFILES[name], to_polar(place), np.random.default_rng(1), 40_000
     distance = true.range_mm
-    one, shared = profile.range_mm + profile.range_ppm * distance / 1e6, (draws, 1)
-    along = (0.8 * one * rng.normal(size=(draws, samples)) + 0.6 * one * rng.normal(size=shared)).mean(1)
-    one = profile.across_mm + profile.angle_rad * distance
-    across = 0.8 * one * rng.normal(size=(2, draws, samples)) + 0.6 * one * rng.normal(size=(2, *shared))
+    one, rest, shared = profile.sample, profile.common, (draws, 1)
+    along = (one.range_mm + one.range_ppm * distance / 1e6) * rng.normal(size=(draws, samples))
+    along = (along + (rest.range_mm + rest.range_ppm * distance / 1e6) * rng.normal(size=shared)).mean(1)
+    across = (one.across_mm + one.angle_rad * distance) * rng.normal(size=(2, draws, samples))
+    across += (rest.across_mm + rest.angle_rad * distance) * rng.normal(size=(2, *shared))
     across += rng.normal(size=(2, *shared)) * (profile.one_face_rad * distance if faces == 1 else 0.0)
     across += rng.normal(size=(2, *shared)) * 0.15e-9 * distance**2  # refraction
-    across += rng.normal(size=(2, *shared)) * profile.pointing_mm
     across = across.mean(2)
     points = np.array(
         [
@@ -106,7 +106,7 @@ def test_each_aim_of_a_nest_errs_by_the_pointing_that_its_own_part_states():
     covariance, common = covariances(
         to_polar((0.0, 3000.0, 0.0)), TDRA, samples=3, faces=1, scatter=NO_SCATTER, centring_mm=0.01
     )
-    assert math.sqrt(covariance[0][0] - common[0][0]) == pytest.approx(0.05, abs=0.005)
+    assert math.sqrt(covariance[0][0] - common[0][0]) == pytest.approx(0.053, abs=0.005)
 
 
 def test_two_faces_have_a_smaller_common_part_across_the_beam():

@@ -77,7 +77,7 @@ def at_station(tmp_path):
             tracker = registry.driver(address.scheme).open("tracker", address, Surroundings(clock, tmp_path))
             try:
                 async with asyncio.timeout(120):
-                    await tracker.connect()
+                    assert (await tracker.connect()).simulated
                     await tracker.initialise(Reflector(constant_mm, centring_mm=0.0))
                     await tracker.set_weather(WORKSHOP)
                     return await work(tracker, simulated, clock)
@@ -102,10 +102,6 @@ async def all_nests(tracker: PointSource, samples: int = 3, faces: int = 2):
 @pytest.mark.parametrize("accuracy", ["tdra6000", "at960", "vantage"])
 def test_distances_between_nests_are_the_certified_ones_within_the_stated_sigma(at_station, accuracy):
     async def work(tracker, _simulated, _clock):
-        identity = await tracker.connect()
-        await tracker.initialise(Reflector(CONSTANT_MM, centring_mm=0.0))
-        await tracker.set_weather(WORKSHOP)
-        assert identity.simulated
         points = await all_nests(tracker)
         for (one, other), certified in CERTIFIED_MM.items():
             a, b = points[one], points[other]
@@ -168,8 +164,8 @@ def test_the_samples_of_a_point_scatter_as_stated(at_station):
     async def work(tracker, _simulated, _clock):
         await tracker.aim(NESTS["N1"], 40.0)
         point = await tracker.measure(30)
-        assert point.scatter[0] == pytest.approx(0.8 * 0.2, rel=0.4)  # 3 σ of a standard deviation from 30
-        across = 0.8 * math.radians(0.5 / 3600) * point.range_mm
+        assert point.scatter[0] == pytest.approx(0.12, rel=0.4)  # 3 σ of a standard deviation from 30
+        across = math.radians(0.5 / 3600) * point.range_mm
         assert point.scatter[1] == pytest.approx(across, rel=0.4)
         assert point.scatter[2] == pytest.approx(across, rel=0.4)
 

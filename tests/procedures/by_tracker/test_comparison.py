@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from cell_runs import ROOT
-from own_campaigns import Campaign, place
+from own_arm import pose_of
+from own_campaigns import Campaign
+from scipy.spatial.transform import Rotation
 from simulated_setups import KR5_REGION, KR5_SIGNS
 from sphere_rows import touch
 from step_contexts import Context
@@ -32,7 +34,10 @@ SPHERES = np.array([[950.0, -350.0, 250.0], [950.0, 350.0, 250.0], [1150.0, 0.0,
 CERTIFIED = {(0, 1): "700.412", (1, 2): "430.263", (0, 2): "430.018"}
 REFLECTOR = np.array([120.6, -0.4, 60.3, 1.0])
 """True place in the flange frame, mm: not where the cell file has it."""
-NOISE_MM = 0.05
+STATION = pose_of(Rotation.from_euler("z", 90.0, degrees=True), np.array([2500.0, -900.0, 700.0]))
+"""The robot's base in the instrument's frame: the instrument's x is the base's −y."""
+
+NOISE_MM = np.array([0.05, 0.05, 0.05])
 POSES = 70
 
 
@@ -50,8 +55,13 @@ class Judged:
         return self.verdict.by_tracker
 
 
-def run_of(folder: Path, seen: Callable[[np.ndarray], np.ndarray] = lambda points: points) -> Judged:
-    """Touches on three spheres and poses, of one robot; `seen`: what the instrument makes of places in its frame."""
+def run_of(
+    folder: Path, seen: Callable[[np.ndarray], np.ndarray] = lambda points: points, noise: np.ndarray = NOISE_MM
+) -> Judged:
+    """Touches on three spheres and poses, of one robot; `seen`: what the instrument makes of places in its frame.
+
+    noise (3,): 1 σ along the instrument's axes, mm.
+    """
     campaign = Campaign.of(5)
     campaign = replace(campaign, truth=replace(campaign.truth, base=np.eye(4)))
     cell = folder / "cell.yaml"
@@ -59,7 +69,7 @@ def run_of(folder: Path, seen: Callable[[np.ndarray], np.ndarray] = lambda point
     for (a, b), old in CERTIFIED.items():
         text = text.replace(old, f"{np.linalg.norm(SPHERES[a] - SPHERES[b]):.3f}")
     cell.write_text(text)
-    rows = [*_touches(campaign), _set_up(), *_poses(campaign, seen)]
+    rows = [*_touches(campaign), _set_up(), *_poses(campaign, seen, noise)]
     robot_file = PROCEDURES / "robots" / "kr5_r1400.yaml"
     context: Any = Context(rows=rows, run_folder=folder, robot_file=robot_file, cell=load_yaml(cell))
     asyncio.run(identify(context, IdentifyInputs(model="geometry")))
@@ -87,11 +97,11 @@ def _set_up() -> SetUpRow:
     )
 
 
-def _poses(campaign: Campaign, seen: Callable[[np.ndarray], np.ndarray]) -> list[PoseRow]:
+def _poses(campaign: Campaign, seen: Callable[[np.ndarray], np.ndarray], noise: np.ndarray) -> list[PoseRow]:
     random = np.random.default_rng(3)
     q = random.uniform(KR5_REGION[0], KR5_REGION[1], (POSES, 6))
-    points = seen((place(random) @ campaign.truth.flange(q) @ REFLECTOR)[:, :3])
-    points = points + random.normal(0.0, NOISE_MM, points.shape)
+    points = seen((STATION @ campaign.truth.flange(q) @ REFLECTOR)[:, :3])
+    points = points + random.normal(0.0, noise, points.shape)
     return [
         PoseRow(
             number=number,
@@ -102,7 +112,7 @@ def _poses(campaign: Campaign, seen: Callable[[np.ndarray], np.ndarray]) -> list
             visit=0,
             arm_c=None,
             currents=None,
-            point=_point(xyz),
+            point=_point(xyz, noise),
             attempt=1,
             set="fit" if number % 2 else "test",
         )
@@ -110,11 +120,11 @@ def _poses(campaign: Campaign, seen: Callable[[np.ndarray], np.ndarray]) -> list
     ]
 
 
-def _point(xyz: list[float]) -> MeasuredPoint:
-    variance = NOISE_MM**2
+def _point(xyz: list[float], noise: np.ndarray) -> MeasuredPoint:
+    x, y, z = (noise**2).tolist()
     return MeasuredPoint(
         xyz=tuple(xyz),
-        covariance=((variance, 0.0, 0.0), (0.0, variance, 0.0), (0.0, 0.0, variance)),
+        covariance=((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)),
         common=((0.0,) * 3,) * 3,
         samples=3,
         scatter=(0.0, 0.0, 0.0),
@@ -192,3 +202,9 @@ def test_an_instrument_with_another_scale_than_the_spheres_is_seen_in_the_scale(
     true, other = (each.figures.touches.directions for each in (judged, stretched))
     assert other.scale_ppm - true.scale_ppm == pytest.approx(1000.0, abs=50.0)
     assert abs(true.scale_ppm) < 200.0
+
+
+def test_errors_are_along_the_axes_of_the_robots_base(tmp_path: Path) -> None:
+    found = run_of(tmp_path, noise=np.array([0.3, 0.01, 0.01])).figures.tracker.directions
+    assert found.y == pytest.approx(0.3, rel=0.35)
+    assert max(found.x, found.z) < 0.1
