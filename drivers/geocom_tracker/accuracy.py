@@ -38,7 +38,7 @@ class Sigma:
 @final
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """sample: of one reading, independent of the others. common: of all readings of a point; along the beam it is of the
+    """sample: of one reading, independent of the others. common: of all readings of a point; along the beam of the
     whole set-up, across it of one aim.
 
     noise_only: an instrument of this class does not speak GeoCOM: the profile is its noise, not its behaviour.
