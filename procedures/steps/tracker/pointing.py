@@ -6,10 +6,16 @@ from dataclasses import dataclass
 from typing import final
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceError, MeasuredPoint, PointSource, Vector3
+from cellctl.devices import DeviceError, MeasuredPoint, NotLevelled, PointSource, Vector3
 
 _LOOKS = 3
 """How often a reflector that is not at rest is measured in one attempt."""
+
+_TILTED = "its compensator is out of its range: the last point is not corrected for the tilt, and is not recorded"
+_LEVEL = (
+    "level the instrument and stand it firmly; then resume: the nests show how far it moved. "
+    "If the poses have not begun, begin anew"
+)
 
 
 @final
@@ -37,12 +43,14 @@ async def settled_point(
 ) -> MeasuredPoint:
     """Aim at `place`, in the instrument's frame, mm, and measure the reflector there.
 
-    Raises NotSettled, and the instrument's errors.
+    Raises NotSettled, NotLevelled for a point without correction for the tilt, and the instrument's errors.
     """
     await tracker.aim(place, search_mm)
     for _ in range(_LOOKS):
         await clock.sleep(settling.wait_s)
         point = await tracker.measure(settling.samples)
+        if not point.levelled:
+            raise NotLevelled(tracker.name, _TILTED, _LEVEL)
         if max(point.scatter) <= settling.scatter_mm:
             return point
     what = (

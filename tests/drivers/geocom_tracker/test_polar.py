@@ -106,7 +106,7 @@ def test_each_aim_of_a_nest_errs_by_the_pointing_that_its_own_part_states():
     covariance, common = covariances(
         to_polar((0.0, 3000.0, 0.0)), TDRA, samples=3, faces=1, scatter=NO_SCATTER, centring_mm=0.01
     )
-    assert math.sqrt(covariance[0][0] - common[0][0]) == pytest.approx(0.05, abs=0.005)
+    assert math.sqrt(covariance[0][0] - common[0][0]) == pytest.approx(0.053, abs=0.005)
 
 
 def test_two_faces_have_a_smaller_common_part_across_the_beam():
