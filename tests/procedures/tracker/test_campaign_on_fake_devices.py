@@ -150,7 +150,7 @@ def test_a_wrong_reflector_constant_is_found_by_the_distance_between_nests(tmp_p
     truth.constant_mm = 2.0
     ended = run_fake(PROCEDURE, tmp_path, FEW, truth=truth)
     assert ended.outcome.state is State.FAILED
-    assert "the reflector constant is +1.999 mm too large" in str(ended.outcome.error)
+    assert "the reflector constant is 1.999 mm too large" in str(ended.outcome.error)
     assert "correct `constant_mm`" in str(ended.outcome.error)
 
 

@@ -1,0 +1,105 @@
+"""Short tracker campaigns over the wires, and what the command line tells of their end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cell_runs import ROOT, Ended, faults, run_here
+
+from cellctl.cli.run_end import exit_of, show_end
+from cellctl.journal import RunState
+from cellctl.operations.campaign import load_campaign
+from cellctl.operations.results import result_of
+from cellctl.operations.resume import resumed_run
+from cellctl.records import TableStateRow
+from procedures.steps.tracker.rows import TrackerVerdict
+
+PROCEDURE = ROOT / "procedures" / "tracker_calibration.yaml"
+CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"
+FEW = {
+    "poses_fit": 24,
+    "poses_test": 8,
+    "monuments_every": 20,
+    "turn_points": 5,
+    "samples": 2,
+    "model": "geometry",
+    "warm_up_minutes": 0.05,
+    "warm_up_limit": 2,
+}
+
+
+def procedure_of(folder: Path, **values: object) -> Path:
+    """The shipped procedure with other defaults."""
+    text = PROCEDURE.read_text()
+    for name, value in (FEW | values).items():
+        before, mark, rest = text.partition(f"  {name}: {{")
+        assert mark, name
+        line, _, after = rest.partition("\n")
+        head, _, tail = line.partition("default: ")
+        text = f"{before}{mark}{head}default: {value},{tail.partition(',')[2]}\n{after}"
+    path = folder / "tracker_calibration.yaml"
+    path.write_text(text.replace("cells/tracker_cell.yaml", str(CELL)))
+    return path
+
+
+def cell_of(folder: Path, simulate: str = "", name: str = "cell.yaml") -> Path:
+    """A copy of the shipped cell with lines added to its `simulate:` section."""
+    text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
+    text = text.replace("ethernet=rsi_ethernet.xml", f"ethernet={CELL.parent}/rsi_ethernet.xml")
+    path = folder / name
+    path.write_text(text.rstrip() + "\n" + simulate)
+    return path
+
+
+def run(folder: Path, *settings: str, meanwhile: Any = None, **values: object) -> Ended:
+    """The campaign with few poses and these faults."""
+    cell = cell_of(folder, faults(*settings) if settings else "")
+    return run_here(procedure_of(folder, **values), cell, folder, meanwhile=meanwhile)
+
+
+def verdict_of(ended: Ended) -> TrackerVerdict:
+    """The campaign's verdict."""
+    found = ended.journal.last(TrackerVerdict)
+    assert found is not None, ended.outcome.error
+    return found
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the command line tells at the end of a run: exit code and stderr."""
+
+    exit: int
+    stderr: str
+
+
+def told(ended: Ended, folder: Path, capsys: pytest.CaptureFixture[str]) -> Told:
+    """Of a run that ended in `folder`."""
+    capsys.readouterr()
+    show_end(ended.outcome, result_of(folder / "run", ended.outcome, 0.0), folder / "run", quiet=True)
+    return Told(int(exit_of(ended.outcome)), capsys.readouterr().err)
+
+
+def assert_ended_safely(ended: Ended) -> None:
+    """The robot is held, no table is in force, and the journal has an end and no step that is left open."""
+    assert ended.outcome.held
+    assert ended.robot_is_held()
+    assert ended.outcome.troubles == ()
+    assert ended.journal.ended is not None
+    assert not ended.journal.in_flight
+    assert not ended.journal.uncertain
+    tables = ended.journal.recorded(TableStateRow)
+    assert not tables or tables[-1].active is False
+
+
+def assert_resumable(folder: Path) -> None:
+    """`--resume` accepts the run, without a person's acknowledgement."""
+    campaign = load_campaign(folder / "tracker_calibration.yaml", folder / "cell.yaml", [], resumed=True)
+    assert resumed_run(campaign, folder, folder / "run", [], acknowledged=False).state.finished
+
+
+def started(journal: RunState, step: str) -> bool:
+    """Whether a step whose path begins so was begun."""
+    return any(path.startswith(step) for path in journal.steps)
