@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, final
+from typing import Annotated, Literal, final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,14 +16,14 @@ _Scale = Annotated[float, Field(allow_inf_nan=False)]
 
 @final
 class Currents(BaseModel):
-    """`source`: name of the device; its currents of A1…An become scale × current + offset, amperes of the motor.
+    """`source`: the device; its currents of A1…An become scale × current + offset, amperes of the motor.
 
     The sources differ in unit and sign: MACur may be percent of a drive's maximum, 0x6078 is per mille of a rated
     current. No scale: 1; no offset: 0.
     """
 
     model_config = _STRICT
-    source: str
+    source: Literal["drives", "robot"]
     scale: list[_Scale] = []
     offset: list[Number] = []
 

@@ -38,8 +38,9 @@ class Sigma:
 @final
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """sample: of one reading, independent of the others. common: of all readings of a point; along the beam of the
-    whole set-up, across it of one aim.
+    """sample: of one reading, independent of the others. common: of all readings of a point.
+
+    Along the beam the common part is of the whole set-up, across it of one aim (pointing).
 
     noise_only: an instrument of this class does not speak GeoCOM: the profile is its noise, not its behaviour.
     one_face_rad: collimation and index error, which remain if one face is used.

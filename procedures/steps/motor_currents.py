@@ -24,10 +24,13 @@ class ScaledCurrents:
         return replace(found, amperes=amperes, sigma_a=sigma_a)
 
 
-def current_source(context: StepContext, axes: int) -> ScaledCurrents:
-    """The source that `currents:` of the cell file names, for a robot of `axes` axes.
+def current_source(context: StepContext, axes: int) -> ScaledCurrents | None:
+    """The source that `currents:` of the cell file names, for a robot of `axes` axes; None if it names none.
 
-    The step declares the device in its `needs`. Raises InputError for an error in the cell file.
+    The step needs `robot` and uses `drives`. Raises InputError for an error in the cell file.
     """
+    if "currents" not in context.cell.data:
+        return None
     settings = currents_of(context.cell, axes)
-    return ScaledCurrents(context.device(settings.source), settings)
+    device = context.device("robot") if settings.source == "robot" else context.optional_device("drives")
+    return ScaledCurrents(device, settings) if device else None

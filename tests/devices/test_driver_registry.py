@@ -9,8 +9,9 @@ from textwrap import dedent
 import pytest
 
 from cellctl.clock import WallClock
-from cellctl.devices import Address, CompensatedRobot, ContactProbe, Finding, Surroundings
+from cellctl.devices import Address, CompensatedRobot, ContactProbe, CurrentSource, Finding, Surroundings
 from cellctl.devices.registry import DriverRegistry
+from cellctl.procedure.abilities import missing_abilities
 
 LAMP = """
 from cellctl.devices import Device, DriverDescription, Finding
@@ -68,7 +69,9 @@ def dim(tmp_path: Path) -> Surroundings:
 
 def test_the_shipped_drivers_tell_what_their_devices_can_do() -> None:
     drivers = DriverRegistry()
-    assert drivers.abilities("kuka+rsi") is CompensatedRobot
+    for protocol in (CompensatedRobot, CurrentSource):
+        assert missing_abilities(drivers.abilities("kuka+rsi"), protocol) == []
+    assert drivers.abilities("canopen+socketcan") is CurrentSource
     assert drivers.abilities("contact+serial") is ContactProbe
 
 

@@ -18,6 +18,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, load_artefact
+from cellctl.formats.currents import currents_of
 from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 
@@ -143,7 +144,10 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
             load_artefact(file)
         case {"model": _}:
             file.write_text(block.text)
-            assert Cell.load(file, DriverRegistry()).addresses.keys() == content["devices"].keys()
+            cell = Cell.load(file, DriverRegistry())
+            assert cell.addresses.keys() == content["devices"].keys()
+            if "currents" in content:
+                currents_of(cell.document, 6)
         case {"simulate": _}:
             shipped = CELL.read_text().partition("\nsimulate:")[0] + "\n"
             file.write_text(shipped + block.text)

@@ -39,7 +39,7 @@ from cellctl.devices import (
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround
 from cellctl.files import load_yaml
 from cellctl.formats.station import reflectors_of, station_of
-from cellctl.journal import Journal, RunStarted, RunState, SourceFile
+from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile, fold, read_journal
 from cellctl.procedure import StepRegistry, load_procedure
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
@@ -350,12 +350,13 @@ def run_fake(
     faults: Faults | None = None,
     truth: Truth | None = None,
     cell: Path = CELL,
+    resumed: FakeRun | None = None,
 ) -> FakeRun:
-    """Run a procedure on fake devices."""
+    """Run a procedure on fake devices; resumed: continue this run, which has ended, with its robot where it was."""
 
     async def go() -> FakeRun:
         clock = LeapingClock()
-        true = truth or Truth.of(seed)
+        true = resumed.robot.truth if resumed else truth or Truth.of(seed)
         loaded = load_procedure(procedure)
         assert loaded.problems == (), loaded.problems
         values = {one.name: one.default for one in loaded.parameters.values()} | (parameters or {})
@@ -366,9 +367,15 @@ def run_fake(
             "plc": FakePlc("plc", true, clock),
             "drives": FakeDrives("drives", true, clock),
         }
-        journal, record = Journal.create(folder / "run", clock.now_ns), RunState()
         file = SourceFile("x.yaml", "", "")
-        record.apply(journal.append(RunStarted(file, file, values, seed, "lockstep", "me", "now", "", {}, name="run")))
+        if resumed:
+            robot.tables = resumed.robot.tables
+            journal, record = Journal.reopen(folder / "run", clock.now_ns), fold(read_journal(folder / "run"))
+            record.apply(journal.append(RunResumed("me", "now", "", {}, True)))
+        else:
+            journal, record = Journal.create(folder / "run", clock.now_ns), RunState()
+            started = RunStarted(file, file, values, seed, "lockstep", "me", "now", "", {}, name="run")
+            record.apply(journal.append(started))
         surround = Surround(clock, seed, folder / "run", load_yaml(cell), ROBOT, devices)
         plan = Plan(loaded, values, StepRegistry.installed(), devices)
         leaping = asyncio.create_task(clock.leap())

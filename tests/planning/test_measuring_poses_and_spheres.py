@@ -15,6 +15,7 @@ from cellctl.formats import RobotFile, artefact_of
 from cellctl.formats.station import reflectors_of, station_of
 from procedures.steps.tracker.plans import PosePlan
 from procedures.steps.tracker.pose_planning import planned_rounds
+from procedures.steps.tracker.posing import PlanInputs
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 ROBOT = RobotFile.load(ROBOT_FILE)
@@ -26,7 +27,7 @@ WRIST_MM, SHAFT_MM = 60.0, 8.0
 @pytest.fixture(scope="module")
 def poses() -> list[PosePlan]:
     context: Any = SimpleNamespace(cell=CELL, robot_file=ROBOT_FILE, seed=3)
-    wanted = SimpleNamespace(fit=40, held_out=40, monuments_every=40, from_both=0.0)
+    wanted = PlanInputs(fit=40, held_out=40, monuments_every=40, from_both=0.0)
     return [each for part in planned_rounds(context, wanted, None) for each in (*part.poses, part.back)]
 
 

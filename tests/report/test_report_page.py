@@ -362,6 +362,9 @@ class TestSections:
         assert "section 'sphere-standoffs'" in text
         assert "Provenance" in text
 
+    def test_no_section_of_another_campaign_complains_about_a_run(self, full_html):
+        assert "section '" not in Page(full_html).text
+
     def test_the_installed_sections_are_those_of_cellctl_and_of_the_sphere_campaign(self):
         found = Sections.installed()
         assert not found.broken

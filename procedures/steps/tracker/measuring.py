@@ -20,6 +20,7 @@ from cellctl.devices import (
 from cellctl.files import InputError
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from cellctl.records import Row
+from procedures.steps.motor_currents import current_source
 from procedures.steps.rejoining import rejoin
 from procedures.steps.tracker.plans import PosePlan
 from procedures.steps.tracker.pointing import NestsDisagree, NotSettled, Settling, settled_point
@@ -130,7 +131,7 @@ async def measured_fields(
     """Measure the reflector of `pose` with the robot at `joints`: the fields of a `VisitedRow`."""
     from procedures.steps.tracker.station import reflector_at, seen_from_instrument
 
-    currents = await _currents(context)
+    currents = await _currents(context, len(joints))
     place = seen_from_instrument(context, reflector_at(context, pose.reflector, _array(joints))[0])
     point = await settled_point(context.device("tracker"), context.clock, place, _search_mm(context), settling)
     plc: CellIO | None = context.optional_device("plc")
@@ -174,15 +175,10 @@ async def _approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:
         await robot.move(joints, percent)
 
 
-async def _currents(context: StepContext) -> MotorCurrents | None:
+async def _currents(context: StepContext, axes: int) -> MotorCurrents | None:
     """The motor currents on arrival, before the brakes close, from the source that the cell file names."""
-    from procedures.steps.motor_currents import current_source
-    from procedures.steps.tracker.station import robot_of
-
-    if "currents" not in context.cell.data:
-        return None
-    axes = robot_of(context.robot_file)[0].n
-    return await current_source(context, axes).currents(_CURRENT_SAMPLES)
+    source = current_source(context, axes)
+    return await source.currents(_CURRENT_SAMPLES) if source else None
 
 
 _CURRENT_SAMPLES = 10

@@ -177,3 +177,15 @@ def test_a_controller_that_corrects_its_own_geometry_is_refused(tmp_path: Path) 
     ended = run_fake(PROCEDURE, tmp_path, FEW, cell=cell)
     assert ended.outcome.state is State.FAILED
     assert "correct the same errors twice" in str(ended.outcome.error)
+
+
+def test_a_run_that_lost_the_beam_is_resumed_where_it_was_with_the_instrument_prepared_again(tmp_path: Path) -> None:
+    ended = run_fake(PROCEDURE, tmp_path, FEW, faults=Faults(lost=set(range(45, 999))))
+    measured = len(ended.journal.recorded(PoseRow))
+    again = run_fake(PROCEDURE, tmp_path, FEW, resumed=ended)
+    assert again.outcome.state is State.FINISHED, again.outcome.error
+    assert again.tracker.initialised == 1
+    assert verdict_of(again).better
+    rows = again.journal.recorded(PoseRow)
+    assert 0 < measured < len(rows) == 44
+    assert len({row.number for row in rows}) == 44
