@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Floats
-from cellctl.metrology.nests import Plate, plate_pose
+from cellctl.metrology.nests import Plate, fitted_plate
 from cellctl.metrology.points import Points
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import PoseRow
@@ -29,7 +29,7 @@ def measured_place(row: PoseRow, repeatability: float) -> dict[str, float]:
 def measured_pose(plate: Plate, row: PoseRow, repeatability: float) -> dict[str, float]:
     """X, Y, Z, mm, and the quaternion of the plate's frame, with their covariance, mm and deg."""
     points = points_of([row.point, *row.others])
-    found = plate_pose(Points.of(points.xyz, points.alone), plate)
+    found = fitted_plate(Points.of(points.xyz, points.alone), plate)
     covariance = found.covariance.copy()
     covariance[:3, :3] += repeatability**2 / 3.0 * np.eye(3)
     scale = np.array([1.0] * 3 + [np.degrees(1.0)] * 3)
