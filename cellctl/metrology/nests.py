@@ -85,11 +85,6 @@ def plate_pose(measured: Points, plate: Plate, names: tuple[str, ...] = ()) -> M
     plate. Raises NestMeasuredTwice, NestsSwapped or NestsDoNotFit.
     """
     check_nests(measured, plate, names)
-    return fitted_plate(measured, plate)
-
-
-def fitted_plate(measured: Points, plate: Plate) -> MeasuredPose:
-    """As `plate_pose`, of nests that were checked when they were measured."""
     rough = rigid_transform(plate.xyz, measured.xyz, measured.together())
     turn = np.kron(np.eye(len(plate.xyz)), rough.pose.matrix[:3, :3])
     whole = measured.together() + turn @ plate.covariance @ turn.T

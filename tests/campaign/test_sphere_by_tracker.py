@@ -16,7 +16,15 @@ from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedPosesRow
 
 pytestmark = pytest.mark.campaign
 
-FEW = {"touches_fit": 18, "touches_test": 5, "reference_every": 0, "poses_register": 10, "poses_test": 6, "samples": 1}
+FEW = {
+    "touches_fit": 18,
+    "touches_test": 5,
+    "reference_every": 0,
+    "poses_register": 10,
+    "poses_test": 6,
+    "monuments_every": 8,
+    "samples": 1,
+}
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from tracker_runs import run, verdict_of
 from cellctl.engine import State
 from procedures.steps.tracker.rows import FramesRow, MonumentsRow, PoseRow
 
-pytestmark = pytest.mark.campaign
+pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from tracker_runs import (
     cell_of,
     procedure_of,
     run,
+    run_and_resume,
     started,
     told,
     verdict_of,
@@ -80,6 +81,7 @@ def test_a_reflector_that_is_lost_for_good_ends_the_run_after_three_attempts(tmp
     assert end.exit == 3
     assert "tracker: found no reflector" in end.stderr
     assert "check that nothing is between instrument and reflector" in end.stderr
+    assert "in step warm_up" in end.stderr
     assert HELD in end.stderr
     assert len(failures(tmp_path, "warm_up")) == 3
     assert_ended_safely(ended)
@@ -92,7 +94,7 @@ def test_a_reflector_that_is_lost_while_the_table_is_proved_takes_the_table_back
     end = told(ended, tmp_path, capsys)
     assert end.exit == 3
     assert "tracker: " in end.stderr
-    assert "taken back" in end.stderr
+    assert "was rolled back: the table before it is in force again" in end.stderr
     assert len(ended.journal.recorded(TableStateRow)) >= 2
     assert_ended_safely(ended)
     assert_resumable(tmp_path)
@@ -200,6 +202,20 @@ def test_a_drive_that_restarts_ends_the_run_and_is_named(tmp_path: Path, capsys:
     assert HELD in end.stderr
     assert_ended_safely(ended)
     assert_resumable(tmp_path)
+
+
+@pytest.mark.long
+def test_a_run_that_a_restarted_drive_ended_is_resumed_and_measures_no_pose_twice(tmp_path: Path) -> None:
+    reboot = at(tmp_path, "rounds[0].poses[5]", fault="drives.reboot", node=3)
+    ended, finished, journal = run_and_resume(tmp_path, reboot)
+    assert ended.state is State.FAILED
+    assert "drives: A3 (node 3)" in str(ended.error)
+    assert finished.state is State.FINISHED, finished.error
+    rows = journal.recorded(PoseRow)
+    assert len(rows) == len({(row.number, row.direction) for row in rows}) == 36
+    assert all(row.currents is not None for row in rows)
+    assert finished.verdict is not None
+    assert finished.verdict.better
 
 
 # Nests, station, reflector

@@ -111,6 +111,7 @@ class Truth:
     rng: np.random.Generator
     constant_mm: float = 0.0
     repeatability_mm: float = 0.02
+    scatter: Floats = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def of(cls, seed: int, errors: float = 1.0) -> Truth:
@@ -189,6 +190,7 @@ class FakeRobot(FakeDevice):
     async def move(self, target: tuple[float, ...], speed_percent: float) -> tuple[float, ...]:
         await self.clock.sleep(float(np.abs(np.array(target) - self.truth.joints).max()) / speed_percent + 0.2)
         self.truth.joints = np.array(target, float)
+        self.truth.scatter = self.truth.rng.normal(0.0, self.truth.repeatability_mm / np.sqrt(3.0), 3)
         self.moves.append(target)
         return target
 
@@ -269,7 +271,7 @@ class FakeTracker(FakeDevice):
         truth = self.truth
         true = truth.seen(truth.targets()[self.target][0])
         if self.target in truth.on_flange:
-            true = true + truth.rng.normal(0.0, truth.repeatability_mm / np.sqrt(3.0), 3)
+            true = true + truth.scatter
         distance = float(np.linalg.norm(true))
         beam = true / distance
         along, across = 0.05 / np.sqrt(samples), 0.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,13 @@ import pytest
 from cell_runs import ROOT, Ended, faults, run_here
 
 from cellctl.cli.run_end import exit_of, show_end
-from cellctl.journal import RunState
+from cellctl.engine import Mailbox, NobodyWatching, Outcome
+from cellctl.journal import RunState, fold, read_journal
 from cellctl.operations.campaign import load_campaign
+from cellctl.operations.launch import Options, run_on
 from cellctl.operations.results import result_of
-from cellctl.operations.resume import resumed_run
+from cellctl.operations.resume import ResumedRun, resumed_run
+from cellctl.operations.simulated import SimulatedCell
 from cellctl.records import TableStateRow
 from procedures.steps.tracker.rows import TrackerVerdict
 
@@ -96,8 +100,34 @@ def assert_ended_safely(ended: Ended) -> None:
 
 def assert_resumable(folder: Path) -> None:
     """`--resume` accepts the run, without a person's acknowledgement."""
+    assert _to_resume(folder).state.finished
+
+
+def _to_resume(folder: Path) -> ResumedRun:
     campaign = load_campaign(folder / "tracker_calibration.yaml", folder / "cell.yaml", [], resumed=True)
-    assert resumed_run(campaign, folder, folder / "run", [], acknowledged=False).state.finished
+    return resumed_run(campaign, folder, folder / "run", [], acknowledged=False)
+
+
+def run_and_resume(folder: Path, meanwhile: Any, **values: object) -> tuple[Outcome, Outcome, RunState]:
+    """The campaign until a fault of `meanwhile` ends it, then resumed on the same cell; both ends, and the journal."""
+    procedure, cell, run = procedure_of(folder, **values), cell_of(folder), folder / "run"
+
+    async def go() -> tuple[Outcome, Outcome, RunState]:
+        campaign = load_campaign(procedure, cell, [])
+        simulated = await SimulatedCell.start(campaign.cell, None, None, ())
+        try:
+            mailbox = Mailbox()
+            options = Options(None, None)
+            first = asyncio.create_task(run_on(simulated, campaign, options, run, mailbox, NobodyWatching()))
+            await meanwhile(mailbox, simulated)
+            ended, again = await first, await asyncio.to_thread(_to_resume, folder)
+            options = Options(again.seed, again.clock, resumed=again.state)
+            finished = await run_on(simulated, again.campaign, options, run, Mailbox(), NobodyWatching())
+        finally:
+            simulated.stop()
+        return ended, finished, fold(read_journal(run))
+
+    return asyncio.run(go())
 
 
 def started(journal: RunState, step: str) -> bool:

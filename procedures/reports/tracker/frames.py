@@ -66,7 +66,7 @@ SECTION = ReportSection(
     template="""\
 <p>{B}: z on A1, x along the common perpendicular of A1 and A2. {T}: x on A6, z perpendicular to A5 and A6, origin at
 the reflector.</p>
-<table>
+<table style="font-size: .74rem">
 <thead><tr><th>frame</th><th>X, mm</th><th>Y, mm</th><th>Z, mm</th><th>A, °</th><th>B, °</th><th>C, °</th></tr></thead>
 <tbody>
 {% for name, cells in frames %}

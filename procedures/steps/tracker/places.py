@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Floats
-from cellctl.metrology.nests import Plate, fitted_plate
-from cellctl.metrology.points import Points
+from cellctl.metrology.nests import Plate, plate_pose
+from procedures.steps.tracker.plate import alone
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import PoseRow
 
@@ -28,8 +28,7 @@ def measured_place(row: PoseRow, repeatability: float) -> dict[str, float]:
 
 def measured_pose(plate: Plate, row: PoseRow, repeatability: float) -> dict[str, float]:
     """X, Y, Z, mm, and the quaternion of the plate's frame, with their covariance, mm and deg."""
-    points = points_of([row.point, *row.others])
-    found = fitted_plate(Points.of(points.xyz, points.alone), plate)
+    found = plate_pose(alone(points_of([row.point, *row.others])), plate)
     covariance = found.covariance.copy()
     covariance[:3, :3] += repeatability**2 / 3.0 * np.eye(3)
     scale = np.array([1.0] * 3 + [np.degrees(1.0)] * 3)

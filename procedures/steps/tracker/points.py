@@ -11,7 +11,7 @@ from cellctl.metrology.points import Points
 
 
 def points_of(measured: Sequence[MeasuredPoint]) -> Points:
-    """Points of one set-up of the instrument, each aimed at anew, with their covariances."""
+    """Points of one set-up of the instrument, with their covariances."""
     return Points.of(
         np.array([each.xyz for each in measured]),
         np.array([each.covariance for each in measured]),

@@ -13,6 +13,7 @@ from cellctl.engine import State
 from cellctl.records import TableStateRow
 from procedures.steps.tracker.rows import (
     CompensatedRow,
+    ConstantRow,
     FramesRow,
     MonumentsRow,
     PoseRow,
@@ -150,7 +151,10 @@ def test_a_wrong_reflector_constant_is_found_by_the_distance_between_nests(tmp_p
     truth.constant_mm = 2.0
     ended = run_fake(PROCEDURE, tmp_path, FEW, truth=truth)
     assert ended.outcome.state is State.FAILED
-    assert "the reflector constant is 1.999 mm too large" in str(ended.outcome.error)
+    found = ended.journal.all_recorded(ConstantRow)[0]
+    assert found.wrong
+    assert abs(found.error_mm - 2.0) < 4.0 * found.sigma_mm < 0.2
+    assert "mm too large" in str(ended.outcome.error)
     assert "correct `constant_mm`" in str(ended.outcome.error)
 
 
