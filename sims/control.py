@@ -2,9 +2,10 @@
 
 Tick and tock keep the attached host and the cell in step (lockstep). A tick contains T and the number of bytes that the
 simulators have written to each wire; the host answers when it has read them and has no work left at T. Its tock
-contains the number of bytes it has written; T continues when the simulators have read those. A tick is sent 20 ms
-after the last tock, and before the next event if an event has written to a wire. So all interactions of host and cell
-happen at the same T in every run, for any transmission delay.
+contains the number of bytes it has written, and when its next timer is due; T continues when the simulators have read
+those. A tick is sent before the next event if an event has written to a wire, and else 20 ms after the last tick, or
+as many times 20 ms as it takes until that timer is due. So all interactions of host and cell happen at the same T in
+every run, for any transmission delay.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from sims.simulator import Refused, Request
 from sims.wires import Wire
 
 STRIDE_NS = 20_000_000
-"""Largest advance of T past the attached host's last tock."""
+"""Ticks are sent at multiples of this after the last one."""
+LONGEST_NS = 1_000_000_000
+"""Largest advance of T past the attached host's last tock, wherever no timer of the host's is due."""
 
 _LONGEST = 65_536
 
@@ -74,7 +77,10 @@ class ControlPort:
         """Execute the request; returns None without an answer. Raises Refused."""
         match request:
             case {"tock": int(time_ns)}:
-                connection.tocked(time_ns, _counts(request.get("wires", {})))
+                connection.tocked(time_ns, _counts(request.get("wires", {})), _due(request.get("next", time_ns)))
+                return None
+            case {"next": int(due_ns)}:
+                connection.timer_set(due_ns)
                 return None
             case {"busy": int()}:
                 connection.busy()
@@ -158,7 +164,7 @@ class ControlPort:
 
 @final
 class Connection:
-    """One connection to the control port. While attached, T goes at most STRIDE_NS past its last tock."""
+    """One connection to the control port. While attached, T waits for its tocks."""
 
     def __init__(self, port: ControlPort, stream: socket.socket) -> None:
         self.name = ""
@@ -167,6 +173,7 @@ class Connection:
         self._stream = stream
         self._begun = b""
         self._next_tick: Event | None = None
+        self._due_ns = self._last_ns = 0
         self._ticked: int | None = None
         self._told: dict[str, int] = {}
         self._to_read: dict[str, int] | None = None
@@ -189,14 +196,14 @@ class Connection:
         if self._told != self._written():
             self._send_tick()
 
-    def tocked(self, time_ns: int, written: dict[str, int]) -> None:
+    def tocked(self, time_ns: int, written: dict[str, int], due_ns: int) -> None:
         """The host has done all that is to be done at `time_ns`, and has written so many bytes to each wire.
 
-        An older tick's answer only shows that it is alive.
+        Its next timer is due at `due_ns`. An older tick's answer only shows that it is alive.
         """
         if self._ticked is None or time_ns != self._ticked:
             return
-        self._to_read = written
+        self._to_read, self._due_ns = written, due_ns
         self.go_on_if_read()
 
     def go_on_if_read(self) -> None:
@@ -209,7 +216,21 @@ class Connection:
         time_ns, self._ticked, self._to_read = self._ticked, None, None
         if self._hold is not None:
             self._hold.release()
-        self._next_tick = self._kernel.at(time_ns + STRIDE_NS, self._send_tick)
+        self._last_ns = time_ns
+        self._schedule_tick()
+
+    def timer_set(self, due_ns: int) -> None:
+        """The host has set an earlier timer since its tock, because of something outside the cell."""
+        self._due_ns = min(self._due_ns, due_ns)
+        if self._ticked is None:
+            self._schedule_tick()
+
+    def _schedule_tick(self) -> None:
+        if self._next_tick is not None:
+            self._next_tick.cancel()
+        until_ns = max(self._kernel.now, min(self._due_ns, self._last_ns + LONGEST_NS)) - self._last_ns
+        strides = max(1, -(-until_ns // STRIDE_NS))
+        self._next_tick = self._kernel.at(self._last_ns + strides * STRIDE_NS, self._send_tick)
 
     def busy(self) -> None:
         """The host is at work on the last tick."""
@@ -271,6 +292,13 @@ class Connection:
             answer = {"ok": False, "error": str(error)}
         if answer is not None and self._stream.fileno() >= 0:
             self._send(answer)
+
+
+def _due(value: object) -> int:
+    """When the host's next timer is due; null: it has none."""
+    if value is not None and not isinstance(value, int):
+        raise Refused("next is a time in nanoseconds, or null")
+    return FOR_EVER_NS if value is None else value
 
 
 def _counts(value: object) -> dict[str, int]:

@@ -6,6 +6,7 @@ import asyncio
 import heapq
 import itertools
 import json
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -116,8 +117,8 @@ class LockstepClock(Clock):
 
     The simulator waits until each tick is answered. A tick is answered when everything that the simulator
     wrote has been read, every due timer has run, no computation runs, and the loop is about to block. So every run does
-    the same at the same cell time, on slow machines too. No timer is more than one tick late. If the simulator ends,
-    time continues with wall time, so that time-outs still end.
+    the same at the same cell time, on slow machines too. The answer states when the next timer is due; no timer is more
+    than 20 ms late. If the simulator ends, time continues with wall time, so that time-outs still end.
     """
 
     def __init__(self, time_file: str) -> None:
@@ -132,6 +133,7 @@ class LockstepClock(Clock):
         self._wires: dict[str, CountedWire] = {}
         self._written_by_cell: dict[str, int] = {}
         self._standing = 0
+        self._stated_ns: float | None = None
         self._changed = asyncio.Event()
 
     @classmethod
@@ -152,8 +154,11 @@ class LockstepClock(Clock):
 
     def call_later(self, seconds: float, callback: Callable[[], object]) -> Timer:
         """Call back at the first tick at or after the deadline."""
-        timer = _HeapTimer(callback)
-        heapq.heappush(self._timers, (self.now_ns() + round(seconds * 1e9), next(self._order), timer))
+        timer, due_ns = _HeapTimer(callback), self.now_ns() + round(seconds * 1e9)
+        heapq.heappush(self._timers, (due_ns, next(self._order), timer))
+        if self._stated_ns is not None and due_ns < self._stated_ns:
+            self._stated_ns = due_ns
+            self._send({"next": due_ns})
         return timer
 
     @contextmanager
@@ -218,11 +223,20 @@ class LockstepClock(Clock):
         if not isinstance(message, dict) or not isinstance(tick, int):
             return
         self._written_by_cell = message.get("wires", {})
+        self._stated_ns = None
         await self._nothing_left_to_do(tick)
         while self._timers and self._timers[0][0] <= tick:
             heapq.heappop(self._timers)[2].run()
             await self._nothing_left_to_do(tick)
-        self._send({"tock": tick, "wires": {name: wire.written for name, wire in self._wires.items()}})
+        written, due_ns = {name: wire.written for name, wire in self._wires.items()}, self._next_due_ns()
+        self._stated_ns = math.inf if due_ns is None else due_ns
+        self._send({"tock": tick, "wires": written, "next": due_ns})
+
+    def _next_due_ns(self) -> int | None:
+        """When the next timer is due; None without timers."""
+        while self._timers and self._timers[0][2].cancelled:
+            heapq.heappop(self._timers)
+        return self._timers[0][0] if self._timers else None
 
     async def _nothing_left_to_do(self, tick: int) -> None:
         """Wait until the loop is about to block, all the cell's bytes are read, and no work is in progress."""
@@ -310,6 +324,10 @@ _BODY: ContextVar[_Body] = ContextVar("_BODY", default=_Body(ended=True))  # noq
 class _HeapTimer:
     def __init__(self, callback: Callable[[], object]) -> None:
         self._callback: Callable[[], object] | None = callback
+
+    @property
+    def cancelled(self) -> bool:
+        return self._callback is None
 
     def cancel(self) -> None:
         self._callback = None

@@ -13,6 +13,8 @@ from drivers.modbus_plc.io_map import INPUTS, PC_HEARTBEAT, REGISTERS, Readings,
 from drivers.modbus_plc.line import ModbusLine
 
 PERIOD_S = 0.1
+_BEAT_EVERY = 4
+"""Polls from one heartbeat of this computer to the next."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.2, 5.0
 """Before the first attempt to connect again; it doubles with each that fails."""
 
@@ -51,7 +53,7 @@ class Polling:
         self._limits, self._words = limits, words
         self._line: ModbusLine | None = None
         self._poll: Poll | None = None
-        self._beat = 0
+        self._beat = self._polls = 0
         self._counter_ns = self._between_ns = 0
         self._trouble: DeviceError | None = None
         self._task: asyncio.Task[None] | None = None
@@ -138,9 +140,11 @@ class Polling:
         time_ns, unit = self._clock.now_ns(), line.unit
         bits = await line.ask("poll inputs", lambda c: c.read_discrete_inputs(0, count=len(INPUTS), device_id=unit))
         words = await line.ask("poll registers", lambda c: c.read_input_registers(0, count=REGISTERS, device_id=unit))
-        self._beat ^= 1
-        beat = self._beat
-        await line.ask("write the heartbeat", lambda c: c.write_register(PC_HEARTBEAT, beat, device_id=unit))
+        if self._polls % _BEAT_EVERY == 0:
+            self._beat ^= 1
+            beat = self._beat
+            await line.ask("write the heartbeat", lambda c: c.write_register(PC_HEARTBEAT, beat, device_id=unit))
+        self._polls += 1
         if len(bits.bits) < len(INPUTS) or len(words.registers) != REGISTERS:
             raise DeviceLost(
                 self._device, "answers with another number of values than asked", "check its Modbus server"
