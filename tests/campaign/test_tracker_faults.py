@@ -341,6 +341,20 @@ def test_a_wrong_reflector_constant_is_found_before_any_pose_is_measured(tmp_pat
     assert_ended_safely(ended)
 
 
+@pytest.mark.long
+def test_another_prism_that_is_set_at_the_instrument_during_the_run_is_not_taken_for_a_loose_nest(
+    tmp_path: Path, capsys: Any
+) -> None:
+    other = at(tmp_path, "turns[0]", fault="tracker.wrong_prism", prism=1)
+    ended = run(tmp_path, meanwhile=other, monuments_every=5)
+    end = told(ended, tmp_path, capsys)
+    assert end.exit == 3
+    assert "every nest is measured 17.5" in end.stderr
+    assert "another constant is set at the instrument" in end.stderr
+    assert "loose" not in end.stderr
+    assert_ended_safely(ended)
+
+
 async def until_paused(folder: Path) -> None:
     """Returns once the run is paused."""
     while not paused(folder):
