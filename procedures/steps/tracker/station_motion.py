@@ -96,9 +96,9 @@ def _other_constant(checks: Sequence[_Check]) -> str:
         return ""
     way = "farther" if change > 0.0 else "nearer"
     return (
-        f"every nest is measured {abs(change):.2f} mm {way} than at the first visit, so another reflector is in use, or "
-        "another constant is set at the instrument: mount and set what the cell file states, then begin anew, for poses "
-        "since the last visit are wrong"
+        f"every nest is measured {abs(change):.2f} mm {way} than at the first visit, so another reflector is in use, "
+        "or another constant is set at the instrument: mount and set what the cell file states, then begin anew, for "
+        "poses since the last visit are wrong"
     )
 
 
