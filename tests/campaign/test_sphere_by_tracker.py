@@ -14,7 +14,7 @@ from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
 from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedPosesRow
 
-pytestmark = pytest.mark.campaign
+pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
 FEW = {
     "touches_fit": 18,
@@ -82,7 +82,6 @@ def test_the_report_shows_the_three_models_and_replay_finds_the_same_figures(sho
     assert again.returncode == 0, again.stdout
 
 
-@pytest.mark.long
 def test_the_tracker_finds_the_model_from_the_touches_better_than_nominal_by_far(tmp_path: Path) -> None:
     done = campaign(tmp_path, 1)
     figures = done.result["by_tracker"]
