@@ -36,8 +36,8 @@ def exit_of(outcome: Outcome) -> Exit:
     """The exit code of a run's end."""
     match outcome.state, outcome.error:
         case State.FINISHED, _:
-            better = outcome.verdict is None or outcome.verdict.better
-            return Exit.GOOD if better else Exit.NOT_BETTER
+            passed = outcome.verdict is None or outcome.verdict.passed
+            return Exit.GOOD if passed else Exit.NOT_BETTER
         case State.UNCERTAIN, _:
             return Exit.UNCERTAIN
         case _, InputError():
