@@ -70,11 +70,21 @@ def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) 
     print("\n".join(lines), file=sys.stderr)
 
 
+_STYLES = {
+    "better": "bold green",
+    "in control": "bold green",
+    "no better": "bold yellow",
+    "measure again": "bold yellow",
+    "worse": "bold red",
+    "recalibrate": "bold red",
+}
+
+
 def _print_verdict(verdict: str | None, sentence: str) -> None:
     """The verdict on stdout, coloured on a terminal."""
     from rich.console import Console
 
-    style = {"better": "bold green", "no better": "bold yellow", "worse": "bold red"}.get(verdict or "", "")
+    style = _STYLES.get(verdict or "", "")
     Console(highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
 
 

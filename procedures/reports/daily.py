@@ -83,11 +83,11 @@ SECTION = ReportSection(
         ),
     ),
     template="""\
-<p>Baseline {{ daily.baseline }}: {{ daily.baseline_runs }} of {{ daily.baseline_needed }} runs.
+<p>Baseline ‘{{ daily.baseline }}’: {{ daily.baseline_runs }} of {{ daily.baseline_needed }} runs.
 {% if picture %}Limits are such that without a change {{ percent }} % of runs are beyond that of T², and as many beyond
 that of the EWMA (a mean over 100 runs). A run beyond the limit of T² is measured again; two in succession, or one
-beyond the limit of the EWMA: recalibrate.{% else %}Nothing is judged until it is complete.{% endif %}
-The points are compared in the frame of the nests, so the instrument may stand elsewhere.</p>
+beyond the limit of the EWMA: recalibrate.{% else %}Nothing is judged until it is complete.{% endif %}</p>
+<p>The points are compared in the frame of the nests, so the instrument may stand elsewhere.</p>
 {% if picture %}
 <figure>{{ picture | safe }}</figure>
 <table>
