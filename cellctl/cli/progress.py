@@ -43,6 +43,9 @@ def progress(campaign: Campaign, folder: Path, *, quiet: bool) -> Iterator[Watch
         )
 
 
+_GO_ON = "remove the cause, if any, and acknowledge messages of the robot; then `cellctl continue`, or `cellctl abort`"
+
+
 def time_left(seconds: float) -> str:
     """A time in words: `3 min 05 s`, `12 s`."""
     minutes, rest = divmod(round(seconds), 60)
@@ -66,8 +69,10 @@ class _Shown:
                     self._console.print(f"  {name}: {identity['model']}, serial {identity['serial']}{firmware}")
             case StateChanged(after="connecting"):
                 self._console.print("connecting …")
-            case StateChanged(after=after, reason=reason) if after in ("paused", "cleaning") and reason:
-                self._console.print(f"{after}: {reason}")
+            case StateChanged(after="paused", reason=reason):
+                self._console.print(f"paused: {reason}\n    {_GO_ON}")
+            case StateChanged(after="cleaning", reason=reason) if reason:
+                self._console.print(f"cleaning: {reason}")
             case Said(text=text):
                 self._console.print(f"  {text}")
             case StepStarted(step=step):

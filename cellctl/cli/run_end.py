@@ -9,7 +9,8 @@ from cellctl.cli.ends import Exit, errors_text
 from cellctl.cli.outputs import write_json
 from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
-from cellctl.journal import JournalError, RunResult, fold, read_journal
+from cellctl.journal import JournalError, RunResult, RunState, fold, read_journal
+from cellctl.journal import Outcome as StepOutcome
 from cellctl.operations.results import table_line
 
 
@@ -62,12 +63,21 @@ def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) 
         return
     error = errors_text(outcome.error) if isinstance(outcome.error, InputError) else outcome.error
     lines = [f"cellctl: run {outcome.state.value}: {error or 'the clean-up did not succeed'}"]
+    lines += [f"    in step {step}" for step in _failed(state)]
     lines += [f"    {trouble}" for trouble in outcome.troubles]
     lines.append(f"    {_where_the_robot_is(outcome)}")
     if pushed := table_line(state, folder):
         lines.append(f"    {pushed}")
     lines.append(f"    {result.points} measurements are recorded in {folder}")
     print("\n".join(lines), file=sys.stderr)
+
+
+_FAILED = (StepOutcome.FAILED, StepOutcome.TIMED_OUT)
+
+
+def _failed(state: RunState) -> list[str]:
+    """The steps that ended the run or its clean-up: `rounds[0].poses[3].measure`."""
+    return [step.step for step in state.steps.values() if step.outcome in _FAILED]
 
 
 _STYLES = {

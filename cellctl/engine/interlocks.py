@@ -123,7 +123,8 @@ class Interlocks:
             async with self._clock.timeout(_ANSWER_S):
                 holds = await device.holds(interlock.condition)
         except DeviceError as error:
-            return False, f"{name}: {error.device}: {error.what}"
+            cure = f" ({error.cure})" if error.cure else ""
+            return False, f"{name}: {error.device}: {error.what}{cure}"
         except TimeoutError:
             return False, f"{name}: {interlock.device} did not answer within {_ANSWER_S:g} s"
         except Exception as error:  # an error in a driver must not disable an interlock

@@ -1,56 +1,21 @@
-"""The tracker campaign over the wires: GeoCOM, Modbus, EthernetKRL, all in lockstep."""
+"""The tracker campaign over the wires: GeoCOM, Modbus, EthernetKRL, CANopen, all in lockstep."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from cell_runs import ROOT, Ended, run_here
+from cell_runs import Ended
+from tracker_runs import run, verdict_of
 
 from cellctl.engine import State
-from procedures.steps.tracker.rows import FramesRow, MonumentsRow, PoseRow, TrackerVerdict
+from procedures.steps.tracker.rows import FramesRow, MonumentsRow, PoseRow
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
-
-PROCEDURE = ROOT / "procedures" / "tracker_calibration.yaml"
-CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"
-FEW = {
-    "poses_fit": 24,
-    "poses_test": 8,
-    "monuments_every": 20,
-    "turn_points": 5,
-    "samples": 2,
-    "model": "geometry",
-    "warm_up_minutes": 0.05,
-    "warm_up_limit": 2,
-}
-
-
-def procedure_of(folder: Path) -> Path:
-    """The shipped procedure with few poses."""
-    text = PROCEDURE.read_text()
-    for name, value in FEW.items():
-        before, mark, rest = text.partition(f"  {name}: {{")
-        assert mark, name
-        line, _, after = rest.partition("\n")
-        head, _, tail = line.partition("default: ")
-        text = f"{before}{mark}{head}default: {value},{tail.partition(',')[2]}\n{after}"
-    path = folder / "tracker_calibration.yaml"
-    path.write_text(text.replace("cells/tracker_cell.yaml", str(CELL)))
-    return path
-
-
-def verdict_of(ended: Ended) -> TrackerVerdict:
-    found = ended.journal.last(TrackerVerdict)
-    assert found is not None, ended.outcome.error
-    return found
 
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory: pytest.TempPathFactory) -> Ended:
-    folder = tmp_path_factory.mktemp("tracker")
-    return run_here(procedure_of(folder), CELL, folder)
+    return run(tmp_path_factory.mktemp("tracker"))
 
 
 def test_the_campaign_brings_held_out_targets_nearer_to_their_places(ended: Ended) -> None:

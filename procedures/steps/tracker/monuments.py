@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import dist
 from typing import Any
 
 from cellctl.devices import CellIO, DeviceFault, PointSource, Vector3
@@ -88,7 +89,7 @@ async def check_reflector(context: StepContext, inputs: NoInputs) -> Constant:
     await context.record(row)
     if row.wrong:
         what = (
-            f"distances between nests show that the reflector constant is {row.error_mm:+.3f} mm too large "
+            f"distances between nests show that the reflector constant is {_too_large(row.error_mm)} "
             f"(1 σ {row.sigma_mm:.3f} mm): another reflector, or another constant, than the cell file states"
         )
         raise DeviceFault("tracker", what, "mount the stated reflector, or correct `constant_mm`; then begin anew")
@@ -98,12 +99,28 @@ async def check_reflector(context: StepContext, inputs: NoInputs) -> Constant:
     return Constant(error_mm=row.error_mm)
 
 
+def _too_large(error_mm: float) -> str:
+    return f"{abs(error_mm):.3f} mm too {'large' if error_mm > 0.0 else 'small'}"
+
+
 async def _visit(context: StepContext, inputs: MonumentsInputs, visit: int) -> None:
     station, tracker = station_of(context.cell), context.device("tracker")
     for nest in station.nests:
         place = nest_place(context, nest)
         point = await settled_point(tracker, context.clock, place, station.search_mm, inputs.settling)
         await context.record(NestRow(visit=visit, nest=nest.id, point=point, attempt=context.attempt))
+        _refuse_twice(context, station.search_mm)
+
+
+def _refuse_twice(context: StepContext, search_mm: float) -> None:
+    """Raise NestsDisagree if the last nest is where another nest of this visit is."""
+    *others, last = context.recorded(NestRow)
+    for row in others:
+        apart = dist(row.point.xyz, last.point.xyz)
+        if row.visit == last.visit and row.nest != last.nest and apart < search_mm:
+            what = f"nests {row.nest} and {last.nest} were measured {apart:.3f} mm apart: one reflector twice"
+            cure = f"correct their places in `station: nests:`: each is searched within {search_mm:g} mm"
+            raise NestsDisagree("tracker", what, cure)
 
 
 def nest_place(context: StepContext, nest: Nest) -> Vector3:

@@ -154,7 +154,7 @@ def test_a_wrong_reflector_constant_is_found_by_the_distance_between_nests(tmp_p
     found = ended.journal.all_recorded(ConstantRow)[0]
     assert found.wrong
     assert abs(found.error_mm - 2.0) < 4.0 * found.sigma_mm < 0.2
-    assert "the reflector constant is +" in str(ended.outcome.error)
+    assert "mm too large" in str(ended.outcome.error)
     assert "correct `constant_mm`" in str(ended.outcome.error)
 
 
