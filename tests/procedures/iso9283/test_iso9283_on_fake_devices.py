@@ -146,7 +146,7 @@ def test_the_model_of_another_controller_is_refused(runs: Path) -> None:
 
 def test_a_cube_that_does_not_fit_is_refused_before_the_run() -> None:
     with pytest.raises(InputError, match="smaller edge"):
-        planned(CellFiles(load_yaml(CELL), ROBOT, 1), 1600.0, "", 1)
+        planned(CellFiles(load_yaml(CELL), ROBOT, 1), 1600.0, "649, 556, 759", 1)
     with pytest.raises(InputError, match="x, y, z in mm"):
         planned(CellFiles(load_yaml(CELL), ROBOT, 1), 400.0, "1, 2", 1)
 
