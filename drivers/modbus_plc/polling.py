@@ -1,4 +1,4 @@
-"""The background poll: inputs and registers ten times a second, heartbeats both ways, reconnection."""
+"""The background poll: inputs ten times a second, registers five times, heartbeats both ways, reconnection."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from drivers.modbus_plc.io_map import INPUTS, PC_HEARTBEAT, REGISTERS, Readings,
 from drivers.modbus_plc.line import ModbusLine
 
 PERIOD_S = 0.1
-_BEAT_EVERY = 4
-"""Polls from one heartbeat of this computer to the next."""
+_REGISTERS_EVERY, _BEAT_EVERY = 2, 4
+"""Polls from one reading of the registers, or heartbeat of this computer, to the next."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.2, 5.0
 """Before the first attempt to connect again; it doubles with each that fails."""
 
@@ -53,6 +53,7 @@ class Polling:
         self._limits, self._words = limits, words
         self._line: ModbusLine | None = None
         self._poll: Poll | None = None
+        self._readings: Readings | None = None
         self._beat = self._polls = 0
         self._counter_ns = self._between_ns = 0
         self._trouble: DeviceError | None = None
@@ -139,24 +140,35 @@ class Polling:
     async def _poll_once(self, line: ModbusLine) -> None:
         time_ns, unit = self._clock.now_ns(), line.unit
         bits = await line.ask("poll inputs", lambda c: c.read_discrete_inputs(0, count=len(INPUTS), device_id=unit))
-        words = await line.ask("poll registers", lambda c: c.read_input_registers(0, count=REGISTERS, device_id=unit))
+        if len(bits.bits) < len(INPUTS):
+            raise self._other_number()
+        if self._readings is None or self._polls % _REGISTERS_EVERY == 0:
+            self._read(time_ns, await self._registers(line))
         if self._polls % _BEAT_EVERY == 0:
             self._beat ^= 1
             beat = self._beat
             await line.ask("write the heartbeat", lambda c: c.write_register(PC_HEARTBEAT, beat, device_id=unit))
         self._polls += 1
-        if len(bits.bits) < len(INPUTS) or len(words.registers) != REGISTERS:
-            raise DeviceLost(
-                self._device, "answers with another number of values than asked", "check its Modbus server"
-            )
-        self._take(Poll(time_ns, named_inputs(bits.bits), readings(words.registers, self._words)))
+        inputs = named_inputs(bits.bits)
+        if self._poll is None or inputs["clamped"] or inputs["unclamped"]:
+            self._between_ns = time_ns
+        assert self._readings is not None
+        self._poll = Poll(time_ns, inputs, self._readings)
 
-    def _take(self, poll: Poll) -> None:
-        last = self._poll.readings if self._poll else None
-        if last is None or poll.readings.counter != last.counter:
-            self._counter_ns = poll.time_ns
-        if last is not None and poll.readings.uptime_s < last.uptime_s:
+    async def _registers(self, line: ModbusLine) -> Readings:
+        unit = line.unit
+        words = await line.ask("poll registers", lambda c: c.read_input_registers(0, count=REGISTERS, device_id=unit))
+        if len(words.registers) != REGISTERS:
+            raise self._other_number()
+        return readings(words.registers, self._words)
+
+    def _read(self, time_ns: int, found: Readings) -> None:
+        last, self._readings = self._readings, found
+        if last is None or found.counter != last.counter:
+            self._counter_ns = time_ns
+        if last is not None and found.uptime_s < last.uptime_s:
             self.restarts += 1
-        if self._poll is None or poll.inputs["clamped"] or poll.inputs["unclamped"]:
-            self._between_ns = poll.time_ns
-        self._poll = poll
+
+    def _other_number(self) -> DeviceLost:
+        what = "answers with another number of values than asked"
+        return DeviceLost(self._device, what, "check its Modbus server")

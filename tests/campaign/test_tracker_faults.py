@@ -26,6 +26,7 @@ from cellctl.engine import Mailbox, State
 from cellctl.journal import InterlockChanged, StepEnded, fold, read_journal
 from cellctl.operations.simulated import SimulatedCell
 from cellctl.records import TableStateRow
+from cellctl.report import write_report
 from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, PoseRow, ReturnRow, SetUpRow, TurnRow
 
 pytestmark = pytest.mark.campaign
@@ -127,32 +128,48 @@ def test_the_safety_chain_opened_in_motion_pauses_the_run_until_a_person_ends_it
 
 
 @pytest.mark.long
-def test_after_an_emergency_stop_in_motion_the_run_goes_on_at_the_same_pose(tmp_path: Path, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    ("fault", "interlocks"),
+    [("safety.emergency_stop", ["emergency_stop"]), ("plc.gone", ["emergency_stop", "guard"])],
+)
+def test_once_the_cause_is_removed_the_run_goes_on_at_the_same_pose(
+    tmp_path: Path, capsys: Any, fault: str, interlocks: list[str]
+) -> None:
     async def operator(mailbox: Mailbox, simulated: SimulatedCell) -> None:
-        await at(tmp_path, "rounds[0].poses[3]", fault="safety.emergency_stop", for_ms=3000)(mailbox, simulated)
+        await at(tmp_path, "rounds[0].poses[3]", fault=fault, for_ms=3000)(mailbox, simulated)
         await until_paused(tmp_path)
-        await acknowledged(simulated)
+        if fault.startswith("safety"):
+            await acknowledged(simulated)
         while paused(tmp_path):
             mailbox.resume()
             await asyncio.sleep(0.1)
 
     ended = run(tmp_path, meanwhile=operator)
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
-    assert broken(tmp_path) == ["emergency_stop"]
+    assert broken(tmp_path) == interlocks
     assert len(ended.journal.recorded(PoseRow)) == 36
     assert verdict_of(ended).better
     assert told(ended, tmp_path, capsys).exit == 0
 
 
-def test_a_plc_that_is_gone_stops_the_robot_and_states_what_to_check(tmp_path: Path, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    ("fault", "cure"),
+    [
+        ("plc.gone", "check the network cable, the PLC's supply"),
+        pytest.param("plc.stale", "set the PLC to RUN", marks=pytest.mark.long),
+    ],
+)
+def test_a_plc_that_is_gone_or_stopped_stops_the_robot_and_states_what_to_check(
+    tmp_path: Path, capsys: Any, fault: str, cure: str
+) -> None:
     async def operator(mailbox: Mailbox, simulated: SimulatedCell) -> None:
         await until_paused(tmp_path)
         mailbox.abort()
 
-    ended = run(tmp_path, f"fault: plc.gone, {EARLY}", meanwhile=operator)
+    ended = run(tmp_path, f"fault: {fault}, {EARLY}", meanwhile=operator)
     assert told(ended, tmp_path, capsys).exit == 130
     texts = [event.text for event in changes(tmp_path) if not event.holds]
-    assert any("plc: " in text and "check the network cable, the PLC's supply" in text for text in texts)
+    assert any("plc: " in text and cure in text for text in texts)
     assert_ended_safely(ended)
     assert_resumable(tmp_path)
 
@@ -273,6 +290,9 @@ def test_a_bumped_station_begins_a_new_session_and_the_poses_of_that_round_are_l
     assert [row.verdict for row in ended.journal.recorded(MonumentsRow)].count("moved") == 1
     assert found.better
     assert told(ended, tmp_path, capsys).exit == 0
+    page = write_report(tmp_path / "run").read_text()
+    assert "12 poses were measured while the station moved; they were left out." in page
+    assert "Each motion begins a session." in page
 
 
 @pytest.mark.long
@@ -318,6 +338,20 @@ def test_a_wrong_reflector_constant_is_found_before_any_pose_is_measured(tmp_pat
     assert not row  # of a failed step
     assert not ended.journal.recorded(TurnRow)
     assert not ended.journal.recorded(PoseRow)
+    assert_ended_safely(ended)
+
+
+@pytest.mark.long
+def test_another_prism_that_is_set_at_the_instrument_during_the_run_is_not_taken_for_a_loose_nest(
+    tmp_path: Path, capsys: Any
+) -> None:
+    other = at(tmp_path, "turns[0]", fault="tracker.wrong_prism", prism=1)
+    ended = run(tmp_path, meanwhile=other, monuments_every=5)
+    end = told(ended, tmp_path, capsys)
+    assert end.exit == 3
+    assert "every nest is measured 17.5" in end.stderr
+    assert "another constant is set at the instrument" in end.stderr
+    assert "loose" not in end.stderr
     assert_ended_safely(ended)
 
 

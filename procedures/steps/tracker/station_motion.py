@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
+
+import numpy as np
 
 from cellctl.files import InputError
 from cellctl.formats.station import reflectors_of, station_of
@@ -65,7 +68,7 @@ def judged_visit(context: StepContext, tolerance_mm: float, when: When) -> Judge
             names=[nest.id for nest in station_of(context.cell).nests],
         )
     except NestLoose as error:
-        what, _, cure = str(error).rpartition(": ")
+        what, _, cure = (_other_constant(checks) or str(error)).rpartition(": ")
         raise NestsDisagree("tracker", what, cure) from error
     moved = found.verdict is Motion.MOVED
     verdict = Motion.MOVING if moved and visits[-1].verdict == MOVED else found.verdict
@@ -83,6 +86,24 @@ def judged_visit(context: StepContext, tolerance_mm: float, when: When) -> Judge
         p_still=found.p_still,
     )
     return Judged(row, station)
+
+
+def _other_constant(checks: Sequence[_Check]) -> str:
+    """What to report if all ranges changed alike since the first check, which no loose nest does; else empty."""
+    first, last = (np.linalg.norm(check.points.xyz, axis=1) for check in (checks[0], checks[-1]))
+    change, spread = float((last - first).mean()), float((last - first).std())
+    if abs(change) < max(_CHANGE_MM, 5.0 * spread):
+        return ""
+    way = "farther" if change > 0.0 else "nearer"
+    return (
+        f"every nest is measured {abs(change):.2f} mm {way} than at the first visit, so another reflector is in use, "
+        "or another constant is set at the instrument: mount and set what the cell file states, then begin anew, for "
+        "poses since the last visit are wrong"
+    )
+
+
+_CHANGE_MM = 1.0
+"""Smallest change of all ranges that is taken for another reflector constant."""
 
 
 def constant_row(context: StepContext) -> ConstantRow | None:
