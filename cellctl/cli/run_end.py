@@ -37,8 +37,8 @@ def exit_of(outcome: Outcome) -> Exit:
     """The exit code of a run's end."""
     match outcome.state, outcome.error:
         case State.FINISHED, _:
-            better = outcome.verdict is None or outcome.verdict.better
-            return Exit.GOOD if better else Exit.NOT_BETTER
+            passed = outcome.verdict is None or outcome.verdict.passed
+            return Exit.GOOD if passed else Exit.NOT_BETTER
         case State.UNCERTAIN, _:
             return Exit.UNCERTAIN
         case _, InputError():
@@ -80,11 +80,21 @@ def _failed(state: RunState) -> list[str]:
     return [step.step for step in state.steps.values() if step.outcome in _FAILED]
 
 
+_STYLES = {
+    "better": "bold green",
+    "in control": "bold green",
+    "no better": "bold yellow",
+    "measure again": "bold yellow",
+    "worse": "bold red",
+    "recalibrate": "bold red",
+}
+
+
 def _print_verdict(verdict: str | None, sentence: str) -> None:
     """The verdict on stdout, coloured on a terminal."""
     from rich.console import Console
 
-    style = {"better": "bold green", "no better": "bold yellow", "worse": "bold red"}.get(verdict or "", "")
+    style = _STYLES.get(verdict or "", "")
     Console(highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
 
 

@@ -129,7 +129,7 @@ def plan_measuring_poses(
     options = options or PoseOptions()
     if len(options.side) != chain.n or set(options.side) - {1, -1} or counts.late > counts.held_out:
         raise ValueError(f"a side of 1 or -1 for each of {chain.n} joints, and not more late than held-out postures")
-    arm = _Arm(chain.with_base(np.eye(4)), joints, sight, home, options)
+    arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
     rng = np.random.default_rng([seed, 11])
     found = _extremes_first(_postures(arm, reach, counts.fit + counts.held_out, rng))
     visits = _visits(counts, rng)
@@ -171,7 +171,7 @@ def _visits(counts: Counts, rng: np.random.Generator) -> list[_Visit]:
     return [*(main[place] for place in rng.permutation(len(main))), *late]
 
 
-def _postures(arm: _Arm, reach: Reach, count: int, rng: np.random.Generator) -> Array:
+def _postures(arm: MeasuringArm, reach: Reach, count: int, rng: np.random.Generator) -> Array:
     """The first `count` usable Sobol samples (count, n), deg."""
     margin = reach.margin + arm.options.step
     low, high = np.array(reach.minimum) + margin, np.array(reach.maximum) - margin
@@ -201,7 +201,7 @@ def _extremes_first(postures: Array) -> Array:
 
 
 @final
-class _Arm:
+class MeasuringArm:
     """The robot by its nominal model: where its links, its reflectors and the beam to the station are."""
 
     def __init__(self, chain: SerialChain, joints: JointMap, sight: Sight, home: Array, options: PoseOptions) -> None:
@@ -210,6 +210,11 @@ class _Arm:
         self._facing = sight.facing / np.linalg.norm(sight.facing, axis=-1, keepdims=True)
         thin = max(1, chain.n - 3)
         self._radii = np.array([options.arm] * thin + [options.thickness.wrist] * (chain.n - thin))
+
+    def usable(self, readings: Array) -> Mask:
+        """Whether (k,) the reflectors can be measured at readings (k, n), deg, clear of everything, also on the way
+        from home."""
+        return np.asarray(np.all([passes(readings) for _, passes in self.checks()], axis=0))
 
     def checks(self) -> list[tuple[str, _Check]]:
         """Reasons for rejection and what passes, the cheapest and most selective first."""
@@ -285,14 +290,20 @@ class _Arm:
         return np.asarray(np.linalg.norm(inverse[:, :, 3:], axis=2).max(axis=1) < self.options.amplified)
 
     def free_beam(self, readings: Array) -> Mask:
-        """Whether (k,) every beam passes all links, or comes nowhere nearer to a link than the reflector itself is."""
+        """Whether (k,) every beam passes all links, or comes nowhere nearer to a link than the reflector itself is.
+
+        A reflector near the forearm is not excused: the plate turns with the flange, and may dip into the forearm.
+        """
         places, _ = self._reflectors(readings)
         links, _ = self._links(readings)
         start, end = links[:, None, :-1], links[:, None, 1:]
         reflector = places[:, :, None]
         beam = between_lines(reflector, np.broadcast_to(self._sight.station, reflector.shape), start, end)
         own = between_lines(reflector, reflector, start, end)
-        past_links = (beam >= np.minimum(self._radii, own - 1.0)).all(axis=(1, 2))
+        needed = np.minimum(self._radii, own - 1.0)
+        forearm = slice(max(1, self._chain.n - 3), self._chain.n - 2)
+        needed[..., forearm] = self._radii[forearm]
+        past_links = (beam >= needed).all(axis=(1, 2))
         return np.asarray(past_links & self._clear_beam(places))
 
     def clear_from_home(self, readings: Array) -> Mask:

@@ -51,7 +51,7 @@ class StepKind(Generic[Inputs, Result]):
     moves or writes, so that a crash in it leaves an uncertain state. `errors`: errors of its own, by class name, that
     `retry.on` may name. `check`: raises what the step would refuse of the cell, before the run. `verdict`: the row that
     it records, if it records the verdict of a campaign. `title`: shown to the operator while it runs. `expects`: see
-    `ExpectedPasses`.
+    `ExpectedPasses`. `reads_files`: it reads files outside the run folder, and records what it read.
     """
 
     name: str
@@ -67,11 +67,12 @@ class StepKind(Generic[Inputs, Result]):
     expects: ExpectedPasses | None = None
     verdict: type[VerdictRow] | None = None
     uses: Mapping[str, type] = field(default_factory=dict)
+    reads_files: bool = False
 
     @property
     def computes(self) -> bool:
-        """Whether it uses no device: its result then depends on the journal alone, and can be replayed."""
-        return not self.needs and not self.uses and not self.moves
+        """Whether it uses no device or other file: its result depends on the journal alone, and can be replayed."""
+        return not (self.needs or self.uses or self.moves or self.reads_files)
 
     async def __call__(self, context: StepContext, inputs: Inputs) -> Result:
         """Do the step."""
@@ -123,12 +124,13 @@ def step(
     title: str = "",
     expects: ExpectedPasses | None = None,
     verdict: type[VerdictRow] | None = None,
+    reads_files: bool = False,
 ) -> Callable[[Callable[[StepContext, Inputs], Awaitable[Result]]], StepKind[Inputs, Result]]:
     """Make a step kind from `async def name(context, inputs: Model) -> Result | None`.
 
     `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of its module.
-    The docstring's first line is its summary. `uses`, `check`, `title`, `expects`: see
-    `StepKind`. Raises TypeError if the function does not fit.
+    The docstring's first line is its summary. `uses`, `check`, `title`, `expects`,
+    `reads_files`: see `StepKind`. Raises TypeError if the function does not fit.
     """
 
     def make(function: Callable[[StepContext, Inputs], Awaitable[Result]]) -> StepKind[Inputs, Result]:
@@ -147,6 +149,7 @@ def step(
             title=title,
             expects=expects,
             verdict=verdict,
+            reads_files=reads_files,
         )
 
     return make

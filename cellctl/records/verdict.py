@@ -20,12 +20,16 @@ class Figures:
     max: float | None
 
 
+PASSED = frozenset({"better", "in control", "baseline", "measured"})
+"""Verdicts with which a run ends well. The last three are of a check of a robot, which compares with no model."""
+
+
 @dataclass(frozen=True)
 class VerdictRow(Row):
     """The result of a campaign. Each kind of campaign derives its own row with the fields of its result's section.
 
     SECTION: the names of these fields, in the order in which the result shows them. verdict: `better`, `no better` or
-    `worse`. sentence: for the operator; lines: shown below it. before, after: measured errors.
+    `worse`, or a check's own word. sentence: for the operator; lines: shown below it. before, after: measured errors.
     model: the report of the fit, as `cellctl fit --json` prints it.
     """
 
@@ -43,3 +47,8 @@ class VerdictRow(Row):
     def better(self) -> bool:
         """Whether the verdict is `better`."""
         return self.verdict == "better"
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run ends with exit code 0."""
+        return self.verdict in PASSED

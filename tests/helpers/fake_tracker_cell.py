@@ -40,7 +40,7 @@ from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround
 from cellctl.files import load_yaml
 from cellctl.formats.station import reflectors_of, station_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile, fold, read_journal
-from cellctl.procedure import StepRegistry, load_procedure
+from cellctl.procedure import StepRegistry, load_procedure, section_of
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 CELL = PROCEDURES / "cells" / "tracker_cell.yaml"
@@ -353,8 +353,13 @@ def run_fake(
     truth: Truth | None = None,
     cell: Path = CELL,
     resumed: FakeRun | None = None,
+    name: str = "run",
+    began: str = "now",
 ) -> FakeRun:
-    """Run a procedure on fake devices; resumed: continue this run, which has ended, with its robot where it was."""
+    """Run a procedure on fake devices, in the folder `name`; began: its calendar time.
+
+    resumed: continue this run, which has ended, with its robot where it was.
+    """
 
     async def go() -> FakeRun:
         clock = LeapingClock()
@@ -369,21 +374,22 @@ def run_fake(
             "plc": FakePlc("plc", true, clock),
             "drives": FakeDrives("drives", true, clock),
         }
-        file = SourceFile("x.yaml", "", "")
+        file, run, registry = SourceFile("x.yaml", "", ""), folder / name, StepRegistry.installed()
         if resumed:
             robot.tables = resumed.robot.tables
-            journal, record = Journal.reopen(folder / "run", clock.now_ns), fold(read_journal(folder / "run"))
+            journal, record = Journal.reopen(run, clock.now_ns), fold(read_journal(run))
             record.apply(journal.append(RunResumed("me", "now", "", {}, True)))
         else:
-            journal, record = Journal.create(folder / "run", clock.now_ns), RunState()
-            started = RunStarted(file, file, values, seed, "lockstep", "me", "now", "", {}, name="run")
+            journal, record = Journal.create(run, clock.now_ns), RunState()
+            section = section_of(loaded, registry)
+            started = RunStarted(file, file, values, seed, "lockstep", "me", began, "", {}, name=name, section=section)
             record.apply(journal.append(started))
-        surround = Surround(clock, seed, folder / "run", load_yaml(cell), ROBOT, devices)
-        plan = Plan(loaded, values, StepRegistry.installed(), devices)
+        surround = Surround(clock, seed, run, load_yaml(cell), ROBOT, devices)
+        plan = Plan(loaded, values, registry, devices)
         leaping = asyncio.create_task(clock.leap())
         outcome = await Engine(plan, surround, journal, Mailbox(), record=record).run()
         leaping.cancel()
         journal.close()
-        return FakeRun(outcome, record, robot, tracker, folder / "run")
+        return FakeRun(outcome, record, robot, tracker, run)
 
     return asyncio.run(go())

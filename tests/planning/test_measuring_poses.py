@@ -149,3 +149,15 @@ def test_no_posture_needs_a_large_correction_for_a_small_error_of_orientation():
         found = inverse(CHAIN, turned, q)
         assert found.converged.all()
         assert np.abs(found.q - q).max() < 1.05 * PoseOptions().amplified * error
+
+
+def test_no_reflector_of_a_wide_plate_is_inside_the_forearm():
+    """Sampled along the forearm; 60 mm is its radius."""
+    places = np.array([[120.0, 0.0, 80.0], [120.0, 130.0, 0.0], [120.0, -130.0, 0.0]])
+    sight = Sight(np.array([3400.0, -1200.0, 900.0]), places, np.tile([1.0, 0.0, 0.0], (3, 1)))
+    share = np.linspace(0.0, 1.0, 200)[:, None]
+    readings = plan(sight=sight, counts=Counts(150, 0, 0)).readings
+    for flange, frames in zip(flanges(readings), CHAIN.frames(JOINTS.model(readings)), strict=True):
+        fore = frames[3, :3, 3] + share * (frames[4, :3, 3] - frames[3, :3, 3])
+        seen = places @ flange[:3, :3].T + flange[:3, 3]
+        assert np.linalg.norm(seen[:, None] - fore, axis=2).min() > 60.0

@@ -19,7 +19,7 @@ def build(run: Run) -> Mapping[str, Any]:
     return {
         "end": _end(run),
         "finished": run.word == "finished",
-        "better": verdict is not None and verdict.better,
+        "passed": verdict is not None and verdict.passed,
         "sentence": verdict.sentence if verdict else "",
         "below": verdict.lines if verdict else (),
         "points": run.state.measurements,
@@ -54,7 +54,7 @@ SECTION = ReportSection(
     error_lines=lambda run: fit_lines(run.figures),
     template="""\
 {% from "pairs.html" import pairs %}
-<div class="verdict{{ '' if finished and better else ' bad' }}">
+<div class="verdict{{ '' if finished and passed else ' bad' }}">
 {% if not finished %}
 <p class="sentence">{{ end }}</p>
 <p>{{ points }} measurements are recorded. The report shows what there is.</p>

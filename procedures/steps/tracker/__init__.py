@@ -2,6 +2,7 @@
 
 from procedures.steps.tracker.identifying import identify
 from procedures.steps.tracker.instrument import prepare, two_face
+from procedures.steps.tracker.locating import locate
 from procedures.steps.tracker.measuring import measure, measure_compensated
 from procedures.steps.tracker.monuments import check_reflector, monuments
 from procedures.steps.tracker.posing import plan
@@ -15,6 +16,7 @@ __all__ = [
     "frames",
     "identify",
     "judge",
+    "locate",
     "measure",
     "measure_compensated",
     "monuments",

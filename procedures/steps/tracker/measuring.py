@@ -29,7 +29,7 @@ from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow,
 NEEDS = {"robot": MovingRobot, "tracker": PointSource}
 USES = {"plc": CellIO, "drives": CurrentSource}
 
-_NEAR_SHARE = 0.4
+NEAR_SHARE = 0.4
 """Share of the transfer speed from the approach to the pose."""
 
 
@@ -85,7 +85,7 @@ def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
 async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a pose by its approach, take the motor currents, measure the reflector."""
     robot: MovingRobot = context.device("robot")
-    near = inputs.transfer_percent * _NEAR_SHARE
+    near = inputs.transfer_percent * NEAR_SHARE
     return await measure_pose(context, inputs, lambda: robot.move(tuple(inputs.pose.joints), near))
 
 
@@ -107,7 +107,7 @@ async def measure_compensated(context: StepContext, inputs: MeasureInputs) -> Me
     async def to_row() -> JointReadings:
         assert inputs.pose.row is not None
         await require_in_force(robot, context.recorded(TargetsRow)[-1].table)
-        return await robot.move_to_row(inputs.pose.row, inputs.transfer_percent * _NEAR_SHARE)
+        return await robot.move_to_row(inputs.pose.row, inputs.transfer_percent * NEAR_SHARE)
 
     return await measure_pose(context, inputs, to_row)
 
@@ -117,7 +117,7 @@ async def measure_pose(
 ) -> Measured:
     """Approach, `arrive`, measure, record; the row is the pose's own."""
     pose, robot = inputs.pose, context.device("robot")
-    await _approach(robot, pose, inputs.transfer_percent)
+    await approach(robot, pose, inputs.transfer_percent)
     fields = await measured_fields(context, pose, await arrive(), inputs.settling)
     if inputs.reflectors > 1 and pose.kind in ("fit", "test"):
         fields["others"] = await measured_plate(context, fields, inputs.reflectors, inputs.settling)
@@ -167,7 +167,7 @@ async def measured_plate(
     return tuple(points)
 
 
-async def _approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:
+async def approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:
     """To the approach: along the planned way, or, after an interruption, from where the robot is on it."""
     way = [tuple(joints) for joints in (pose.origin, *pose.way, pose.joints)]
     passed = await rejoin(robot, way, percent)
@@ -194,6 +194,7 @@ def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:
         assert pose.row is not None
         assert pose.target is not None
         return CompensatedRow(**fields, row=pose.row, target=tuple(pose.target))
+    assert pose.kind != "cube", "a visit to the ISO cube has a step of its own"
     return PoseRow(**fields, set=pose.kind)
 
 

@@ -15,14 +15,14 @@ Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
 class PosePlan(StepResult):
     """One planned measurement of a reflector; joints in degrees.
 
-    number: in its plan. kind: to identify from, held out, reached by row `row` of the table, the return pose, or a
-    point of the circle about `axis` alone. origin: where the last motion ended. way: from there, the approach last.
-    direction: of each joint from the approach to `joints`, 1, -1 or 0. target: of a held-out pose, mm, in the
-    instrument's frame of the first session.
+    number: in its plan. kind: to identify from, held out, reached by row `row` of the table, the return pose, a point
+    of the circle about `axis` alone, or of the ISO cube. origin: where the last motion ended. way: from there, the
+    approach last. direction: of each joint from the approach to `joints`, 1, -1 or 0. target: of a held-out pose, mm,
+    in the instrument's frame of the first session.
     """
 
     number: int
-    kind: Literal["fit", "test", "compensated", "return", "turn"]
+    kind: Literal["fit", "test", "compensated", "return", "turn", "cube"]
     reflector: str
     origin: Joints
     way: list[Joints]

@@ -70,11 +70,13 @@ def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None)
     ]
 
 
-def _poses(
-    context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, home: Floats
-) -> MeasuringPoses:
+def pose_limits(
+    context: CellContext, reflectors: int, station: Floats | None = None
+) -> tuple[Reach, Sight, PoseOptions]:
+    """What limits the poses at which that many reflectors are measured; station: as for `planned_rounds`."""
+    robot = RobotFile.load(context.robot_file)
     given, given_station, floor = reflectors_of(context.cell), station_of(context.cell), floor_of(context.cell)
-    mine = given.on_flange[: wanted.reflectors]
+    mine = given.on_flange[:reflectors]
     sight = Sight(
         (rough_station(context) if station is None else station)[:3, 3],
         np.array([one.xyz for one in mine]),
@@ -89,10 +91,17 @@ def _poses(
         tuple(min(joint.max, _WIDEST_DEG) for joint in robot.joints),
         margin=_MARGIN_DEG,
     )
-    counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
     options = PoseOptions(side=(1,) * len(robot.joints), around=spheres_around(context))
     if floor:
         options = replace(options, floor=floor.z, clearance=floor.clearance_mm)
+    return reach, sight, options
+
+
+def _poses(
+    context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, home: Floats
+) -> MeasuringPoses:
+    reach, sight, options = pose_limits(context, wanted.reflectors, station)
+    counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
     try:
         seed = int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
         return plan_measuring_poses(robot.chain(), robot.joint_map(), reach, sight, counts, home, seed, options)

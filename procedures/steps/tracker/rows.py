@@ -38,12 +38,12 @@ class SetUpRow(Row):
 class StationRow(Row):
     """The instrument's frame in the robot's base frame from now on: matrix (4, 4), mm.
 
-    session: name of the data set's session that begins or goes on. source: `cell file`, `axes turned` or `moved`.
+    session: name of the data set's session that begins or goes on. source: how it was found.
     """
 
     KIND: ClassVar[str] = "station"
     session: str
-    source: Literal["cell file", "axes turned", "moved"]
+    source: Literal["cell file", "nests", "axes turned", "poses", "moved"]
     matrix: Matrix
 
 

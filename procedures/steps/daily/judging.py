@@ -1,0 +1,142 @@
+"""The verdict of a daily check: this run and the earlier ones, carried into one frame by the nests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from cellctl.kinematics import Floats
+from cellctl.metrology.daily_check import (
+    RIGID_AND_SCALE,
+    CheckLimits,
+    DailyBaseline,
+    daily_check,
+    rigid_and_scale,
+)
+from cellctl.metrology.daily_check import DailyVerdict as Found
+from cellctl.metrology.points import block_diagonal
+from cellctl.metrology.rigid import rigid_transform
+from cellctl.procedure import StepContext
+from procedures.steps.daily.rows import (
+    ControlChartRow,
+    DailyFigures,
+    DailyPointsRow,
+    DailyVerdict,
+    DayPoints,
+    EarlierRunsRow,
+)
+from procedures.steps.tracker.rows import PoseRow
+
+
+class Limits(Protocol):
+    """The procedure's settings."""
+
+    @property
+    def baseline_runs(self) -> int:
+        """Runs of the baseline."""
+
+    @property
+    def false_alarm(self) -> float:
+        """Per run and chart."""
+
+    @property
+    def weight(self) -> float:
+        """λ of the EWMA."""
+
+
+def judged(context: StepContext, limits: Limits) -> tuple[DailyVerdict, ControlChartRow | None]:
+    """The verdict of this run, and the charts of all runs since the baseline."""
+    earlier, own = context.recorded(EarlierRunsRow)[-1], context.recorded(DailyPointsRow)[-1].day
+    point = context.recorded(PoseRow)[0].point
+    began = [*(each.began for each in earlier.runs), context.calendar]
+    found = charts([*(each.day for each in earlier.runs), own], limits)
+    daily = DailyFigures(
+        baseline=own.baseline,
+        baseline_runs=min(len(began), limits.baseline_runs),
+        baseline_needed=limits.baseline_runs,
+        since=len(found),
+        left_out=len(earlier.left_out),
+        false_alarm=limits.false_alarm,
+        reason="none",
+    )
+    if not found:
+        sentence = (
+            f"Baseline '{own.baseline}', run {len(began)} of {limits.baseline_runs}: nothing is judged until it is "
+            "complete."
+        )
+        return _verdict("baseline", sentence, daily, point.accuracy, noise_only=point.noise_only), None
+    last = found[-1]
+    daily = replace(
+        daily,
+        reason=last.reason.value,
+        t2=last.t2,
+        t2_limit=last.t2_limit,
+        ewma=last.ewma,
+        ewma_limit=last.ewma_limit,
+    )
+    verdict = _verdict(last.action.value, last.words, daily, point.accuracy, noise_only=point.noise_only)
+    return verdict, _chart(began[-len(found) :], found)
+
+
+def charts(days: Sequence[DayPoints], limits: Limits) -> list[Found]:
+    """The verdict of each run since the baseline; none before it is complete. days: oldest first."""
+    runs = in_one_frame(days)
+    count = limits.baseline_runs
+    if len(runs) <= count:
+        return []
+    nominal = runs[:count].mean(axis=0)
+    baseline = DailyBaseline.of(runs[:count], nominal, rigid_and_scale(nominal), RIGID_AND_SCALE)
+    check = CheckLimits(limits.false_alarm, limits.weight)
+    return [daily_check(baseline, runs[count : last + 1], check) for last in range(count, len(runs))]
+
+
+def in_one_frame(days: Sequence[DayPoints]) -> Floats:
+    """Points (R, P, 3), mm, of all runs in the instrument's frame of the first: the nests carry them there.
+
+    So it does not matter where the instrument stands.
+    """
+    first = days[0]
+    found = []
+    for day in days:
+        nests, there = np.array(day.nests), np.array(first.nests)
+        spread = block_diagonal(np.array(day.spread) + np.array(first.spread))
+        matrix = rigid_transform(nests, there, spread).pose.matrix
+        found.append(np.array(day.points) @ matrix[:3, :3].T + matrix[:3, 3])
+    return np.array(found)
+
+
+def _chart(began: Sequence[str], found: Sequence[Found]) -> ControlChartRow:
+    return ControlChartRow(
+        began=tuple(began),
+        t2=tuple(each.t2 for each in found),
+        t2_limit=found[-1].t2_limit,
+        ewma=tuple(each.ewma for each in found),
+        ewma_limit=found[-1].ewma_limit,
+        features=RIGID_AND_SCALE,
+        deviations=tuple(tuple(each.features.tolist()) for each in found),
+        verdict=tuple(each.action.value for each in found),
+    )
+
+
+def _verdict(verdict: str, sentence: str, daily: DailyFigures, accuracy: str, *, noise_only: bool) -> DailyVerdict:
+    lines = [
+        f"Baseline '{daily.baseline}': {daily.baseline_runs} of {daily.baseline_needed} runs. Without a change, "
+        f"{100 * daily.false_alarm:.2g} % of runs are beyond the limit of T², and as many beyond that of the EWMA."
+    ]
+    if daily.t2 is not None and daily.ewma is not None:
+        lines.append(
+            f"T² {daily.t2:.1f} (limit {daily.t2_limit:.1f}), EWMA {daily.ewma:.2f} (limit {daily.ewma_limit:.2f})."
+        )
+    if noise_only:
+        lines.append(f"The instrument's accuracy {accuracy} is a profile of noise only, not of its behaviour.")
+    return DailyVerdict(
+        verdict=verdict,
+        sentence=sentence,
+        lines=tuple(lines),
+        daily=daily,
+        accuracy=accuracy,
+        noise_only=noise_only,
+    )

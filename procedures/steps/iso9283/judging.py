@@ -1,0 +1,52 @@
+"""Figures and verdict of a test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import Field
+
+from cellctl.devices import TableStore
+from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.records import TableStateRow
+from procedures.steps.iso9283.rows import IsoVerdict
+
+
+@step("iso9283.evaluate", title="computing the figures")
+async def evaluate(context: StepContext, inputs: NoInputs) -> None:
+    """Register the base on the registration poses, and compute AP, RP, vAP, AD and RD before and after."""
+    from procedures.steps.iso9283.evaluation import evaluated
+
+    registration, rows = await context.clock.compute(evaluated, context)
+    for row in (registration, *rows):
+        await context.record(row)
+
+
+class JudgeInputs(StepInputs):
+    """transfer_percent: share of axis speed of transfers; reflectors: at each pose."""
+
+    transfer_percent: Annotated[float, Field(gt=0, le=100)]
+    reflectors: Annotated[int, Field(ge=1, le=8)]
+
+
+class Judged(StepResult):
+    """The verdict of the test."""
+
+    verdict: str
+    sentence: str
+
+
+@step("iso9283.judge", needs={"robot": TableStore}, moves=True, verdict=IsoVerdict, title="judging the table")
+async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
+    """State the figures; withdraw a table by which the five points are not better."""
+    from procedures.steps.iso9283.verdict import verdict_of
+    from procedures.steps.table_push import take_back_unhelpful
+
+    found = await context.clock.compute(verdict_of, context, inputs.transfer_percent, inputs.reflectors)
+    tables = context.recorded(TableStateRow)
+    if tables:
+        table = tables[-1] if found.better else await take_back_unhelpful(context, context.device("robot"))
+        found = replace(found, table=table)
+    await context.record(found)
+    return Judged(verdict=found.verdict, sentence=found.sentence)
