@@ -76,7 +76,7 @@ def main(group, port):
         drive.sdo["Heartbeat"].raw = 200
     network.nmt.state = "OPERATIONAL"
     states = [drive.nmt.wait_for_heartbeat(10.0) for drive in drives]
-    while frames.get_message(0.05):
+    while frames.get_message(0.0):
         pass
     network.sync.transmit()
     by_canopen = {}
@@ -85,7 +85,7 @@ def main(group, port):
         by_canopen[drive.id] = [variable.raw for variable in drive.tpdo[1]]
     time.sleep(0.2)  # noqa: TID251 - a foreign program has no clock of the cell
     by_cantools = {}
-    while message := frames.get_message(0.05):
+    while message := frames.get_message(0.0):
         if 0x180 < message.arbitration_id <= 0x186:
             signals = decoder.decode_message(message.arbitration_id, message.data)
             by_cantools[message.arbitration_id - 0x180] = [signals[name] for name in ("Position", "Current", "Torque")]
