@@ -125,6 +125,7 @@ class Polling:
                 wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
 
     async def _opened(self) -> ModbusLine:
+        self._polls = 0  # the PLC may have missed this computer's heartbeat
         line = self._make_line()
         await line.open()
         return line
