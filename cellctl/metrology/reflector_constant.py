@@ -37,13 +37,15 @@ class KnownDistance(NamedTuple):
 @final
 @dataclass(frozen=True, slots=True)
 class ConstantError:
-    """error_mm: how much too large the constant in use is, with sigma_mm; subtract it from the constant if `wrong`.
+    """error_mm: how much too large every range is, with sigma_mm; subtract it from the constant if `wrong`.
 
-    p_value: of this estimate if there is no error. sensitivity: the largest change of a distance per change of it.
+    zero_sigma_mm: 1 σ of the zero of the instrument's range, which looks the same. p_value: of this estimate if there
+    is no other error than that. sensitivity: the largest change of a distance per change of the constant.
     """
 
     error_mm: float
     sigma_mm: float
+    zero_sigma_mm: float
     p_value: float
     sensitivity: float
     wrong: bool
@@ -54,8 +56,9 @@ def constant_error(
 ) -> ConstantError:
     """Estimate it by generalised least squares from nests (N) in the instrument's frame and known distances.
 
-    scale_ppm: σ of the instrument's scale, the same in all distances. Raises InsensitiveDistances where no distance
-    changes by at least a fifth of the constant's error.
+    scale_ppm: σ of the instrument's scale, the same in all distances. The zero of its range is known to the common part
+    of the points along their beams: an error of that size is no sign of a wrong constant. Raises InsensitiveDistances
+    where no distance changes by at least a fifth of the constant's error.
     """
     pairs = [(one.first, one.second) for one in distances]
     rows, sensitivity = _rows(nests.xyz, pairs)
@@ -71,8 +74,11 @@ def constant_error(
     weighted = np.linalg.solve(covariance, sensitivity)
     spread = 1.0 / float(sensitivity @ weighted)
     error = spread * float(weighted @ (found - known))
-    p_value = float(2.0 * stats.norm.sf(abs(error) / np.sqrt(spread)))
-    return ConstantError(error, float(np.sqrt(spread)), p_value, float(np.abs(sensitivity).max()), p_value < alpha)
+    zero = float(nests.range_sigma.max())
+    p_value = float(2.0 * stats.norm.sf(abs(error) / np.hypot(np.sqrt(spread), zero)))
+    return ConstantError(
+        error, float(np.sqrt(spread)), zero, p_value, float(np.abs(sensitivity).max()), p_value < alpha
+    )
 
 
 def _rows(xyz: Floats, pairs: Sequence[tuple[int, int]]) -> tuple[Floats, Floats]:

@@ -118,7 +118,7 @@ def test_a_station_set_up_at_another_place_is_a_motion_too():
     assert np.allclose(found.motion.matrix[:3, 3], far[:3, 3], atol=0.3)
 
 
-@pytest.mark.parametrize("constant", [0.0, 0.5, -17.5])
+@pytest.mark.parametrize("constant", [0.0, 1.0, -17.5])
 def test_a_wrong_constant_is_found_by_a_certified_distance_with_the_station_between(constant):
     rng = np.random.default_rng(9)
     known = KnownDistance(0, 2, float(np.linalg.norm(NESTS[0] - NESTS[2])), 0.02)
@@ -129,6 +129,16 @@ def test_a_wrong_constant_is_found_by_a_certified_distance_with_the_station_betw
     assert found.wrong is (constant != 0.0)
     assert found.sigma_mm < 0.05
     assert nees_range(values, 1, 0.999).consistent
+
+
+def test_an_error_as_small_as_the_zero_of_the_instruments_range_is_measured_but_is_no_wrong_reflector():
+    rng = np.random.default_rng(10)
+    known = KnownDistance(0, 2, float(np.linalg.norm(NESTS[0] - NESTS[2])), 0.02)
+    found = constant_error(check(rng, range_zero=0.3), [known])
+    assert found.error_mm == pytest.approx(0.3, abs=4.0 * found.sigma_mm)
+    assert found.error_mm > 4.0 * found.sigma_mm
+    assert found.zero_sigma_mm == pytest.approx(0.2)
+    assert not found.wrong
 
 
 def test_nests_in_line_on_one_side_say_nothing_of_the_constant_and_are_refused():

@@ -90,11 +90,13 @@ async def check_reflector(context: StepContext, inputs: NoInputs) -> Constant:
     if row.wrong:
         what = (
             f"distances between nests show that the reflector constant is {_too_large(row.error_mm)} "
-            f"(1 σ {row.sigma_mm:.3f} mm): another reflector, or another constant, than the cell file states"
+            f"(1 σ {row.sigma_mm:.3f} mm; the instrument's own zero: {row.zero_sigma_mm:.3f} mm): another reflector, "
+            "or another constant, than the cell file states"
         )
         raise DeviceFault("tracker", what, "mount the stated reflector, or correct `constant_mm`; then begin anew")
     context.say(
-        f"reflector constant: off by {row.error_mm:+.3f} mm (1 σ {row.sigma_mm:.3f} mm), as the certificate states"
+        f"every range is off by {row.error_mm:+.3f} mm (1 σ {row.sigma_mm:.3f} mm), within the instrument's own zero "
+        f"(1 σ {row.zero_sigma_mm:.3f} mm): the reflector constant is as stated"
     )
     return Constant(error_mm=row.error_mm)
 

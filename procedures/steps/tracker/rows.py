@@ -80,11 +80,15 @@ class MonumentsRow(Row):
 @final
 @dataclass(frozen=True, kw_only=True)
 class ConstantRow(Row):
-    """The reflector constant by certified distances between nests: how much too large it is, with 1 σ, mm."""
+    """The reflector constant by certified distances between nests: how much too large it is, with 1 σ, mm.
+
+    zero_sigma_mm: 1 σ of the zero of the instrument's range, which looks the same, mm.
+    """
 
     KIND: ClassVar[str] = "reflector constant"
     error_mm: float
     sigma_mm: float
+    zero_sigma_mm: float
     p_value: float
     sensitivity: float
     wrong: bool

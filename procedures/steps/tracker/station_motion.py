@@ -127,6 +127,7 @@ def constant_row(context: StepContext) -> ConstantRow | None:
     return ConstantRow(
         error_mm=found.error_mm,
         sigma_mm=found.sigma_mm,
+        zero_sigma_mm=found.zero_sigma_mm,
         p_value=found.p_value,
         sensitivity=found.sensitivity,
         wrong=found.wrong,
