@@ -12,6 +12,7 @@ from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, Table
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from cellctl.records import TableStateRow
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.pushing import Pushed, PushInputs
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
@@ -99,18 +100,6 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     await context.record(found.row)
     context.say(found.sentence)
     return Compensation(rounds=found.rounds, table=found.row.table)
-
-
-class PushInputs(StepInputs):
-    """The id of the table in the run folder; None without a table to push."""
-
-    table: str | None
-
-
-class Pushed(StepResult):
-    """Whether the run's table is active on the controller."""
-
-    active: bool
 
 
 @step("sphere.push", needs={"robot": TableStore}, moves=True, title="pushing the table")

@@ -10,6 +10,7 @@ from pydantic import Field
 from cellctl.devices import TableStore
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
 from cellctl.records import TableStateRow
+from procedures.steps.pushing import Pushed, PushInputs
 from procedures.steps.tracker.plans import Round
 from procedures.steps.tracker.rows import TrackerVerdict
 
@@ -40,18 +41,6 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     await context.record(found.row)
     context.say(found.sentence)
     return Compensation(rounds=found.rounds, table=found.row.table)
-
-
-class PushInputs(StepInputs):
-    """The id of the table in the run folder; None without a table to push."""
-
-    table: str | None
-
-
-class Pushed(StepResult):
-    """Whether the run's table is active on the controller."""
-
-    active: bool
 
 
 @step("tracker.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
