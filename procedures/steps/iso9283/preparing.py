@@ -11,6 +11,7 @@ from cellctl.devices import TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.iso9283.plans import CubeRound
 from procedures.steps.iso9283.rows import MODEL_FILE, IsoVerdict, ReadModelRow
+from procedures.steps.pushing import PushInputs
 
 
 class ReadInputs(StepInputs):
@@ -112,12 +113,6 @@ async def register(context: StepContext, inputs: NoInputs) -> None:
     from procedures.steps.iso9283.registration import station_row
 
     await context.record(await context.clock.compute(station_row, context))
-
-
-class PushInputs(StepInputs):
-    """The id of the table in the run folder; None without a table to push."""
-
-    table: str | None
 
 
 @step("iso9283.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
