@@ -55,6 +55,15 @@ class Sight:
 
 
 @final
+class Unmeasurable(Exception):
+    """Given postures that cannot be measured. reasons: place (from 0) → reason."""
+
+    def __init__(self, reasons: dict[int, str]) -> None:
+        self.reasons = reasons
+        super().__init__(f"{len(reasons)} of the given poses cannot be measured")
+
+
+@final
 @dataclass(frozen=True, slots=True)
 class Counts:
     """How many postures. fit: for the identification; held_out: all that judge; late: those of them in a block at the
@@ -126,16 +135,64 @@ def plan_measuring_poses(
     Raises OutOfReach where too few postures are found; the text says what rejected most samples. Raises ValueError
     for sides that are not ±1 for each joint, or a late block larger than the held-out postures.
     """
+    arm = _measuring_arm(chain, joints, sight, counts, home, options)
+    rng = np.random.default_rng([seed, 11])
+    found = _extremes_first(_postures(arm, reach, counts.fit + counts.held_out, rng))
+    return _in_order(arm, found, counts, rng)
+
+
+def plan_given_poses(
+    chain: SerialChain,
+    joints: JointMap,
+    reach: Reach,
+    sight: Sight,
+    counts: Counts,
+    home: Array,
+    seed: int,
+    postures: Array,
+    options: PoseOptions | None = None,
+) -> MeasuringPoses:
+    """The visits of a campaign to given postures (fit + held_out, n), deg, those of the fit first.
+
+    Raises Unmeasurable, and ValueError as `plan_measuring_poses` and for another number of postures.
+    """
+    arm = _measuring_arm(chain, joints, sight, counts, home, options)
+    if len(postures) != counts.fit + counts.held_out:
+        raise ValueError(f"{len(postures)} postures for {counts.fit} of the fit and {counts.held_out} held out")
+    if refused := unmeasurable(arm, reach, postures):
+        raise Unmeasurable(refused)
+    return _in_order(arm, np.round(postures, 4), counts, np.random.default_rng([seed, 11]))
+
+
+def unmeasurable(arm: MeasuringArm, reach: Reach, postures: Array) -> dict[int, str]:
+    """The places (from 0) of those of the postures (N, n), deg, that cannot be measured, each with its reason."""
+    margin = reach.margin + arm.options.step
+    low, high = np.array(reach.minimum) + margin, np.array(reach.maximum) - margin
+    within = ((postures >= low) & (postures <= high)).all(axis=1)
+    refused = dict.fromkeys(np.flatnonzero(~within).tolist(), "a joint is at its limit, or its approach is")
+    left = np.flatnonzero(within)
+    for reason, passes in arm.checks():
+        passed = passes(postures[left])
+        refused |= dict.fromkeys(left[~passed].tolist(), reason)
+        left = left[passed]
+    return dict(sorted(refused.items()))
+
+
+def _measuring_arm(
+    chain: SerialChain, joints: JointMap, sight: Sight, counts: Counts, home: Array, options: PoseOptions | None
+) -> MeasuringArm:
     options = options or PoseOptions()
     if len(options.side) != chain.n or set(options.side) - {1, -1} or counts.late > counts.held_out:
         raise ValueError(f"a side of 1 or -1 for each of {chain.n} joints, and not more late than held-out postures")
-    arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
-    rng = np.random.default_rng([seed, 11])
-    found = _extremes_first(_postures(arm, reach, counts.fit + counts.held_out, rng))
+    return MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
+
+
+def _in_order(arm: MeasuringArm, found: Array, counts: Counts, rng: np.random.Generator) -> MeasuringPoses:
+    """The visits to the postures `found`, those of the fit first."""
     visits = _visits(counts, rng)
-    side = np.array([visit.sign for visit in visits])[:, None] * np.array(options.side)
+    side = np.array([visit.sign for visit in visits])[:, None] * np.array(arm.options.side)
     readings = found[[visit.posture for visit in visits]]
-    approach = readings - options.step * side
+    approach = readings - arm.options.step * side
     again = [
         next((k for k, other in enumerate(visits) if other.posture == visit.posture and k != place), -1)
         for place, visit in enumerate(visits)
@@ -144,7 +201,7 @@ def plan_measuring_poses(
         readings,
         approach,
         side,
-        ~arm.clear_way(np.array([home, *readings[:-1]]), approach),
+        ~arm.clear_way(np.array([arm.home, *readings[:-1]]), approach),
         np.array([visit.held_out for visit in visits]),
         np.array([visit.late for visit in visits]),
         np.array(again),
@@ -205,7 +262,7 @@ class MeasuringArm:
     """The robot by its nominal model: where its links, its reflectors and the beam to the station are."""
 
     def __init__(self, chain: SerialChain, joints: JointMap, sight: Sight, home: Array, options: PoseOptions) -> None:
-        self._chain, self._joints, self._sight, self._home, self.options = chain, joints, sight, home, options
+        self._chain, self._joints, self._sight, self.home, self.options = chain, joints, sight, home, options
         self._body = Body(chain, joints, options.thickness)
         self._facing = sight.facing / np.linalg.norm(sight.facing, axis=-1, keepdims=True)
         thin = max(1, chain.n - 3)
@@ -308,7 +365,7 @@ class MeasuringArm:
 
     def clear_from_home(self, readings: Array) -> Mask:
         """Whether (k,) the ways from home to the posture and to where its approaches begin, both sides, are clear."""
-        begin, step = np.tile(self._home, (len(readings), 1)), self.options.step * np.array(self.options.side)
+        begin, step = np.tile(self.home, (len(readings), 1)), self.options.step * np.array(self.options.side)
         return np.asarray(np.all([self.clear_way(begin, readings + sign * step) for sign in (-1, 0, 1)], axis=0))
 
     def clear_way(self, start: Array, end: Array) -> Mask:

@@ -13,10 +13,18 @@ from cellctl.formats import RobotFile, postures_of
 from cellctl.formats.station import floor_of, reflectors_of, station_of
 from cellctl.kinematics import Floats
 from cellctl.planning import OutOfReach
-from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
+from cellctl.planning.measuring_poses import (
+    Counts,
+    MeasuringPoses,
+    PoseOptions,
+    Sight,
+    plan_given_poses,
+    plan_measuring_poses,
+)
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
+from procedures.steps.tracker.given_poses import given_poses
 from procedures.steps.tracker.plans import PosePlan, Round
 from procedures.steps.tracker.station import rough_station
 from procedures.steps.tracker.turn_planning import return_pose, rounded, turn_posture
@@ -53,6 +61,10 @@ class Wanted(Protocol):
     @property
     def reflectors(self) -> int:
         """How many reflectors of the plate must be visible."""
+
+    @property
+    def pose_file(self) -> str:
+        """File of the poses, from the cell file's folder; empty: they are planned."""
 
 
 def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None) -> list[Round]:
@@ -102,9 +114,12 @@ def _poses(
 ) -> MeasuringPoses:
     reach, sight, options = pose_limits(context, wanted.reflectors, station)
     counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
+    seed = int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
+    arm = (robot.chain(), robot.joint_map(), reach, sight, counts, home, seed)
+    if wanted.pose_file:
+        return given_poses(context, robot, wanted, lambda postures: plan_given_poses(*arm, postures, options))
     try:
-        seed = int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
-        return plan_measuring_poses(robot.chain(), robot.joint_map(), reach, sight, counts, home, seed, options)
+        return plan_measuring_poses(*arm, options)
     except OutOfReach as error:
         cure = "move the station, turn the reflector on the flange, or ask for fewer poses"
         raise InputError(context.cell.problem(("reflectors", "on_flange"), str(error), cure)) from error

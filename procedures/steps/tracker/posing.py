@@ -15,6 +15,7 @@ class PlanInputs(StepInputs):
     """fit: poses to identify from; held_out: all that judge; monuments_every: poses between two visits to the nests.
 
     from_both: share of the fit's poses that are measured from both sides. reflectors: of the plate, all visible.
+    pose_file: file of the poses, from the cell file's folder; empty: they are planned here.
     """
 
     fit: Annotated[int, Field(ge=10, le=2000)]
@@ -22,6 +23,7 @@ class PlanInputs(StepInputs):
     monuments_every: Annotated[int, Field(ge=5)] = 30
     from_both: Annotated[float, Field(ge=0, le=1)] = 0.15
     reflectors: Annotated[int, Field(ge=1, le=8)] = 1
+    pose_file: str = ""
 
 
 class Plan(StepResult):
@@ -33,7 +35,7 @@ class Plan(StepResult):
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
     from procedures.steps.tracker.pose_planning import planned_rounds
 
-    if {"fit", "held_out", "monuments_every", "from_both", "reflectors"} <= known.keys():
+    if {"fit", "held_out", "monuments_every", "from_both", "reflectors", "pose_file"} <= known.keys():
         planned_rounds(context, PlanInputs.model_validate(dict(known)), None)
 
 
@@ -44,7 +46,8 @@ def _passes(known: Mapping[str, Any]) -> int:
 
 @step("tracker.plan", check=_check_plan, title="planning poses", expects=_passes)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
-    """Plan quasi-random poses: visible, clear of floor and arm, in random order, each approached from a stated side."""
+    """Plan quasi-random poses, or take them from a file: visible, clear of floor and arm, in random order, each
+    approached from a stated side."""
     from procedures.steps.tracker.pose_planning import planned_rounds
     from procedures.steps.tracker.station import base_from_instrument
 
