@@ -20,6 +20,7 @@ from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
 from cellctl.cli.operate import abort, confirm, continue_, pause, status
+from cellctl.cli.plan import plan
 from cellctl.cli.predict import predict
 from cellctl.cli.replay import replay
 from cellctl.cli.report import report
@@ -98,6 +99,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "runs": runs,
     "report": report,
     "replay": replay,
+    "plan": plan,
     "import": import_data,
     "fit": fit,
     "predict": predict,
