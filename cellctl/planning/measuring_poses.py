@@ -55,15 +55,6 @@ class Sight:
 
 
 @final
-class Unmeasurable(Exception):
-    """Given postures that cannot be measured. reasons: place (from 0) → reason."""
-
-    def __init__(self, reasons: dict[int, str]) -> None:
-        self.reasons = reasons
-        super().__init__(f"{len(reasons)} of the given poses cannot be measured")
-
-
-@final
 @dataclass(frozen=True, slots=True)
 class Counts:
     """How many postures. fit: for the identification; held_out: all that judge; late: those of them in a block at the
@@ -144,7 +135,6 @@ def plan_measuring_poses(
 def plan_given_poses(
     chain: SerialChain,
     joints: JointMap,
-    reach: Reach,
     sight: Sight,
     counts: Counts,
     home: Array,
@@ -154,13 +144,12 @@ def plan_given_poses(
 ) -> MeasuringPoses:
     """The visits of a campaign to given postures (fit + held_out, n), deg, those of the fit first.
 
-    Raises Unmeasurable, and ValueError as `plan_measuring_poses` and for another number of postures.
+    They are not checked: see `unmeasurable`. Raises ValueError as `plan_measuring_poses`, and for another number of
+    postures.
     """
     arm = _measuring_arm(chain, joints, sight, counts, home, options)
     if len(postures) != counts.fit + counts.held_out:
         raise ValueError(f"{len(postures)} postures for {counts.fit} of the fit and {counts.held_out} held out")
-    if refused := unmeasurable(arm, reach, postures):
-        raise Unmeasurable(refused)
     return _in_order(arm, np.round(postures, 4), counts, np.random.default_rng([seed, 11]))
 
 

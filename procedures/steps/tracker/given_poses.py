@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Self, final
 
 import numpy as np
 
@@ -12,56 +12,50 @@ from cellctl.files import InputError, Problem
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.columns import Sieve, joint_readings
 from cellctl.kinematics import Floats
-from cellctl.planning.measuring_poses import MeasuringPoses, Unmeasurable
-from cellctl.procedure import CellContext
+from cellctl.planning.measuring_poses import MeasuringArm, unmeasurable
+from cellctl.planning.ways import Reach
 
 _CURE = "plan the targets for this cell's station and reflector, or move the station"
 
 
-class Given(Protocol):
-    """The settings of the step."""
+@final
+@dataclass(frozen=True, eq=False)
+class GivenPoses:
+    """The targets of a file. readings (N, n), deg; sets, lines (N,); reasons: place → why it cannot be measured."""
 
-    @property
-    def pose_file(self) -> str:
-        """The file, from the cell file's folder."""
+    file: str
+    readings: Floats
+    sets: tuple[str, ...]
+    lines: tuple[int, ...]
+    reasons: dict[int, str]
 
-    @property
-    def fit(self) -> int:
-        """How many of set `fit`, the first ones."""
+    @classmethod
+    def read(cls, file: Path, robot: RobotFile, arm: MeasuringArm, reach: Reach) -> Self:
+        """Raises InputError with every row whose joints cannot be read."""
+        data = DataSet.load(file)
+        sieve = Sieve(data)
+        readings = np.round(joint_readings(sieve, robot), 4)
+        if sieve.rejected():
+            raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
+        return cls(data.file, readings, tuple(data.texts("set")), data.lines, unmeasurable(arm, reach, readings))
 
-    @property
-    def held_out(self) -> int:
-        """How many of set `test`, the first ones."""
+    def first(self, fit: int, held_out: int) -> Floats:
+        """The first postures (fit + held_out, n) of sets `fit` and `test` that can be measured. Raises InputError if a
+        set has too few, with every row that cannot be measured.
+        """
+        chosen: list[int] = []
+        for name, count in (("fit", fit), ("test", held_out)):
+            usable = [place for place, of in enumerate(self.sets) if of == name and place not in self.reasons]
+            if len(usable) < count:
+                raise InputError(self._too_few(name, len(usable), count))
+            chosen.extend(usable[:count])
+        return self.readings[chosen]
 
-
-def given_poses(
-    context: CellContext, robot: RobotFile, wanted: Given, planned: Callable[[Floats], MeasuringPoses]
-) -> MeasuringPoses:
-    """The visits to the file's postures, by `planned`. Raises InputError: the file has too few, or one of them cannot
-    be measured.
-    """
-    data = DataSet.load(Path(context.cell.file).parent / wanted.pose_file)
-    readings, lines = _postures(data, robot, wanted)
-    try:
-        return planned(readings)
-    except Unmeasurable as error:
-        raise InputError(
-            Problem(data.file, lines[place], 0, f"cannot be measured: {reason}", _CURE)
-            for place, reason in error.reasons.items()
-        ) from error
-
-
-def _postures(data: DataSet, robot: RobotFile, wanted: Given) -> tuple[Floats, list[int]]:
-    """Postures (fit + held_out, n), deg, those of the fit first, and their lines."""
-    sieve = Sieve(data)
-    readings = joint_readings(sieve, robot)
-    if sieve.rejected():
-        raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
-    sets, chosen = np.array(data.texts("set")), []
-    for name, count in (("fit", wanted.fit), ("test", wanted.held_out)):
-        places = np.flatnonzero(sets == name)
-        if len(places) < count:
-            what = f"has {len(places)} targets of set '{name}'; the procedure measures {count}"
-            raise InputError(Problem(data.file, 0, 0, what, "plan more of them, or ask for fewer poses"))
-        chosen.extend(places[:count].tolist())
-    return readings[chosen], [data.lines[place] for place in chosen]
+    def _too_few(self, name: str, found: int, count: int) -> list[Problem]:
+        what = f"{found} targets of set '{name}' can be measured; the procedure asks for {count}"
+        own = [place for place in self.reasons if self.sets[place] == name]
+        refused = (
+            Problem(self.file, self.lines[place], 0, f"cannot be measured: {self.reasons[place]}", _CURE)
+            for place in own
+        )
+        return [Problem(self.file, 0, 0, what, "plan more of them, or ask for fewer poses"), *refused]

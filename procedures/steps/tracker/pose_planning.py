@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from hashlib import sha256
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ from cellctl.kinematics import Floats
 from cellctl.planning import OutOfReach
 from cellctl.planning.measuring_poses import (
     Counts,
+    MeasuringArm,
     MeasuringPoses,
     PoseOptions,
     Sight,
@@ -24,7 +26,7 @@ from cellctl.planning.measuring_poses import (
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
-from procedures.steps.tracker.given_poses import given_poses
+from procedures.steps.tracker.given_poses import GivenPoses
 from procedures.steps.tracker.plans import PosePlan, Round
 from procedures.steps.tracker.station import rough_station
 from procedures.steps.tracker.turn_planning import return_pose, rounded, turn_posture
@@ -115,11 +117,14 @@ def _poses(
     reach, sight, options = pose_limits(context, wanted.reflectors, station)
     counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
     seed = int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
-    arm = (robot.chain(), robot.joint_map(), reach, sight, counts, home, seed)
+    chain, joints = robot.chain(), robot.joint_map()
     if wanted.pose_file:
-        return given_poses(context, robot, wanted, lambda postures: plan_given_poses(*arm, postures, options))
+        file = Path(context.cell.file).parent / wanted.pose_file
+        arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
+        postures = GivenPoses.read(file, robot, arm, reach).first(wanted.fit, wanted.held_out)
+        return plan_given_poses(chain, joints, sight, counts, home, seed, postures, options)
     try:
-        return plan_measuring_poses(*arm, options)
+        return plan_measuring_poses(chain, joints, reach, sight, counts, home, seed, options)
     except OutOfReach as error:
         cure = "move the station, turn the reflector on the flange, or ask for fewer poses"
         raise InputError(context.cell.problem(("reflectors", "on_flange"), str(error), cure)) from error
