@@ -4,8 +4,9 @@
 that matters for targets relative to touched spheres.
 """
 
+from cellctl.compensation.cyclic_search import Searched, cyclic_search
 from cellctl.compensation.postures import postures
 from cellctl.compensation.pseudo_target import METHODS, Compensated, compensate
 from cellctl.compensation.uncertainty import gauge_fixed
 
-__all__ = ["METHODS", "Compensated", "compensate", "gauge_fixed", "postures"]
+__all__ = ["METHODS", "Compensated", "Searched", "compensate", "cyclic_search", "gauge_fixed", "postures"]
