@@ -5,20 +5,18 @@ Readings are A1…An, deg (N, n); places are of the reflector in the robot's bas
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Self, final
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
-from world import Floats, Ways
+from world import Floats
 
 from cellctl.calibration import FitResult, RobotModel, Split, fit
 from cellctl.formats import DataSet, RobotFile, measurements
-from cellctl.kinematics import JointMap, Link, SerialChain, abc_from_rotation, inverse, pose, to_poe
+from cellctl.kinematics import JointMap, Link, SerialChain, inverse, to_poe
 from cellctl.robots import robot_file
 
 Numbers = dict[str, float]
