@@ -8,9 +8,10 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cellctl.error_maps import ErrorMap
 from cellctl.error_maps.motor_flexibility import MotorFlexibility, tcp_errors
 from cellctl.error_maps.perceptron import tuned_perceptron
-from cellctl.error_maps.samples import ErrorMap, Method
+from cellctl.error_maps.samples import Method
 from cellctl.kinematics import Floats, SerialChain
 
 HIDDEN = (20,)
@@ -57,7 +58,7 @@ class FlexibilityNetwork:
 
     def turns(self, q: ArrayLike) -> Floats:
         """Joint-angle errors (N, n), rad, at encoder angles (N, n), rad."""
-        return self.map.errors(q)
+        return self.map.errors(np.asarray(q, float))
 
     def errors(self, q: ArrayLike) -> Floats:
         """Position errors (N, 3), mm, at encoder angles (N, n), rad."""

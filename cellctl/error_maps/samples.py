@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cellctl.error_maps import ErrorMap
 from cellctl.kinematics import Bools, Floats
 
 LEAST = 10
@@ -18,15 +19,11 @@ FAR = 20.0
 """A sample this many times further from the median than half of all samples is an outlier."""
 
 
-class ErrorMap(Protocol):
-    """A fitted map."""
-
-    def errors(self, inputs: ArrayLike) -> Floats:
-        """Predicted errors (N, m) at inputs (N, k), in the units of the samples."""
-
-
 class Method(ABC):
-    """A way to fit a map, with its settings. The same samples give the same map."""
+    """A way to fit a map (`ErrorMapMethod`), with its settings. The same samples give the same map.
+
+    Inputs are joints, rad, or places, mm; errors are of any number of components.
+    """
 
     def fit(self, inputs: ArrayLike, errors: ArrayLike) -> ErrorMap:
         """The map of errors (N, m) sampled at inputs (N, k). Raises UnusableSamples."""

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar, final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.error_maps.samples import ErrorMap, Method, grouped_folds, held_out_rms
+from cellctl.error_maps import ErrorMap
+from cellctl.error_maps.samples import Method, grouped_folds, held_out_rms
 from cellctl.kinematics import Floats
 
 M = TypeVar("M", bound=Method)
@@ -27,7 +29,7 @@ class TunedMap(Generic[M]):
 
     def errors(self, inputs: ArrayLike) -> Floats:
         """Predicted errors (N, m) at inputs (N, k)."""
-        return self.map.errors(inputs)
+        return self.map.errors(np.asarray(inputs, float))
 
 
 @final
