@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from cellctl import __version__
+from cellctl.cli.analyse import analyse
 from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
 from cellctl.cli.convert import convert
@@ -102,6 +103,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "plan": plan,
     "import": import_data,
     "fit": fit,
+    "analyse": analyse,
     "predict": predict,
     "compensate": compensate,
     "convert": convert,
