@@ -21,7 +21,9 @@ from statements import Numbers, Paper, Results
 
 HERE = Path(__file__).parent
 
-MODULES: dict[str, str] = {}
+MODULES = {
+    "sph": "spherical_constraint",
+}
 """Tag of a paper → the module here that has its `PAPER`."""
 
 
