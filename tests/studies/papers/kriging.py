@@ -14,7 +14,6 @@ from typing import final
 import numpy as np
 from positions import Arm, Numbers, data_of, figures, fitted, identified
 from scipy.spatial.distance import pdist
-from statements import Figure, Ordering, Paper, Section, numbers_under
 from world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 from cellctl.compensation import cyclic_search
