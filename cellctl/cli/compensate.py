@@ -76,6 +76,7 @@ def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: Le
     """The table of all targets. Raises InputError with every target out of reach or outside the measured region."""
     import numpy as np
 
+    from cellctl.calibration import MotorTorsion
     from cellctl.clock import calendar_time
     from cellctl.files import InputError, Problem
     from cellctl.formats.table_making import compensated_targets, table_of, usual_postures
@@ -84,6 +85,10 @@ def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: Le
     if loads and loads.min < loads.max and loads.min > 0.0:
         what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"
         raise InputError(Problem(file, 0, 0, what, "identify from rows without payload too"))
+    if any(isinstance(effect, MotorTorsion) for effect in model.robot_model().effects):
+        what = "the model includes the flexibility by motor current, and a target has no current"
+        cure = "identify with --model geometry+compliance, and +backlash where the side of approach is known"
+        raise InputError(Problem(file, 0, 0, what, cure))
     postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
     started = np.asarray(np.isfinite(postures).all(axis=1))
     found = compensated_targets(model, wanted.poses, np.where(started[:, None], postures, 0.0), method=method)

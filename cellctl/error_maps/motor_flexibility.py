@@ -8,15 +8,9 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cellctl.calibration.effects.motor_torsion import EXPECTED_RAD_PER_A
 from cellctl.error_maps.samples import UnusableSamples
 from cellctl.kinematics import Floats, SerialChain
-
-EXPECTED_RAD_PER_A = 2e-4
-"""1 σ of a joint's flexibility, rad/A; an estimate.
-
-A joint of an arm with 5 to 20 kg payload turns by 0.3 to 1 mrad under its greatest load, and its motor holds that with
-some 3 A: 1e-4 … 3e-4. The current of a larger motor is larger.
-"""
 
 
 @final
