@@ -24,7 +24,7 @@ Numbers = dict[str, float]
 _TURN, _SLIDE = 1e-3, 1.0
 """Units of the parameters in the least squares, rad and mm."""
 
-_SEEN = 1e-5
+_SEEN = 1e-3
 """Least singular value of the scaled Jacobian that counts, as a share of the greatest."""
 
 
@@ -96,13 +96,22 @@ def least_squares(chain: SerialChain, q: Floats, places: Floats, rounds: int = 8
 
 
 def data_of(
-    readings: Floats, places: Floats, held_out: int, sigma_mm: float, currents: Floats | None = None
+    readings: Floats,
+    places: Floats,
+    held_out: int,
+    sigma_mm: float,
+    *,
+    currents: Floats | None = None,
+    ways: Ways | None = None,
 ) -> DataSet:
-    """A data set of places, the last `held_out` of set `test`; sigma_mm: 1 σ on each axis."""
+    """A data set of places, the last `held_out` of set `test`. sigma_mm: 1 σ on each axis; currents (N, n), A; ways
+    (N, n): sign of each joint's last motion.
+    """
     columns: dict[str, Floats] = {f"A{axis}": angle for axis, angle in enumerate(readings.T, 1)}
     columns |= dict(zip("XYZ", places.T, strict=True))
     columns |= {name: np.full(len(readings), sigma_mm) for name in ("sX", "sY", "sZ")}
     columns |= {} if currents is None else {f"I{axis}": one for axis, one in enumerate(currents.T, 1)}
+    columns |= {} if ways is None else {f"D{axis}": one for axis, one in enumerate(ways.T, 1)}
     sets = ["fit"] * (len(readings) - held_out) + ["test"] * held_out
     rows = zip(*columns.values(), strict=True)
     return DataSet.of_records(
