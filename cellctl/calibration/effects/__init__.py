@@ -11,6 +11,7 @@ from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.residuals.discrepancy import Discrepancy
 from cellctl.calibration.residuals.harmonics import Harmonics, Wave
+from cellctl.calibration.residuals.joint_field import JointField
 from cellctl.calibration.residuals.residual_model import ResidualModel
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -19,6 +20,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     Harmonics,
     Backlash,
     ThermalExpansion,
+    JointField,
     Discrepancy,
 )
 """All kinds of effects, in the order in which a model's name lists them."""
@@ -52,6 +54,7 @@ __all__ = [
     "EffectInputs",
     "Harmonics",
     "JointCompliance",
+    "JointField",
     "OwnTurns",
     "ResidualModel",
     "ThermalExpansion",
