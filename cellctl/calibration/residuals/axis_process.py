@@ -26,6 +26,12 @@ GRADIENT = 1e-5
 
 ITERATIONS = 200
 
+NOTHING = -20.0
+"""Logarithm of an amplitude that changes nothing, mm."""
+
+NUGGETS = 8
+"""So many are tried in place of a process."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -42,7 +48,7 @@ class LogNormal:
         return type(self)(self.median * unit, self.sigma, self.low * unit, self.high * unit)
 
 
-LENGTH_RAD = LogNormal(2.0, 1.0, 0.2, 30.0)
+LENGTH_RAD = LogNormal(2.0, 1.0, 0.3, 30.0)
 """Errors of weight and geometry change over some tens of degrees of a joint. The longest one is no influence at all."""
 
 AMPLITUDE = LogNormal(1.0, 1.5, 1e-2, 30.0)
@@ -102,6 +108,13 @@ class AxisProcess:
         values = np.exp(found.x)
         best = likelihood(found.x, q, errors, known)[0]
         return cls(values[:-2], float(values[-2]), float(values[-1]), best)
+
+    def gain(self, q: Floats, errors: Floats, known: Floats | None = None) -> float:
+        """Rise of the logarithm of the marginal likelihood by the process, compared with the best nugget alone."""
+        lengths = np.log(self.lengths)
+        nuggets = np.geomspace(self.nugget, np.hypot(self.nugget, self.amplitude), NUGGETS)
+        alone = (likelihood(np.array([*lengths, NOTHING, np.log(each)]), q, errors, known)[0] for each in nuggets)
+        return self.log_likelihood - max(alone)
 
 
 def likelihood(logs: Floats, q: Floats, errors: Floats, known: Floats | None = None) -> tuple[float, Floats]:
