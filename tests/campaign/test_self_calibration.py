@@ -138,6 +138,7 @@ def test_the_data_set_and_model_of_a_run_are_what_fit_and_predict_take(tmp_path:
     assert result["run"] in listed.stdout
 
 
+@pytest.mark.long
 def test_ctrl_c_twice_ends_with_130_the_robot_held_and_every_finished_touch_recorded(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "cellctl", "run", str(SELFCAL), "--runs", str(tmp_path)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
