@@ -53,12 +53,24 @@ def test_a_plate_without_certificate_is_learnt_from_one_measurement_of_it():
     rng = np.random.default_rng(2)
     values = []
     for _ in range(200):
-        plate = NestPlate.learnt(station(NEST_XYZ, rng))
+        plate = NestPlate.learnt([station(NEST_XYZ, rng)])
         moved = pose_from_xyz_abc([2300.0, 100.0, 500.0], [10.0, 30.0, -60.0])
         true = moved @ np.linalg.inv(PLACE) @ frame_of(NEST_XYZ)
         xyz = CORNERS @ moved[:3, :3].T + moved[:3, 3]
         values.append(plate_pose(station(xyz, rng), plate).nees(true))
     assert nees_range(values, 6).consistent
+
+
+def test_a_plate_learnt_at_many_poses_is_nearly_exact_and_states_it():
+    rng = np.random.default_rng(4)
+    poses = [pose_from_xyz_abc([2500.0, -600.0, 300.0], rng.uniform(-80, 80, 3)) for _ in range(50)]
+    measured = [station(CORNERS @ at[:3, :3].T + at[:3, 3], rng) for at in poses]
+    one, many = NestPlate.learnt(measured[:1]), NestPlate.learnt(measured)
+    true = (CORNERS - CORNERS[0]) @ frame_of(CORNERS)[:3, :3]
+    assert np.abs(many.xyz - true).max() < 0.3 * np.sqrt(np.trace(one.covariance) / 9.0)
+    assert np.trace(many.covariance) == pytest.approx(np.trace(one.covariance) / 50.0, rel=0.1)
+    error = many.xyz[1, 0] - true[1, 0]
+    assert abs(error) < 3.0 * np.sqrt(many.covariance[0, 0] + many.covariance[3, 3])
 
 
 def test_a_nest_measured_twice_is_named():
