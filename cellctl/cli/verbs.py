@@ -23,6 +23,7 @@ from cellctl.cli.operate import abort, confirm, continue_, pause, status
 from cellctl.cli.predict import predict
 from cellctl.cli.replay import replay
 from cellctl.cli.report import report
+from cellctl.cli.robots import robots
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
@@ -103,6 +104,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "predict": predict,
     "compensate": compensate,
     "convert": convert,
+    "robots": robots,
     "krl": krl,
     "sim": sim,
 }
