@@ -42,7 +42,7 @@ class LibraryRobot:
     def checked(self) -> str:
         """State of the source: the agreement with a second one, or `single source`."""
         checked = self.source.checked
-        return f"to {checked.agreement_mm:g} mm" if isinstance(checked, SecondSource) else checked
+        return f"within {max(checked.agreement_mm, 0.001):g} mm" if isinstance(checked, SecondSource) else checked
 
     @property
     def cells(self) -> tuple[str, ...]:
