@@ -13,8 +13,8 @@ from cellctl.kinematics import Floats
 
 BINS = 20
 _LEAST_BINS = 4
-_RANGES = np.geomspace(0.02, 4.0, 120)
-"""Ranges tried, in shares of the greatest distance."""
+_RANGES = np.geomspace(0.1, 2.0, 60)
+"""Ranges tried, in shares of the greatest distance: a shorter one is a nugget, a longer one a parabola."""
 
 
 @final

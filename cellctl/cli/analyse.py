@@ -20,7 +20,7 @@ def analyse(
     robot: arguments.Robot,
     data: Annotated[Path, typer.Argument(help="Data set with measured positions, CSV (docs/reference/data-sets.md).")],
     model: Annotated[Path | None, typer.Option(help="Model file: analyse what this model leaves.")] = None,
-    rows: Annotated[int, typer.Option(min=20, max=2000, help="Use a random sample of so many rows at most.")] = 300,
+    rows: Annotated[int, typer.Option(min=20, max=1000, help="Use a random sample of so many rows at most.")] = 300,
     permutations: Annotated[int, typer.Option(min=99, max=99_999, help="Permutations of the Mantel test.")] = 999,
     check: Annotated[bool, typer.Option(help="Check for set-up errors first: units, signs, order of rows.")] = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of sample and permutations.")] = 0,

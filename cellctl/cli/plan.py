@@ -44,7 +44,9 @@ def plan(
     facing: Annotated[
         str | None, typer.Option(help="x,y,z: the reflector's direction in the flange frame. Default: turned by hand.")
     ] = None,
-    acceptance: Annotated[float, typer.Option(help="Half angle within which it reflects, deg; with --facing.")] = 27.0,
+    acceptance: Annotated[
+        float | None, typer.Option(help="Half angle within which it reflects, deg; with --facing. Default: 27.")
+    ] = None,
     floor: Annotated[float | None, typer.Option(help="Height of the floor, mm; targets keep 100 mm from it.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed: the same one gives the same targets.")] = 0,
     out: arguments.Out = None,
@@ -99,11 +101,9 @@ def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
         return plan_targets(
             file.chain(), file.joint_map(), reach, region, asked.method, asked.n, asked.held_out, seed, options  # type: ignore[arg-type]  # `Asked.refuse` has looked at the method
         )  # fmt: skip
-    except OutOfReach as error:
+    except (OutOfReach, ValueError) as error:
         what, _, cure = str(error).partition(": ")
         raise InputError(option("joints" if asked.joints else "box", what, cure)) from error
-    except ValueError as error:
-        raise InputError(option("method", str(error), "change --n, --dense or the joint limits")) from error
 
 
 def _figures(targets: TargetSet) -> dict[str, Any]:

@@ -19,7 +19,7 @@ _Read = TypeVar("_Read")
 METHODS = ("quasi-random", "halton", "joint-uniform", "near-path", "pseudo-random", "clustered")
 """Not imported from the mathematics: errors in the call are reported without loading it."""
 
-FACES_ANYWHERE_DEG = 180.0
+ACCEPTANCE_DEG, FACES_ANYWHERE_DEG = 27.0, 180.0
 
 
 @final
@@ -40,7 +40,7 @@ class Asked:
     station: str | None
     reflector: str | None
     facing: str | None
-    acceptance: float
+    acceptance: float | None
     floor: float | None
     problems: list[Problem] = field(default_factory=list)
 
@@ -67,6 +67,10 @@ class Asked:
             self._add("dense", f"{self.dense} samples are fewer than the targets", f"{10 * self.n} or so")
         if self.station is None and (self.reflector or self.facing):
             self._add("station", "a reflector is seen from a station", "--station X,Y,Z too")
+        if self.acceptance is not None and self.facing is None:
+            self._add("acceptance", "is an angle about the reflector's direction", "--facing x,y,z too")
+        if self.near is not None and self.joints is not None:
+            self._add("near", "joint ranges have one posture for each target", "leave --near out")
         self._raise()
 
     def region(self, robot: RobotFile) -> TaskWorkspace | JointRanges | None:
@@ -113,13 +117,14 @@ class Asked:
         station = self._numbers("station", self.station or "", 3)
         reflector = self._numbers("reflector", self.reflector, 3) if self.reflector else robot.tool.xyz
         facing = self._numbers("facing", self.facing, 3) if self.facing else [0.0, 0.0, 1.0]
-        if not 0.0 < self.acceptance < 90.0:
-            self._add("acceptance", f"{self.acceptance:g}° is no half angle of a reflector", "between 0 and 90")
+        acceptance = ACCEPTANCE_DEG if self.acceptance is None else self.acceptance
+        if not 0.0 < acceptance < 90.0:
+            self._add("acceptance", f"{acceptance:g}° is no half angle of a reflector", "between 0 and 90")
         if facing is not None and not any(facing):
             self._add("facing", "0,0,0 is no direction", "a vector in the flange frame")
         if station is None or reflector is None or facing is None or not any(facing):
             return None
-        angle = self.acceptance if self.facing else FACES_ANYWHERE_DEG
+        angle = acceptance if self.facing else FACES_ANYWHERE_DEG
         return Sight(np.array(station), np.array([reflector]), np.array([facing]), acceptance=angle)
 
     def _made(self, name: str, make: Callable[[], _Read]) -> _Read | None:

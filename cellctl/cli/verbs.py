@@ -25,6 +25,7 @@ from cellctl.cli.plan import plan
 from cellctl.cli.predict import predict
 from cellctl.cli.replay import replay
 from cellctl.cli.report import report
+from cellctl.cli.robots import robots
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
@@ -107,6 +108,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "predict": predict,
     "compensate": compensate,
     "convert": convert,
+    "robots": robots,
     "krl": krl,
     "sim": sim,
 }

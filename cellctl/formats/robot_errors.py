@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from cellctl.analysis import ErrorSet
     from cellctl.calibration import State
     from cellctl.calibration.rows.row_blocks import RowBlocks
-    from cellctl.kinematics import Floats
+    from cellctl.kinematics import Bools, Floats
+
+FAR = 6.0
+"""Distance from the middle of all errors, in medians of that distance: 9 σ of errors that are normal in 3-D."""
 
 
 @final
@@ -47,22 +50,24 @@ def robot_errors(
     """Measured less nominal position at the rows, base and tool registered, in the robot's base frame.
 
     model: identified robot in place of nominal; file: its name in errors. most: of more rows, a random sample of so
-    many is used. Outliers (as `cellctl fit` finds them) are left out. Raises InputError where the rows do not allow an
-    analysis.
+    many is used. Left out are rows that are outliers for a geometric fit and also FAR away from the middle of all
+    errors: what geometry alone does not explain is to be analysed. Raises InputError where the rows do not allow it.
     """
     import numpy as np
 
-    from cellctl.analysis import UnsuitableRows
+    from cellctl.analysis import ErrorSet, UnsuitableRows
     from cellctl.calibration.estimation.identify import registered, rows_together
 
     total = len(measured.lines)
     chosen = np.sort(np.random.default_rng([seed, 32]).permutation(total)[:most])
     task, rows = measured.task, measured.task.rows.pick(chosen)
     kept, apart = rows_together(task, rows)
+    kept |= ~_far(np.concatenate(_errors(rows, registered(task, rows.pick(kept)).state)[1]), kept)
     task = from_prior(measured, model, (), file).task if model else task
     inliers = rows.pick(kept)
     try:
-        found = _errors(inliers, registered(task, inliers).state, measured.readings[chosen[kept]])
+        places, errors = map(np.concatenate, _errors(inliers, registered(task, inliers).state))
+        found = ErrorSet.of(measured.readings[chosen[kept]], places, errors)
     except UnsuitableRows as error:
         what, _, cure = str(error).partition(": ")
         raise InputError(Problem(measured.data.file, 0, 0, what, cure)) from error
@@ -70,16 +75,20 @@ def robot_errors(
     return RobotErrors(found, total, len(chosen), left_out, apart, measured.rejected)
 
 
-def _errors(rows: RowBlocks, state: State, readings: Floats) -> ErrorSet:
-    """Errors and nominal TCPs of all blocks, each turned into the base frame of its session."""
+def _far(errors: Floats, kept: Bools) -> Bools:
+    """Which errors (N, 3) are FAR away from the middle of all: in distances of a typical one of those `kept`."""
     import numpy as np
 
-    from cellctl.analysis import ErrorSet
+    away = np.linalg.norm(errors - np.median(errors[kept], axis=0), axis=1)
+    return np.asarray(away > FAR * np.median(away[kept]))
 
+
+def _errors(rows: RowBlocks, state: State) -> tuple[list[Floats], list[Floats]]:
+    """Nominal TCPs and errors, block after block, each turned into the base frame of its session."""
     places, errors = [], []
     for block in (each for each in rows.blocks if len(each)):
         model = state.models[block.session]
         base = model.chain.base_now
         places.append((model.tcp(block.postures) - base[:3, 3]) @ base[:3, :3])
         errors.append(-block.deviation(state)[:, :3] @ base[:3, :3])
-    return ErrorSet.of(readings, np.concatenate(places), np.concatenate(errors))
+    return places, errors

@@ -56,7 +56,8 @@ def result_sentences(report: dict[str, Any]) -> list[str]:
         words.append(f"{report['repeats']} rows repeat a posture: each posture's rows are averaged.")
     if report["outliers"]:
         lines = ", ".join(map(str, report["outliers"][:10])) + (", …" if len(report["outliers"]) > 10 else "")
-        words.append(f"{len(report['outliers'])} outliers are left out (line {lines}).")
+        several = f"{len(report['outliers'])} outliers" if len(report["outliers"]) > 1 else "an outlier"
+        words.append(f"Left out as {several}: line {lines}.")
     if report["apart"]:
         words.append(
             f"{report['apart']} rows do not fit together with the others; too many to leave out: all are used."

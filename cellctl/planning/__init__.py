@@ -2,7 +2,8 @@
 
 from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
 from cellctl.planning.obstacles import Plate
-from cellctl.planning.target_sets import METHODS, Method, TargetOptions, TargetSet, plan_targets
+from cellctl.planning.target_options import TargetOptions
+from cellctl.planning.target_sets import METHODS, Method, TargetSet, plan_targets
 from cellctl.planning.touches import OutOfReach, RobotPostures, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.tours import PlannedTouch
 from cellctl.planning.ways import Reach

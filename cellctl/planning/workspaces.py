@@ -23,7 +23,7 @@ class TaskWorkspace:
 
     Orientations are uniform as rotations (Haar measure), not as angles: A and C are uniform in their ranges, B has a
     density in proportion to |cos B|. At B = ±90° A and C turn about the same axis: uniform angles would put too many
-    rotations there. A range without width is a constant; six constants in A, B, C are a constant orientation.
+    rotations there. A range without width is a constant.
 
     Raises ValueError for a range that is upside down or not finite, A or C wider than 360°, or B wider than 180° or
     beyond ±180° (it would draw the same rotation twice).
@@ -47,6 +47,11 @@ class TaskWorkspace:
             raise ValueError(
                 "the range of B is wider than 180° or beyond ±180°: the same rotation would be drawn twice"
             )
+
+    def holds(self, positions: Array) -> bool:
+        """Whether all `positions` (N, 3), mm, lie in the box."""
+        inside = (positions >= self.low[:3] - 1e-6) & (positions <= self.high[:3] + 1e-6)
+        return bool(inside.all())
 
     def poses(self, unit: Array) -> Array:
         """Poses (N, 4, 4), mm, of points `unit` (N, 6) in the unit cube."""

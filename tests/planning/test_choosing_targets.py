@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from cellctl.planning.choosing import along, joint_uniform, near_path
+from cellctl.planning.choosing import along, joint_uniform, near_path, partition_of
 
+UR10 = Path(__file__).parents[3] / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 RNG = np.random.default_rng(7)
 DENSE = np.column_stack([RNG.normal(0, 20, 3000), RNG.exponential(10, 3000), RNG.uniform(-5, 5, 3000)])
 BOX = RNG.uniform([0, 0, 0], [1000, 800, 300], (2000, 3))
@@ -60,3 +64,20 @@ def test_points_along_a_path_have_equal_distances_and_its_ends():
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     assert np.median(steps) == pytest.approx(length / 49)
     assert steps.max() <= length / 49 + 1e-9
+
+
+@pytest.mark.skipif(not UR10.exists(), reason=f"the UR10 measurements are not at {UR10}")
+def test_of_rows_measured_on_a_real_ur10_joint_uniform_covers_every_part_of_every_joint_and_a_draw_does_not():
+    with UR10.open(newline="") as source:
+        rows = list(csv.DictReader(source, delimiter=";"))
+    names = [f"{joint}_joint" for joint in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
+    readings = np.degrees([[float(row[name].replace(",", ".")) for name in names] for row in rows])
+    part = partition_of(readings, 20)
+    there = {(joint, number) for joint in range(6) for number in part[:, joint]}
+
+    def covered(chosen):
+        return {(joint, number) for joint in range(6) for number in part[chosen, joint]}
+
+    rng = np.random.default_rng(1)
+    assert covered(joint_uniform(readings, 160, 20, rng)) == there
+    assert len(there - covered(rng.permutation(len(readings))[:160])) > 5

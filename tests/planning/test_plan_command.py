@@ -91,9 +91,9 @@ def test_targets_near_a_path_of_a_file(cellctl):
 
 def test_all_wrong_options_are_reported_at_once_with_their_cure(cellctl, capsys):
     words = ("--method", "grid", "--box", "1:2,3", "--joints", "1:2", "--path", "p.csv", "--reflector", "1,2,3")
-    assert cellctl("plan", ROBOT, "--n", 10, *words) == 2
+    assert cellctl("plan", ROBOT, "--n", 10, *words, "--near", "0,0,0", "--acceptance", 20) == 2
     said = capsys.readouterr().err
-    assert "5 errors" in said
+    assert "7 errors" in said
     for option in ("--method: 'grid' is not known", "--box: targets are drawn from one region", "--path", "--station"):
         assert option in said
 
@@ -116,6 +116,13 @@ def test_all_wrong_options_are_reported_at_once_with_their_cure(cellctl, capsys)
 def test_a_wrong_region_or_setting_is_refused_in_plain_text(cellctl, capsys, words, said):
     assert cellctl("plan", ROBOT, "--n", 10, *words) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_path_that_leaves_the_box_is_refused(cellctl, capsys):
+    Path("path.csv").write_text("X,Y,Z\n900,-200,300\n1300,-200,300\n")
+    words = (*BOX, "--angles", "0,180,0", "--method", "near-path", "--path", "path.csv")
+    assert cellctl("plan", ROBOT, "--n", 10, *words) == 2
+    assert "--box: the path leaves the box" in capsys.readouterr().err
 
 
 def test_a_path_file_that_is_no_path_is_refused(cellctl, capsys):
