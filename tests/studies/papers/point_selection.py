@@ -68,7 +68,7 @@ class Rows:
 
     def pick(self, which: object) -> Rows:
         """Some of them."""
-        parts = (np.asarray(part)[which] for part in (self.readings, self.places, self.currents, self.ways))  # type: ignore[index]
+        parts = (np.asarray(part)[which] for part in (self.readings, self.places, self.currents, self.ways))
         return Rows(*parts)
 
     def joined(self, other: Rows) -> Rows:

@@ -12,7 +12,7 @@ from typing import Self, final
 
 import numpy as np
 import yaml
-from world import Floats
+from world import Floats, Ways
 
 from cellctl.calibration import FitResult, RobotModel, Split, fit
 from cellctl.formats import DataSet, RobotFile, measurements
@@ -75,7 +75,7 @@ class Arm:
             return to_poe(self.chain)
         if convention == "mdh":
             return self.chain
-        links = [Link(link.theta, link.d, link.a, link.alpha, None) for link in self.chain.table.links]  # type: ignore[union-attr]
+        links = [Link(link.theta, link.d, link.a, link.alpha, None) for link in self.chain.table.links]
         return SerialChain.from_links("mdh-hayati", links, self.chain.base, self.chain.tool)
 
 

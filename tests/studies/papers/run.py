@@ -23,6 +23,8 @@ HERE = Path(__file__).parent
 
 MODULES = {
     "sph": "spherical_constraint",
+    "krg": "kriging",
+    "ann": "point_selection",
 }
 """Tag of a paper → the module here that has its `PAPER`."""
 
