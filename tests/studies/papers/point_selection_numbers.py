@@ -31,11 +31,11 @@ SIGNS = np.array([joint.sign for joint in ARM.file.joints], float)
 """Of the readings' sense of rotation, in which currents count too."""
 
 ALL, FIT, TEST, TRAINING, ON_PATH = 2000, 80, 50, 500, 50
-TURNED = (-25.0, 0.0, 180.0)
+TURNED = (155.0, 0.0, 180.0)
 BOX = [(700.0, 1250.0), (-450.0, 450.0), (300.0, 850.0)]
 WORKSPACE = TaskWorkspace.of([*BOX, *((angle, angle) for angle in TURNED)])
-VARIED = TaskWorkspace.of([*BOX, (-65, 15), (-40, 40), (140, 220)])
-NEAR = np.array([0.0, -90.0, 90.0, 0.0, 45.0, 150.0])
+VARIED = TaskWorkspace.of([*BOX, (115, 195), (-40, 40), (140, 220)])
+NEAR = np.array([0.0, -90.0, 90.0, 0.0, 45.0, -30.0])
 PATH = np.array([[800.0, -350, 400], [800, -350, 750], [1100, 350, 750], [1100, 350, 400]])
 """U-shaped: up, across, down; mm."""
 
