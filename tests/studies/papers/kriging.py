@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from kriging_numbers import CELL, PLAY, STIFF, TURNED, WITHOUT, study
+from kriging_numbers import CELL, PLAY, STIFF, TURNED, WARMER, WITHOUT, study
 from statements import Figure, Ordering, Paper, Section
 
 PREDICTION = (
@@ -42,6 +42,7 @@ COMPENSATION = (
     Figure("after cyclic search with kriging, largest, mm", "0.28", "filtered_compensated_max"),
     Figure("after cyclic search with ours, mean, mm", "–", "ours_compensated_mean"),
     Figure("after cyclic search with ours, largest, mm", "0.28", "ours_compensated_max"),
+    Figure(f"with kriging, `{WARMER}`, largest, mm", "0.28", f"{WARMER}/filtered_compensated_max"),
     Figure("with kriging, `backlash: 1`, largest, mm", "0.28", f"{PLAY}/filtered_compensated_max"),
     Figure("with ours, `backlash: 1`, largest, mm", "0.28", f"{PLAY}/ours_compensated_max"),
     Ordering("after < before, largest", "0.28 < 4.96", "filtered_compensated_max", "nominal_max", 2),
@@ -50,8 +51,8 @@ COMPENSATION = (
         "0.172 < 0.28",
         "filtered_max",
         "filtered_compensated_max",
-        worlds=(PLAY,),
-        note="a pose is reached from another side",
+        worlds=(PLAY, WARMER),
+        note="play is in both numbers: each pose is reached by another way than its neighbours",
     ),
 )
 PUBLISHED = {

@@ -26,7 +26,7 @@ from cellctl.error_maps.joint_weights import ParticleFilter
 from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
 from cellctl.error_maps.perceptron import tuned_perceptron
 from cellctl.planning import JointRanges, Method, Reach, TargetOptions, TaskWorkspace, plan_targets
-from sims.conditions import Payload
+from sims.conditions import REFERENCE_C, Payload
 
 CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
 ARM = Arm.of(CELL)
@@ -59,6 +59,7 @@ WITHOUT: dict[str, Mapping[str, float]] = {
     "gear: 0": {"gear": 0.0},
     "geometry, joint_zero: 0": {"geometry": 0.0, "joint_zero": 0.0},
 }
+WARMER, WARMER_C = "expansion: 1, the links 3 K warmer when compensated", REFERENCE_C + 3.0
 PLAY, TURNED, STIFF = "backlash: 1", "turned by ± 30°", "turned by ± 30°, compliance: 0"
 TURNED_POSES = TaskWorkspace.of([(1500, 2300), (-400, 400), (-250, 250), (60, 120), (60, 120), (60, 120)])
 """Positions as in `FIXED`, orientations as varied as in the task."""
@@ -77,10 +78,11 @@ class Rows:
     places: Floats
 
     @classmethod
-    def measured(cls, world: PaperWorld, readings: Floats, name: str) -> Rows:
-        """On a tour in this order."""
+    def measured(cls, world: PaperWorld, readings: Floats, name: str, temperature_c: float = REFERENCE_C) -> Rows:
+        """On a tour in this order, the links at this temperature."""
         ways = ways_of(readings)
-        return cls(readings, ways, world.measured_points(readings, name, ways))
+        true = world.reflectors(world.flanges(readings, ways, temperature_c))[:, 0] + world.scatter(readings)
+        return cls(readings, ways, true + world.noise(true, name))
 
     def pick(self, which: NDArray[np.int_]) -> Rows:
         """Some of them."""
@@ -124,8 +126,12 @@ def in_world(seed: int, switches: Mapping[str, float] = AS_IN_CELL, *, baselines
     predictors |= other_predictors(seed, fit) if baselines else {}
     found |= judged(predictors, test)
     found["ours_ratio"] = found["ours_rms"] / found["floor_rms"]
+    warmer = PaperWorld.of(CELL, seed, {**switches, "expansion": 1.0})
     for name in ("filtered", "ours"):
         found |= figures(f"{name}_compensated", compensated(world, predictors[name], test, name))
+        again = compensated(warmer, predictors[name], test, name, WARMER_C)
+        found |= numbers_under(WARMER, figures(f"{name}_compensated", again))
+        found[f"{WARMER}/{name}_max"] = found[f"{name}_max"]
     return found
 
 
@@ -178,12 +184,14 @@ def by_fit(fit: Rows, model: str) -> Predictor:
     return lambda readings: np.asarray(robot.pose(ARM.joints.model(readings))[:, :3, 3] - ARM.places(readings))
 
 
-def compensated(world: PaperWorld, predicted: Predictor, test: Rows, name: str) -> Floats:
+def compensated(
+    world: PaperWorld, predicted: Predictor, test: Rows, name: str, temperature_c: float = REFERENCE_C
+) -> Floats:
     """Errors (N, 3) at the held-out poses, visited again in another order with compensated joints."""
     targets = ARM.chain.forward(test.q)
     found = cyclic_search(ARM.chain, lambda q: predicted(ARM.joints.readings(q)), targets, test.q)
     order = world.draws("tour back").permutation(len(test.readings))
-    again = Rows.measured(world, ARM.joints.readings(found.q)[order], f"compensated {name}")
+    again = Rows.measured(world, ARM.joints.readings(found.q)[order], f"compensated {name}", temperature_c)
     return again.places - targets[order, :3, 3]
 
 
