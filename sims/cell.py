@@ -11,6 +11,7 @@ import yaml
 from sims.conditions import Payload
 from sims.faults import Fault, FaultCatalogue, FaultError
 from sims.robot_file import RobotFile, Triple, read_robot
+from sims.robot_library import robot_path
 from sims.section import Section
 from sims.settings import read_settings
 from sims.simulators import BadSimulator, Simulators, installed
@@ -187,7 +188,7 @@ def _load_model(cell: Path, model: str, problems: list[str]) -> Any:
     if not model:
         return None
     try:
-        return _load(cell.parent / model)
+        return _load(robot_path(model, cell.parent))
     except CellError as error:
         problems.extend(f"model: {model} {text}" for text in error.problems)
         return None

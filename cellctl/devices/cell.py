@@ -15,6 +15,7 @@ from cellctl.devices.reach import reach_of
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.validated import validated
+from cellctl.robots import near, robot_file
 
 ClockMode = Literal["realtime", "lockstep"]
 
@@ -85,13 +86,14 @@ class Cell:
         if not isinstance(document.data, dict):
             raise InputError(document.problem((), "is not a cell file", "it is a mapping: name, model, devices …"))
         model = _read(document, document.data)
-        robot_file = path.parent / model.model
-        reach_mm = reach_of(robot_file)
+        robot = robot_file(model.model, path.parent)
+        reach_mm = reach_of(robot)
         addresses, problems = _addresses(document, model)
         found, warnings = _findings(document, model, addresses, drivers, path.parent, reach_mm)
         problems += found
-        if not robot_file.is_file():
-            problems.append(document.problem(("model",), f"there is no robot file '{model.model}'", "check the path"))
+        if not robot.is_file():
+            what = f"there is no robot file '{model.model}', nor a robot of this name"
+            problems.append(document.problem(("model",), what, f"check the path, or {near(Path(model.model).stem)}"))
         problems += _table_limits(document, model)
         for name in model.limits.keys() - addresses.keys() - {TABLE}:
             problems.append(document.problem(("limits", name), f"limits for '{name}', which is no device", key=True))
@@ -102,7 +104,7 @@ class Cell:
             document=document,
             name=model.name,
             path=path,
-            robot_file=robot_file,
+            robot_file=robot,
             addresses=addresses,
             limits=model.limits,
             reach_mm=reach_mm,

@@ -32,6 +32,8 @@ Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
 Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 Direction = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
+Text = Annotated[str, Field(min_length=1)]
+
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
@@ -134,15 +136,49 @@ class StatedTolerances(BaseModel):
 
 
 @final
+class SecondSource(BaseModel):
+    """An independent second source. agreement_mm: largest distance of the two flanges at the same readings, mm."""
+
+    model_config = _STRICT
+    against: Text
+    agreement_mm: Annotated[float, Field(allow_inf_nan=False, ge=0)]
+
+
+Checked: TypeAlias = Annotated[
+    Annotated[Literal["single source"], Tag("word")] | Annotated[SecondSource, Tag("second")],
+    Discriminator(lambda value: "second" if isinstance(value, dict | SecondSource) else "word"),
+]
+
+
+@final
+class Source(BaseModel):
+    """Origin of a robot file's numbers.
+
+    numbers: document, or package and file, of the link table; licence: of that source; payload: rated, kg. limits: of
+    limits and speeds, repeatability: of the repeatability, where these are from elsewhere.
+    """
+
+    model_config = _STRICT
+    maker: Text
+    payload: Positive | None = None
+    numbers: Text
+    licence: Text
+    checked: Checked
+    limits: Text | None = None
+    repeatability: Text | None = None
+    remarks: Text | None = None
+
+
+@final
 class RobotFile(BaseModel):
     """A robot as in its file: by `links`, or (`poe`) by `screws` and the flange's pose `home` at model zero.
 
     repeatability: 1 σ of the distance to the mean, 3-D, mm. mounting: orientation of the frame in which `base` is
-    given.
+    given. source: origin of the numbers; it is no property of the robot, and models do not contain it.
     """
 
     model_config = _STRICT
-    name: Annotated[str, Field(min_length=1)]
+    name: Text
     convention: Literal["mdh-hayati", "dh-craig", "poe"]
     links: Annotated[list[LinkRow], Field(max_length=20)] = []
     screws: Annotated[list[ScrewRow], Field(max_length=20)] = []
@@ -153,6 +189,7 @@ class RobotFile(BaseModel):
     tool: Tool = Tool()
     repeatability: Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]
     tolerances: StatedTolerances | None = None
+    source: Annotated[Source | None, Field(exclude=True)] = None
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 from cellctl.files import InputError, Problem
+from cellctl.robots import library, near
 
 Kind = Literal["procedure", "cell", "robot"]
 
 _PACKAGE = "procedures"
-_FOLDERS: dict[Kind, str] = {"procedure": ".", "cell": "cells", "robot": "robots"}
+_FOLDERS: dict[Literal["procedure", "cell"], str] = {"procedure": ".", "cell": "cells"}
 
 
 def shipped_file(kind: Kind, given: Path) -> Path:
@@ -25,13 +26,16 @@ def shipped_file(kind: Kind, given: Path) -> Path:
     names = shipped_names(kind)
     if given.name not in names:
         what = f"is no file, and no shipped {kind} has this name"
-        raise InputError(Problem(str(given), 0, 0, what, f"give a path, or one of: {', '.join(names)}"))
+        cure = near(given.name) if kind == "robot" else f"one of: {', '.join(names)}"
+        raise InputError(Problem(str(given), 0, 0, what, f"give a path, or {cure}"))
     file, here = names[given.name], Path.cwd()
     return file.relative_to(here) if file.is_relative_to(here) else file
 
 
 def shipped_names(kind: Kind) -> dict[str, Path]:
     """Name → file of all shipped files of that kind, sorted by name."""
+    if kind == "robot":
+        return library()
     spec = find_spec(_PACKAGE)
     folders = (
         [Path(folder) / _FOLDERS[kind] for folder in (spec.submodule_search_locations or ()) if spec] if spec else []

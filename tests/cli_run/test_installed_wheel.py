@@ -78,5 +78,5 @@ def test_shipped_names_are_those_of_the_files(tmp_path: Path, monkeypatch: pytes
     assert shipped_file("cell", Path("sphere_cell.yaml")) == Path("sphere_cell.yaml")
     Path("ur10").write_text("my own")
     assert shipped_file("robot", Path("ur10")) == Path("ur10")
-    with pytest.raises(InputError, match="one of: iiwa14, kr5_r1400, ur10"):
+    with pytest.raises(InputError, match="did you mean ur10"):
         shipped_file("robot", Path("ur11"))
