@@ -23,6 +23,7 @@ HERE = Path(__file__).parent
 
 MODULES = {
     "sph": "spherical_constraint",
+    "cmp": "compensation_methods",
 }
 """Tag of a paper → the module here that has its `PAPER`."""
 
