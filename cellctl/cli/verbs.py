@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from cellctl import __version__
+from cellctl.cli.analyse import analyse
 from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
 from cellctl.cli.convert import convert
@@ -20,9 +21,11 @@ from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
 from cellctl.cli.operate import abort, confirm, continue_, pause, status
+from cellctl.cli.plan import plan
 from cellctl.cli.predict import predict
 from cellctl.cli.replay import replay
 from cellctl.cli.report import report
+from cellctl.cli.robots import robots
 from cellctl.cli.run import run
 from cellctl.cli.runs import runs, show
 from cellctl.cli.sim import sim
@@ -98,11 +101,14 @@ _VERBS: dict[str, Callable[..., None]] = {
     "runs": runs,
     "report": report,
     "replay": replay,
+    "plan": plan,
     "import": import_data,
     "fit": fit,
+    "analyse": analyse,
     "predict": predict,
     "compensate": compensate,
     "convert": convert,
+    "robots": robots,
     "krl": krl,
     "sim": sim,
 }

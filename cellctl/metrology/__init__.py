@@ -15,8 +15,8 @@ from cellctl.metrology.four_point import FoundTool, tool_at_point
 from cellctl.metrology.gravity import Gravity, gravity_in_base
 from cellctl.metrology.iso9283 import Performance, cube_points, performance
 from cellctl.metrology.measured_pose import MeasuredPose, nees, nees_range, pose_difference
-from cellctl.metrology.monuments import Growth, Motion, NestLoose, StationMotion, robot_growth, station_motion
-from cellctl.metrology.nests import NestMeasuredTwice, NestsDoNotFit, NestsSwapped, Plate, plate_pose
+from cellctl.metrology.monuments import Growth, NestLoose, StationMotion, StationState, robot_growth, station_motion
+from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, plate_pose
 from cellctl.metrology.points import Points
 from cellctl.metrology.reflector_constant import ConstantError, InsensitiveDistances, KnownDistance, constant_error
 from cellctl.metrology.rigid import RigidFit, rigid_transform
@@ -37,20 +37,20 @@ __all__ = [
     "InsensitiveDistances",
     "KnownDistance",
     "MeasuredPose",
-    "Motion",
     "NestLoose",
     "NestMeasuredTwice",
+    "NestPlate",
     "NestsDoNotFit",
     "NestsSwapped",
     "NoCircle",
     "ParallelAxes",
     "Performance",
-    "Plate",
     "Points",
     "RigidFit",
     "Settling",
     "SettlingLimits",
     "StationMotion",
+    "StationState",
     "Turn",
     "TwoFaceCheck",
     "TwoFaceLimits",

@@ -31,7 +31,7 @@ class NestLoose(ValueError):
     """The nests moved against each other; the text says which one and what to do."""
 
 
-class Motion(StrEnum):
+class StationState(StrEnum):
     """What the station did."""
 
     STILL = "still"
@@ -51,7 +51,7 @@ class StationMotion:
     cannot be told from a station that still moves: check once more.
     """
 
-    verdict: Motion
+    verdict: StationState
     p_still: float
     p_moved: float
     before: int
@@ -87,12 +87,12 @@ def station_motion(
     still = _mean(sets)
     p_still = float(stats.chi2.sf(still.chi2, still.dof))
     if p_still >= UNLIKELY or largest <= tolerance_mm:
-        return StationMotion(Motion.STILL, p_still, 1.0, 0, None, largest, rate, True)
+        return StationMotion(StationState.STILL, p_still, 1.0, 0, None, largest, rate, True)
     before, motion, p_moved = _one_step(sets)
     if p_moved >= UNLIKELY:
         confirmed = len(sets) - before >= 2
-        return StationMotion(Motion.MOVED, p_still, p_moved, before, motion.pose, largest, rate, confirmed)
-    return StationMotion(Motion.MOVING, p_still, p_moved, 0, own[-1].pose, largest, rate, len(sets) > 2)
+        return StationMotion(StationState.MOVED, p_still, p_moved, before, motion.pose, largest, rate, confirmed)
+    return StationMotion(StationState.MOVING, p_still, p_moved, 0, own[-1].pose, largest, rate, len(sets) > 2)
 
 
 @final

@@ -23,6 +23,9 @@ from cellctl.metrology.rigid import rigid_transform
 UNLIKELY = 1e-4
 """Probability below which measured distances do not fit the plate."""
 
+_LEARNING_STEPS = 4
+"""Each averages the measurements about the plate of the step before; the second is exact to a nanometre."""
+
 
 class NestsDoNotFit(ValueError):
     """The distances between measured nests are not those of the plate; the text says which, by how much, what to do."""
@@ -38,14 +41,14 @@ class NestsSwapped(NestsDoNotFit):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Plate:
+class NestPlate:
     """Nests in the plate's own frame. xyz (N, 3), mm, N ≥ 3; covariance (3N, 3N), mm², of a certificate or a survey."""
 
     xyz: Floats
     covariance: Floats
 
     @classmethod
-    def of(cls, xyz: ArrayLike, sigma_mm: float = 0.0) -> Plate:
+    def of(cls, xyz: ArrayLike, sigma_mm: float = 0.0) -> NestPlate:
         """From places (N, 3), mm, with one σ on each coordinate. Raises ValueError for fewer than three, or a line."""
         places = np.asarray(xyz, float)
         if places.ndim != 2 or len(places) < 3 or np.linalg.svd(places - places.mean(axis=0))[1][1] < 1.0:
@@ -53,21 +56,30 @@ class Plate:
         return cls(places, sigma_mm**2 * np.eye(places.size))
 
     @classmethod
-    def learnt(cls, measured: Points) -> Plate:
-        """From one measurement of its nests: origin at the first, x to the second, z along (2 − 1) × (3 − 1).
+    def learnt(cls, measured: Sequence[Points]) -> NestPlate:
+        """From its nests, measured at K ≥ 1 poses: origin at the first, x to the second, z along (2 − 1) × (3 − 1).
 
-        The common part of the points' error does not change the plate, and is left out.
+        The mean of the measurements, each carried back to the plate; the covariance is a K-th of one measurement's. The
+        common part of the points' error does not change the plate, and is left out.
         """
-        xyz = measured.xyz
-        frame = frame_of(xyz)
-        turn = frame[:3, :3]
-        return cls((xyz - frame[:3, 3]) @ turn, block_diagonal(turn.T @ measured.alone @ turn))
+        xyz = _in_own_frame(measured[0].xyz)
+        for _ in range(_LEARNING_STEPS if len(measured) > 1 else 1):
+            frames = [rigid_transform(xyz, one.xyz, block_diagonal(one.alone)).pose.matrix for one in measured]
+            carried = [(one.xyz - at[:3, 3]) @ at[:3, :3] for one, at in zip(measured, frames, strict=True)]
+            xyz = _in_own_frame(np.mean(carried, axis=0))
+        turned = [at[:3, :3].T @ one.alone @ at[:3, :3] for one, at in zip(measured, frames, strict=True)]
+        return cls(xyz, block_diagonal(np.mean(turned, axis=0) / len(measured)))
 
-    def ordered(self, order: Any) -> Plate:
+    def ordered(self, order: Any) -> NestPlate:
         """The nests in another order: indices (N,)."""
         count = len(self.xyz)
         blocks = self.covariance.reshape(count, 3, count, 3)[order][:, :, order]
-        return Plate(self.xyz[order], blocks.reshape(3 * count, 3 * count))
+        return NestPlate(self.xyz[order], blocks.reshape(3 * count, 3 * count))
+
+
+def _in_own_frame(xyz: Floats) -> Floats:
+    frame = frame_of(xyz)
+    return np.asarray((xyz - frame[:3, 3]) @ frame[:3, :3])
 
 
 def frame_of(xyz: Floats) -> Floats:
@@ -78,7 +90,7 @@ def frame_of(xyz: Floats) -> Floats:
     return pose(np.column_stack([x, np.cross(z, x), z]), xyz[0])
 
 
-def plate_pose(measured: Points, plate: Plate, names: tuple[str, ...] = ()) -> MeasuredPose:
+def plate_pose(measured: Points, plate: NestPlate, names: tuple[str, ...] = ()) -> MeasuredPose:
     """Pose of the plate's frame in the instrument's, with covariance (6, 6), from its nests in the plate's order.
 
     names: of the nests, for messages. The plate's own uncertainty is in it: that part is the same in every pose of one
@@ -91,7 +103,7 @@ def plate_pose(measured: Points, plate: Plate, names: tuple[str, ...] = ()) -> M
     return rigid_transform(plate.xyz, measured.xyz, whole).pose
 
 
-def check_nests(measured: Points, plate: Plate, names: tuple[str, ...] = ()) -> None:
+def check_nests(measured: Points, plate: NestPlate, names: tuple[str, ...] = ()) -> None:
     """Raise NestMeasuredTwice, NestsSwapped or NestsDoNotFit where the distances are not the plate's."""
     count = len(plate.xyz)
     names = names or tuple(str(number) for number in range(1, count + 1))
@@ -123,7 +135,7 @@ def check_nests(measured: Points, plate: Plate, names: tuple[str, ...] = ()) -> 
     )
 
 
-def _fits(measured: Points, plate: Plate, order: Sequence[int]) -> bool:
+def _fits(measured: Points, plate: NestPlate, order: Sequence[int]) -> bool:
     """Whether every distance fits, if measurement k is of nest order[k]; Bonferroni over the distances."""
     pairs = _pairs(len(order))
     off, sigma = _differences(measured, plate.ordered(list(order)), pairs)
@@ -134,7 +146,7 @@ def _pairs(count: int) -> list[tuple[int, int]]:
     return [(i, j) for i in range(count) for j in range(i)]
 
 
-def _differences(measured: Points, plate: Plate, pairs: list[tuple[int, int]]) -> tuple[Floats, Floats]:
+def _differences(measured: Points, plate: NestPlate, pairs: list[tuple[int, int]]) -> tuple[Floats, Floats]:
     """Measured less the plate's distances, and their standard deviations, mm."""
     seen, nominal = _length_rows(measured.xyz, pairs), _length_rows(plate.xyz, pairs)
     spread = seen @ measured.together() @ seen.T + nominal @ plate.covariance @ nominal.T

@@ -2,20 +2,32 @@
 
 from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
 from cellctl.planning.obstacles import Plate
+from cellctl.planning.target_options import TargetOptions
+from cellctl.planning.target_sets import METHODS, Method, TargetSet, plan_targets
 from cellctl.planning.touches import OutOfReach, RobotPostures, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.tours import PlannedTouch
+from cellctl.planning.ways import Reach
+from cellctl.planning.workspaces import JointRanges, TaskWorkspace
 
 __all__ = [
+    "METHODS",
     "Counts",
+    "JointRanges",
     "MeasuringPoses",
+    "Method",
     "OutOfReach",
     "PlannedTouch",
     "Plate",
     "PoseOptions",
+    "Reach",
     "RobotPostures",
     "Sight",
     "SphereTarget",
+    "TargetOptions",
+    "TargetSet",
+    "TaskWorkspace",
     "TouchOptions",
     "plan_measuring_poses",
+    "plan_targets",
     "plan_touches",
 ]

@@ -30,7 +30,8 @@ def robot_file(model: str, folder: Path) -> Path:
 
 
 def near(name: str) -> str:
-    """A cure for an unknown `name`: the nearest names of the library, or the command that lists them all."""
-    found = difflib.get_close_matches(name.lower(), library(), n=3, cutoff=0.5)
+    """A cure for an unknown `name`: names that begin like it, the nearest ones, and the command that lists all."""
+    begin = [known for known in library() if known.startswith(name.lower())]
+    found = list(dict.fromkeys([*begin, *difflib.get_close_matches(name.lower(), library(), cutoff=0.5)]))[:3]
     listed = "cellctl robots lists the library"
     return f"did you mean {' or '.join(found)}? {listed}" if found else listed

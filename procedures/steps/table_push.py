@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
 from cellctl.devices import (
     DeviceError,
     DeviceFault,
@@ -14,7 +18,9 @@ from cellctl.formats import RobotFile, TableFile
 from cellctl.journal import PushedTable
 from cellctl.operations.table import controller_table, in_force, push_verified, refuse_table
 from cellctl.procedure import StepContext
-from cellctl.records import TablePushRow, TableStateRow
+from cellctl.records import TablePushRow, TableStateRow, VerdictRow
+
+AnyVerdict = TypeVar("AnyVerdict", bound=VerdictRow)
 
 
 async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> TableStateRow:
@@ -40,6 +46,14 @@ async def push_of_run(context: StepContext, table_id: str) -> None:
     row = await pushed_row(context, context.device("robot"), table_id)
     await context.record(row)
     context.say(f"table {row.short} is in force: {row.rows} rows, read back letter for letter")
+
+
+async def push_unless_judged(context: StepContext, table_id: str | None, judged: Sequence[VerdictRow]) -> bool:
+    """`push_of_run` of a table that no verdict has `judged`; whether the run's table is active. Raises as it does."""
+    if table_id is None or judged:
+        return any(verdict.better for verdict in judged)
+    await push_of_run(context, table_id)
+    return True
 
 
 async def require_in_force(robot: TableStore, table_id: str) -> None:
@@ -77,6 +91,13 @@ async def take_back_unhelpful(context: StepContext, robot: TableStore) -> TableS
     row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
     context.say(f"table {row.short} is not better than nominal: rolled back, no longer in force")
     return row
+
+
+async def withdrawn_unless_better(context: StepContext, found: AnyVerdict) -> AnyVerdict:
+    """The verdict `found`; if it is not better, the run's table is withdrawn. Raises as `take_back_unhelpful`."""
+    if found.better or not context.recorded(TableStateRow):
+        return found
+    return replace(found, table=await take_back_unhelpful(context, context.device("robot")))
 
 
 async def take_back_unproved(context: StepContext, robot: TableStore) -> None:

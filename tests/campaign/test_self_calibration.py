@@ -84,14 +84,6 @@ def stands_off(whole: Whole) -> None:
     assert table["active"]
 
 
-def test_the_robot_is_identified_and_its_pushed_joints_stand_off_right_from_a_sphere_that_no_fit_saw(
-    tmp_path: Path,
-) -> None:
-    whole = campaign(1, tmp_path)
-    is_identified(whole, 1, tmp_path)
-    stands_off(whole)
-
-
 @pytest.mark.long
 def test_of_five_robots_each_is_identified_and_stand_off_errors_are_as_large_as_was_predicted(tmp_path: Path) -> None:
     rows = []
@@ -146,6 +138,7 @@ def test_the_data_set_and_model_of_a_run_are_what_fit_and_predict_take(tmp_path:
     assert result["run"] in listed.stdout
 
 
+@pytest.mark.long
 def test_ctrl_c_twice_ends_with_130_the_robot_held_and_every_finished_touch_recorded(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "cellctl", "run", str(SELFCAL), "--runs", str(tmp_path)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_runs import Ended
-from tracker_runs import run, verdict_of
+from cell_runs import ROOT, Ended
+from scipy import stats
+from tracker_runs import CELL, run, verdict_of
+from tracker_truth import Truth, found_frames, frame_errors, true_frames
 
 from cellctl.engine import State
 from procedures.steps.tracker.rows import FramesRow, MonumentsRow, PoseRow
@@ -49,3 +51,11 @@ def test_turned_axes_find_the_instrument_within_their_sigma_of_the_nominal_robot
 
 def test_the_station_stood_still(ended: Ended) -> None:
     assert {row.verdict for row in ended.journal.recorded(MonumentsRow)} == {"still"}
+
+
+def test_errors_of_the_turned_frames_are_as_large_as_their_covariances_state(ended: Ended) -> None:
+    robot = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
+    true = true_frames(ended.journal, robot, Truth(CELL, 1))
+    errors = frame_errors(found_frames(ended.journal, robot), true)
+    chi2 = 6.0 * sum(nees for _, _, nees in errors.values())
+    assert stats.chi2.ppf(0.0005, 12) < chi2 < stats.chi2.ppf(0.9995, 12)

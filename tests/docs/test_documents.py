@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import runpy
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ import pytest
 import yaml
 from cell_runs import CELL, ROOT, cellctl
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from typer.testing import CliRunner
 
+from cellctl.cli.verbs import app
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import load_yaml
@@ -112,15 +116,25 @@ def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: P
     assert missing == [], f"shown, and not said:\n{said[-6000:]}"
 
 
+@pytest.fixture(scope="module")
+def shown_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the programs of the documents read."""
+    folder = tmp_path_factory.mktemp("shown")
+    _write_tracker_file(folder / "measurements_grid.csv", 3900)
+    _write_table(folder)
+    _write_socket_files(folder / "iiwa14_sockets")
+    return folder
+
+
 @pytest.mark.parametrize("block", blocks("python"), ids=str)
-def test_the_programs_of_a_document_run(block: Block, tmp_path: Path) -> None:
-    _write_tracker_file(tmp_path / "measurements_grid.csv", 3900)
-    _write_table(tmp_path)
-    _write_socket_files(tmp_path / "iiwa14_sockets")
-    done = subprocess.run(
-        [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
-    )
-    assert done.returncode == 0, done.stderr
+def test_the_programs_of_a_document_run(
+    block: Block, shown_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(shown_files, tmp_path, dirs_exist_ok=True)
+    program = tmp_path / "shown.py"
+    program.write_text(block.text)
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(program), run_name="__main__")
 
 
 @pytest.mark.parametrize("block", blocks("yaml"), ids=str)
@@ -192,8 +206,8 @@ def test_the_front_page_shows_commands_with_options_that_there_are() -> None:
     assert len(shown) > 10
     for words, rest in shown:
         verb = words.split() if words.startswith("table") else words.split()[:1]
-        told = cellctl(*verb, "--help")
-        assert told.returncode == 0, f"there is no 'cellctl {' '.join(verb)}'"
+        told = CliRunner().invoke(app, [*verb, "--help"])
+        assert told.exit_code == 0, f"there is no 'cellctl {' '.join(verb)}'"
         for option in re.findall(r"(?<!\S)--?[a-z]+", rest):
             assert re.search(rf"{option}\b", told.stdout), f"'cellctl {' '.join(verb)}' has no {option}"
 

@@ -7,7 +7,7 @@ import pytest
 
 from cellctl.kinematics import pose_from_xyz_abc
 from cellctl.metrology.measured_pose import nees_range
-from cellctl.metrology.monuments import Motion, NestLoose, robot_growth, station_motion
+from cellctl.metrology.monuments import NestLoose, StationState, robot_growth, station_motion
 from cellctl.metrology.points import Points, beam_directions
 from cellctl.metrology.reflector_constant import InsensitiveDistances, KnownDistance, constant_error
 
@@ -41,7 +41,7 @@ def drifting(rate, hours):
 def test_a_station_at_rest_is_still_and_hardly_ever_said_to_move():
     rng = np.random.default_rng(1)
     verdicts = [station_motion([check(rng) for _ in range(6)], HOURS).verdict for _ in range(120)]
-    assert verdicts.count(Motion.STILL) >= 119
+    assert verdicts.count(StationState.STILL) >= 119
 
 
 def test_a_bumped_station_moved_once_between_the_right_checks_by_the_right_amount():
@@ -49,7 +49,7 @@ def test_a_bumped_station_moved_once_between_the_right_checks_by_the_right_amoun
     values = []
     for _ in range(60):
         found = station_motion([check(rng, BUMP if k >= 4 else None) for k in range(6)], HOURS)
-        assert found.verdict is Motion.MOVED
+        assert found.verdict is StationState.MOVED
         assert found.before == 4
         assert found.confirmed
         values.append(found.motion.nees(BUMP))
@@ -60,29 +60,29 @@ def test_a_bumped_station_moved_once_between_the_right_checks_by_the_right_amoun
 def test_a_motion_seen_by_the_last_check_alone_is_not_confirmed():
     rng = np.random.default_rng(3)
     found = station_motion([check(rng), check(rng), check(rng, BUMP)], HOURS[:3])
-    assert found.verdict is Motion.MOVED
+    assert found.verdict is StationState.MOVED
     assert not found.confirmed
 
 
 def test_a_drifting_station_is_moving_not_moved_and_its_rate_is_found():
     rng = np.random.default_rng(4)
     found = station_motion([check(rng, drifting(0.1, k)) for k in range(6)], HOURS)
-    assert found.verdict is Motion.MOVING
+    assert found.verdict is StationState.MOVING
     assert found.rate_mm_h == pytest.approx(0.1 * np.hypot(1.0, 0.5), rel=0.15)
 
 
 def test_a_significant_motion_within_the_tolerance_is_still():
     rng = np.random.default_rng(4)
     checks = [check(rng, drifting(0.03, k)) for k in range(6)]
-    assert station_motion(checks, HOURS).verdict is not Motion.STILL
-    assert station_motion(checks, HOURS, tolerance_mm=0.4).verdict is Motion.STILL
+    assert station_motion(checks, HOURS).verdict is not StationState.STILL
+    assert station_motion(checks, HOURS, tolerance_mm=0.4).verdict is StationState.STILL
 
 
 def test_a_robot_that_grew_moves_no_nest():
     rng = np.random.default_rng(5)
     robot = np.array([[2200.0, 300.0, 200.0]])
     grown = robot + np.array([0.1, 0.0, 0.25])
-    assert station_motion([check(rng), check(rng)], HOURS[:2]).verdict is Motion.STILL
+    assert station_motion([check(rng), check(rng)], HOURS[:2]).verdict is StationState.STILL
     found = robot_growth(check(rng, nests=robot), check(rng, nests=grown))
     assert found.grew
     assert np.linalg.norm(found.displacement[0] - [0.1, 0.0, 0.25]) < 0.2
@@ -114,7 +114,7 @@ def test_a_station_set_up_at_another_place_is_a_motion_too():
     rng = np.random.default_rng(8)
     far = pose_from_xyz_abc([300.0, -900.0, 40.0], [65.0, 0.3, -0.2])
     found = station_motion([check(rng, range_zero=0.0), check(rng, far, range_zero=0.0)], HOURS[:2])
-    assert found.verdict is Motion.MOVED
+    assert found.verdict is StationState.MOVED
     assert np.allclose(found.motion.matrix[:3, 3], far[:3, 3], atol=0.3)
 
 

@@ -6,7 +6,6 @@ Called with group and port of the bus; prints one JSON object of what it read.
 import json
 import logging
 import sys
-import time
 
 import can
 import canopen
@@ -79,16 +78,12 @@ def main(group, port):
     while frames.get_message(0.0):
         pass
     network.sync.transmit()
-    by_canopen = {}
-    for drive in drives:
-        drive.tpdo[1].wait_for_reception(10.0)
-        by_canopen[drive.id] = [variable.raw for variable in drive.tpdo[1]]
-    time.sleep(0.2)  # noqa: TID251 - a foreign program has no clock of the cell
     by_cantools = {}
-    while message := frames.get_message(0.0):
+    while len(by_cantools) < len(drives) and (message := frames.get_message(10.0)):
         if 0x180 < message.arbitration_id <= 0x186:
             signals = decoder.decode_message(message.arbitration_id, message.data)
             by_cantools[message.arbitration_id - 0x180] = [signals[name] for name in ("Position", "Current", "Torque")]
+    by_canopen = {drive.id: [variable.raw for variable in drive.tpdo[1]] for drive in drives}  # heard before `frames`
     print(
         json.dumps(
             {

@@ -31,7 +31,7 @@ def run(tmp_path_factory):
     settings = [word for setting in FEW for word in ("--set", setting)]
     common = [str(SELFCAL), "--cell", str(cell), "--runs", str(home / "runs"), *settings]
     folder = killed(common, home / "runs")
-    done = cellctl("run", *common, "--resume", folder.name, "--acknowledge")
+    done = cellctl("run", *common, "--resume", folder.name, "--acknowledge", "--json", away / "result.json")
     assert done.returncode == 0, done.stderr
     assert any(isinstance(entry.event, RunResumed) for entry in read_journal(folder))
     moved = shutil.move(folder, away / "another name")
@@ -63,6 +63,19 @@ def touches(runs: Path) -> int:
         return 0
 
 
+def test_after_kill_and_resume_the_model_is_better_on_held_out_touches_and_its_pushed_joints_on_another_sphere(run):
+    """The short sibling of the campaigns in `test_self_calibration`, whose bounds are those of all touches."""
+    result = json.loads((run.parent / "result.json").read_text())
+    assert (result["verdict"], result["state"], result["points"]) == ("better", "finished", 26)
+    assert result["model"]["n_fit"] + len(result["model"]["outliers"]) == 20
+    assert result["held_out"]["before"]["mean"] >= 0.5
+    assert result["held_out"]["after"]["mean"] <= 0.3
+    assert (result["standoff"]["n"], result["standoff"]["sphere"]) == (4, "P1")
+    assert result["after"]["mean"] <= 0.5 * result["before"]["mean"]
+    table = result["table"]
+    assert (table["rows"], table["pushed"], table["verified"], table["active"]) == (4, True, True, True)
+
+
 def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path):
     done = cellctl("replay", run, "-o", tmp_path / "again", "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -77,6 +90,7 @@ def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path)
         assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
 
 
+@pytest.mark.long
 def test_an_edited_model_is_told_apart_from_a_replay_that_differs(run, tmp_path):
     edited = tmp_path / "edited"
     shutil.copytree(run, edited)

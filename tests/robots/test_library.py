@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -11,6 +12,8 @@ from cellctl.formats import RobotFile
 from cellctl.formats.robot import SecondSource
 from cellctl.robots import library, robot_file
 from sims.cell import CellError, read_cell
+from sims.robot_file import read_robot
+from sims.section import Section
 
 
 def cell(folder: Path, model: str) -> Path:
@@ -51,3 +54,22 @@ def test_every_robot_of_the_library_states_source_licence_and_check():
 
 def test_the_source_is_no_property_of_the_robot():
     assert "source" not in RobotFile.load(library()["tx60"]).model_dump()
+
+
+@pytest.mark.parametrize("name", library())
+def test_the_simulators_read_every_robot_of_the_library(name):
+    problems: list[str] = []
+    theirs = read_robot(Section(yaml.safe_load(library()[name].read_text(encoding="utf-8")), "", problems))
+    ours = RobotFile.load(library()[name])
+    assert not problems
+    assert [link.a for link in theirs.links] == [link.a for link in ours.links]
+
+
+@pytest.mark.parametrize(
+    ("checked", "words"), [("two sources", "single source"), ("{against: a drawing}", "agreement_mm")]
+)
+def test_a_check_without_its_agreement_is_refused(tmp_path, checked, words):
+    text = library()["tx60"].read_text(encoding="utf-8").replace("checked: {", f"checked: {checked}  # {{")
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        RobotFile.load(tmp_path / "robot.yaml")

@@ -56,7 +56,7 @@ def _picture(row: SixRow) -> str:
         axes, at = figure.subplots(), np.arange(len(row.r))
         axes.bar(at, np.maximum(row.r, 1e-3), color=ACCENT)
         axes.axhline(row.observable, color=HELD_OUT, linewidth=1.0)
-        axes.text(0.0, row.observable * 1.3, "below: redundant", color=HELD_OUT, fontsize=7)
+        axes.text(len(at) - 0.4, row.observable * 1.5, "below: redundant", color=HELD_OUT, fontsize=7, ha="right")
         axes.set_yscale("log")
         millimetres(axes, "y")
         axes.set_xticks(at, row.parameters, rotation=90, fontsize=6)

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from cellctl.procedure import NoInputs, StepContext, StepResult, step
+from cellctl.procedure import NoInputs, StepContext, step
 from procedures.steps.by_tracker.rows import ByTrackerVerdict
-
-
-class Judged(StepResult):
-    """The verdict on held-out poses; 3-D distances in mm."""
-
-    verdict: str
-    sentence: str
+from procedures.steps.judged import Judged
 
 
 @step("by_tracker.judge", verdict=ByTrackerVerdict, title="judging the model by the tracker")
@@ -23,4 +17,4 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     await context.write_artefact("tracker_model.json", found.model)
     await context.record(found.poses)
     await context.record(found.verdict)
-    return Judged(verdict=found.verdict.verdict, sentence=found.verdict.sentence)
+    return Judged.of(found.verdict)

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict
+from procedures.steps.judged import Judged
 
 
 class CollectInputs(StepInputs):
@@ -53,13 +54,6 @@ class JudgeInputs(StepInputs):
     weight: Annotated[float, Field(ge=0.05, le=1)] = 0.2
 
 
-class Judged(StepResult):
-    """The verdict of the check."""
-
-    verdict: str
-    sentence: str
-
-
 @step("daily.judge", verdict=DailyVerdict, title="judging the robot")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """Compare the points with the baseline by T² and EWMA; before the baseline is complete, only count it."""
@@ -69,4 +63,4 @@ async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     if chart:
         await context.record(chart)
     await context.record(verdict)
-    return Judged(verdict=verdict.verdict, sentence=verdict.sentence)
+    return Judged.of(verdict)

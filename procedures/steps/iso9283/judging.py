@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
 
 from cellctl.devices import TableStore
-from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
-from cellctl.records import TableStateRow
+from cellctl.procedure import NoInputs, StepContext, StepInputs, step
 from procedures.steps.iso9283.rows import IsoVerdict
+from procedures.steps.judged import Judged
 
 
 @step("iso9283.evaluate", title="computing the figures")
@@ -30,23 +29,13 @@ class JudgeInputs(StepInputs):
     reflectors: Annotated[int, Field(ge=1, le=8)]
 
 
-class Judged(StepResult):
-    """The verdict of the test."""
-
-    verdict: str
-    sentence: str
-
-
 @step("iso9283.judge", needs={"robot": TableStore}, moves=True, verdict=IsoVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """State the figures; withdraw a table by which the five points are not better."""
     from procedures.steps.iso9283.verdict import verdict_of
-    from procedures.steps.table_push import take_back_unhelpful
+    from procedures.steps.table_push import withdrawn_unless_better
 
     found = await context.clock.compute(verdict_of, context, inputs.transfer_percent, inputs.reflectors)
-    tables = context.recorded(TableStateRow)
-    if tables:
-        table = tables[-1] if found.better else await take_back_unhelpful(context, context.device("robot"))
-        found = replace(found, table=table)
+    found = await withdrawn_unless_better(context, found)
     await context.record(found)
-    return Judged(verdict=found.verdict, sentence=found.sentence)
+    return Judged.of(found)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.calibration import ErrorFigures, paired_verdict
 from cellctl.procedure import StepContext
-from cellctl.records import Figures
+from cellctl.records import Figures, TableStateRow
 from procedures.steps.iso9283.rows import (
     CubeRow,
     IsoFigures,
@@ -41,12 +41,14 @@ def verdict_of(context: StepContext, speed_percent: float, reflectors: int) -> I
         reflectors=reflectors,
         model_from=models[-1].run if models else None,
     )
+    tables = context.recorded(TableStateRow)
     verdict = "measured" if after is None else paired_verdict(_accuracy(before), _accuracy(after))
     return IsoVerdict(
         verdict=verdict,
         sentence=_sentence(before, after, verdict),
         before=_of_points(before),
         after=_of_points(after) if after else None,
+        table=tables[-1] if tables else None,
         lines=tuple(_lines(result, registration, point.accuracy, noise_only=point.noise_only)),
         iso9283=result,
         accuracy=point.accuracy,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
-from cellctl.records import TableStateRow
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.judged import Judged
 from procedures.steps.pushing import Pushed, PushInputs
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
@@ -108,13 +107,10 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-    from procedures.steps.table_push import push_of_run
+    from procedures.steps.table_push import push_unless_judged
 
-    judged = [verdict.better for verdict in context.recorded(SphereVerdict) if verdict.standoff]
-    if inputs.table is None or judged:
-        return Pushed(active=any(judged))
-    await push_of_run(context, inputs.table)
-    return Pushed(active=True)
+    judged = [verdict for verdict in context.recorded(SphereVerdict) if verdict.standoff]
+    return Pushed(active=await push_unless_judged(context, inputs.table, judged))
 
 
 class StandOffInputs(StepInputs):
@@ -160,24 +156,16 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     return StoodOff(error_mm=row.error_mm)
 
 
-class Judged(StepResult):
-    """The verdict of the whole campaign."""
-
-    verdict: str
-    sentence: str
-
-
 @step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
     from procedures.steps.sphere.judging import verdict_of
-    from procedures.steps.table_push import take_back_unhelpful
+    from procedures.steps.table_push import withdrawn_unless_better
 
     found = await context.clock.compute(verdict_of, context)
-    if not found.better and context.recorded(TableStateRow):
-        found = replace(found, table=await take_back_unhelpful(context, context.device("robot")))
+    found = await withdrawn_unless_better(context, found)
     await context.record(found)
-    return Judged(verdict=found.verdict, sentence=found.sentence)
+    return Judged.of(found)
 
 
 @step("sphere.withdraw", needs={"robot": TableStore}, moves=True)

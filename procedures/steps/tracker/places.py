@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Floats
-from cellctl.metrology.nests import Plate, plate_pose
+from cellctl.metrology.nests import NestPlate, plate_pose
 from procedures.steps.tracker.plate import alone
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import PoseRow
@@ -26,7 +26,7 @@ def measured_place(row: PoseRow, repeatability: float) -> dict[str, float]:
     return {**dict(zip("XYZ", row.point.xyz, strict=True)), **_spread(covariance)}
 
 
-def measured_pose(plate: Plate, row: PoseRow, repeatability: float) -> dict[str, float]:
+def measured_pose(plate: NestPlate, row: PoseRow, repeatability: float) -> dict[str, float]:
     """X, Y, Z, mm, and the quaternion of the plate's frame, with their covariance, mm and deg."""
     found = plate_pose(alone(points_of([row.point, *row.others])), plate)
     covariance = found.covariance.copy()

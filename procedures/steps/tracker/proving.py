@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
 
 from cellctl.devices import TableStore
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
-from cellctl.records import TableStateRow
+from procedures.steps.judged import Judged
 from procedures.steps.pushing import Pushed, PushInputs
 from procedures.steps.tracker.plans import Round
 from procedures.steps.tracker.rows import TrackerVerdict
@@ -49,35 +48,24 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-    from procedures.steps.table_push import push_of_run
+    from procedures.steps.table_push import push_unless_judged
 
-    judged = [verdict.better for verdict in context.recorded(TrackerVerdict) if verdict.targets]
-    if inputs.table is None or judged:
-        return Pushed(active=any(judged))
-    await push_of_run(context, inputs.table)
-    return Pushed(active=True)
-
-
-class Judged(StepResult):
-    """The verdict of the whole campaign."""
-
-    verdict: str
-    sentence: str
+    judged = [verdict for verdict in context.recorded(TrackerVerdict) if verdict.targets]
+    return Pushed(active=await push_unless_judged(context, inputs.table, judged))
 
 
 @step("tracker.judge", needs={"robot": TableStore}, moves=True, verdict=TrackerVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets; withdraw a table that is not better."""
-    from procedures.steps.table_push import take_back_unhelpful
+    from procedures.steps.table_push import withdrawn_unless_better
     from procedures.steps.tracker.judging import verdict_of
 
     found, errors = await context.clock.compute(verdict_of, context)
     if errors:
         await context.record(errors)
-    if not found.better and context.recorded(TableStateRow):
-        found = replace(found, table=await take_back_unhelpful(context, context.device("robot")))
+    found = await withdrawn_unless_better(context, found)
     await context.record(found)
-    return Judged(verdict=found.verdict, sentence=found.sentence)
+    return Judged.of(found)
 
 
 @step("tracker.withdraw", needs={"robot": TableStore}, moves=True)

@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.files import InputError
 from cellctl.formats.station import reflectors_of, station_of
 from cellctl.kinematics import inverse_pose
-from cellctl.metrology.monuments import Motion, NestLoose, station_motion
+from cellctl.metrology.monuments import NestLoose, StationState, station_motion
 from cellctl.metrology.points import Points
 from cellctl.metrology.reflector_constant import InsensitiveDistances, KnownDistance, constant_error
 from cellctl.procedure import StepContext
@@ -20,7 +20,7 @@ from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, NestRow, StationRow, When
 from procedures.steps.tracker.station import base_from_instrument, session_now
 
-MOVED, MOVING = Motion.MOVED.value, Motion.MOVING.value
+MOVED, MOVING = StationState.MOVED.value, StationState.MOVING.value
 
 
 @final
@@ -70,10 +70,10 @@ def judged_visit(context: StepContext, tolerance_mm: float, when: When) -> Judge
     except NestLoose as error:
         what, _, cure = (_other_constant(checks) or str(error)).rpartition(": ")
         raise NestsDisagree("tracker", what, cure) from error
-    moved = found.verdict is Motion.MOVED
-    verdict = Motion.MOVING if moved and visits[-1].verdict == MOVED else found.verdict
+    moved = found.verdict is StationState.MOVED
+    verdict = StationState.MOVING if moved and visits[-1].verdict == MOVED else found.verdict
     station = None
-    if verdict is Motion.MOVED and found.motion is not None:
+    if verdict is StationState.MOVED and found.motion is not None:
         session = str(int(session) + 1)
         matrix = base_from_instrument(context) @ inverse_pose(found.motion.matrix)
         station = StationRow(session=session, source="moved", matrix=tuple(map(tuple, matrix.tolist())))
