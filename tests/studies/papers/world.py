@@ -92,6 +92,13 @@ class PaperWorld:
         across -= np.sum(across * beam, axis=1, keepdims=True) * beam
         return np.asarray(scale * (across + along * beam)).reshape(shape)
 
+    def measured_points(
+        self, readings: Floats, name: str, ways: Ways | None = None, *, reflector: int = 0, samples: int = 3
+    ) -> Floats:
+        """Measured places (N, 3) of one reflector, with scatter of the robot and noise of the instrument."""
+        true = self.reflectors(self.flanges(readings, ways))[:, reflector] + self.scatter(readings)
+        return true + self.noise(true, name, samples)
+
     def measured(
         self,
         readings: Floats,
