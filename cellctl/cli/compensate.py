@@ -22,7 +22,9 @@ __all__ = ["compensate"]
 def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
     targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby.")],
-    method: Annotated[str, typer.Option(help="Compensation method: pseudo-target.")] = "pseudo-target",
+    method: Annotated[
+        str, typer.Option(help="pseudo-target (the default), pseudo-target-matrix, veitschegger-wu, newton-raphson.")
+    ] = "pseudo-target",
     out: arguments.Out = None,
     serial: Annotated[str | None, typer.Option(help="Serial of the controller, if no run names it.")] = None,
     json_: arguments.Json = None,
@@ -59,10 +61,11 @@ def compensate(
 def _refuse(method: str, out: Path | None, json_: str | None) -> None:
     from cellctl.files import InputError, Problem
 
-    known = ("pseudo-target",)  # not imported from the mathematics: errors in the call are reported without loading it
+    # not imported from the mathematics: errors in the call are reported without loading it
+    known = ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson")
     problems = []
     if method not in known:
-        problems.append(Problem("--method", 0, 0, f"'{method}' is not known, or not ready yet", " or ".join(known)))
+        problems.append(Problem("--method", 0, 0, f"'{method}' is not known", f"one of: {', '.join(known)}"))
     if json_ == "-" and out is None:
         problems.append(Problem("--json", 0, 0, "the table itself goes to stdout", "give -o TABLE.json too"))
     if problems:
