@@ -37,6 +37,7 @@ ERRORS = {
     "reflector": 1.0,
     "station_drift": 0.0,
     "air": 0.0,
+    "friction_torsion": 0.0,
 }
 """The kinds of error of the simulated cell → the default scale of each."""
 

@@ -22,7 +22,9 @@ __all__ = ["compensate"]
 def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
     targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby.")],
-    method: Annotated[str, typer.Option(help="Compensation method: pseudo-target.")] = "pseudo-target",
+    method: Annotated[
+        str, typer.Option(help="pseudo-target (the default), pseudo-target-matrix, veitschegger-wu, newton-raphson.")
+    ] = "pseudo-target",
     out: arguments.Out = None,
     serial: Annotated[str | None, typer.Option(help="Serial of the controller, if no run names it.")] = None,
     json_: arguments.Json = None,
@@ -59,10 +61,11 @@ def compensate(
 def _refuse(method: str, out: Path | None, json_: str | None) -> None:
     from cellctl.files import InputError, Problem
 
-    known = ("pseudo-target",)  # not imported from the mathematics: errors in the call are reported without loading it
+    # not imported from the mathematics: errors in the call are reported without loading it
+    known = ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson")
     problems = []
     if method not in known:
-        problems.append(Problem("--method", 0, 0, f"'{method}' is not known, or not ready yet", " or ".join(known)))
+        problems.append(Problem("--method", 0, 0, f"'{method}' is not known", f"one of: {', '.join(known)}"))
     if json_ == "-" and out is None:
         problems.append(Problem("--json", 0, 0, "the table itself goes to stdout", "give -o TABLE.json too"))
     if problems:
@@ -73,6 +76,7 @@ def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: Le
     """The table of all targets. Raises InputError with every target out of reach or outside the measured region."""
     import numpy as np
 
+    from cellctl.calibration import MotorTorsion
     from cellctl.clock import calendar_time
     from cellctl.files import InputError, Problem
     from cellctl.formats.table_making import compensated_targets, table_of, usual_postures
@@ -81,6 +85,10 @@ def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: Le
     if loads and loads.min < loads.max and loads.min > 0.0:
         what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"
         raise InputError(Problem(file, 0, 0, what, "identify from rows without payload too"))
+    if any(isinstance(effect, MotorTorsion) for effect in model.robot_model().effects):
+        what = "the model includes the flexibility by motor current, and a target has no current"
+        cure = "identify with --model geometry+compliance, and +backlash where the side of approach is known"
+        raise InputError(Problem(file, 0, 0, what, cure))
     postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
     started = np.asarray(np.isfinite(postures).all(axis=1))
     found = compensated_targets(model, wanted.poses, np.where(started[:, None], postures, 0.0), method=method)

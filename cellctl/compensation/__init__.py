@@ -4,8 +4,9 @@
 that matters for targets relative to touched spheres.
 """
 
+from cellctl.compensation.compensating import Compensated, compensate
+from cellctl.compensation.corrections import METHODS
 from cellctl.compensation.postures import postures
-from cellctl.compensation.pseudo_target import METHODS, Compensated, compensate
 from cellctl.compensation.uncertainty import gauge_fixed
 
 __all__ = ["METHODS", "Compensated", "compensate", "gauge_fixed", "postures"]

@@ -212,7 +212,7 @@ def _as_before(before: Postures, q: Floats) -> Postures:
     some, rng = np.arange(len(q)) % len(before), np.random.default_rng(3)
     approach = None if before.approach is None else rng.choice([-1.0, 1.0], q.shape)
     delta_t = None if before.delta_t is None else np.full(len(q), np.median(before.delta_t))
-    loads = (None if part is None else part[some] for part in (before.payload, before.payload_at))
+    loads = (None if part is None else part[some] for part in (before.payload, before.payload_at, before.currents))
     return Postures(q, approach, delta_t, *loads)
 
 

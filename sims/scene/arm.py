@@ -14,7 +14,7 @@ from sims.scene.contact_loop import ContactLoop
 from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
 from sims.scene.stance import Stance
 from sims.world.crossings import crossings
-from sims.world.motors import slid
+from sims.world.motors import PRESLIDING_DEG, lagging, slid
 from sims.world.nominal import Matrix
 from sims.world.screws import Vector
 from sims.world.world import World
@@ -119,11 +119,13 @@ class MovingArm:
         return tuple(self._world.encoder(self.joints()))
 
     def links(self, time_ns: int) -> Joints:
-        """Where the links are, degrees: the joints, less what their play holds back."""
+        """Where the links are, degrees: the joints, less what their play and their friction hold back."""
         joints = self._motion.at(time_ns)
-        if not self._world.backlash:
-            return joints
-        return tuple(joint + ahead for joint, ahead in zip(joints, self._slack_at(time_ns), strict=True))
+        if self._world.backlash:
+            joints = tuple(joint + ahead for joint, ahead in zip(joints, self._slack_at(time_ns), strict=True))
+        if self._world.wound_up:
+            joints = lagging(joints, self._world.wound_up, self.sliding(time_ns))
+        return joints
 
     def tcp(self, time_ns: int) -> Vector:
         """The TCP at a moment of this motion, mm."""
@@ -228,7 +230,8 @@ class MovingArm:
                 motion.at(start), motion.at(end), motion.velocity(start), motion.velocity(end), strict=True
             )
         )
-        return radians(way) * self._world.reach_mm
+        unwinding = max(self._world.wound_up, default=0.0) / PRESLIDING_DEG
+        return radians(way) * (1.0 + unwinding) * self._world.reach_mm
 
     def _may_touch(self, way_mm: float) -> bool:
         """Whether the tip could reach a sphere in this stretch; keeps the lower bound of the gap up to date."""

@@ -32,7 +32,8 @@ class Compliance:
         self._links = body.links
         self._tcp = tcp
         self._down = down
-        self._rates = tuple(scale * rate for rate in body.compliance)
+        self.rates = tuple(scale * rate for rate in body.compliance)
+        """rad per N·mm."""
 
     def sagged(self, angles: Sequence[float], payload_kg: float = 0.0, at: Vector | None = None) -> list[float]:
         """Model angles (rad) at rest, of drives that stand at `angles`.
@@ -47,7 +48,7 @@ class Compliance:
         for _ in range(_MOST_ROUNDS):
             turned = turns(here)
             pulls = torques(self._axes, levers(self._axes, links, turned), turned, self._down)
-            there = [angle + rate * pull for angle, rate, pull in zip(angles, self._rates, pulls, strict=True)]
+            there = [angle + rate * pull for angle, rate, pull in zip(angles, self.rates, pulls, strict=True)]
             if max(abs(a - b) for a, b in zip(here, there, strict=True)) < AT_REST_RAD:
                 return there
             here = there

@@ -7,6 +7,7 @@ it holds at 60 % of its rated current; friction is of the order measured on arms
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import degrees
 from typing import final
 
 from sims.world.errors import generator
@@ -56,6 +57,13 @@ class Motors:
             for sign, pull, constant in zip(self._signs, pulls, self.nm_per_a, strict=True)
         )
 
+    def wound_up(self, rates: Sequence[float]) -> tuple[float, ...]:
+        """Degrees that each drive turns by under its whole Coulomb friction; `rates`: rad per N·mm."""
+        return tuple(
+            degrees(rate * coulomb * constant / _NM_PER_NMM)
+            for rate, coulomb, constant in zip(rates, self._coulomb_a, self.nm_per_a, strict=True)
+        )
+
     def friction(self, sliding: Sequence[float], velocity: Sequence[float]) -> tuple[float, ...]:
         """Amperes against friction: Coulomb by `sliding`, viscous by the velocity, deg/s."""
         return tuple(
@@ -72,3 +80,8 @@ def slid(sliding: Sequence[float], start: Sequence[float], end: Sequence[float])
     return tuple(
         max(-1.0, min(1.0, before + (b - a) / PRESLIDING_DEG)) for before, a, b in zip(sliding, start, end, strict=True)
     )
+
+
+def lagging(readings: Sequence[float], wound_up: Sequence[float], sliding: Sequence[float]) -> tuple[float, ...]:
+    """Where the links are, deg, behind drives that carry this share of their Coulomb friction."""
+    return tuple(reading - most * share for reading, most, share in zip(readings, wound_up, sliding, strict=True))

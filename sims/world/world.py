@@ -23,7 +23,7 @@ from sims.world.environment import Environment, Surroundings
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
 from sims.world.expansion import expansions, grown
 from sims.world.masses import Body, drawn_body
-from sims.world.motors import Motors
+from sims.world.motors import Motors, lagging
 from sims.world.nominal import Matrix, nominal_geometry, pose, vector
 from sims.world.obstacles import Obstacles
 from sims.world.plate import TrueSphere, true_plate_z, true_spheres
@@ -43,6 +43,7 @@ class World:
     file's `base`), mm; its z is up, unless the file's `mounting` says otherwise. The true chain is a product of
     perturbed screws, not a link table. `ageing` starts fresh and cold; `warm` brings it up to a
     time. `backlash`: the joints' play, None where it is switched off; the caller that moves the robot knows which way.
+    `wound_up`: degrees that each link lags behind under its joint's whole Coulomb friction, none where that is off.
     """
 
     def __init__(self, cell: SimCell, seed: int) -> None:
@@ -66,6 +67,7 @@ class World:
         body = drawn_body(robot, nominal, seed)
         self._compliance = _compliance(robot, body, self._chain, errors["compliance"])
         self.motors = Motors(body, true.axes, self._signs, robot.down, seed)
+        self.wound_up = self._wound_up(errors["friction_torsion"])
         self._expansions = expansions(len(robot.joints), seed, errors["expansion"])
         self._each_expands = any(self._expansions)
         self._surroundings = Surroundings(seed, errors["air"])
@@ -99,6 +101,15 @@ class World:
     def true_flange(self, readings: Sequence[float], conditions: Conditions = USUAL) -> Matrix:
         """The mean flange of the cold robot, 4×4, base ← flange, mm. Raises Falls."""
         return _flange_of(*self._at(readings, conditions))
+
+    def links_after(self, readings: Sequence[float], directions: Sequence[int]) -> Sequence[float]:
+        """Where the links are, degrees, after long ways in these directions (0: in the middle); none given: all 0."""
+        if self.backlash:
+            slack = self.backlash.behind(directions)
+            readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
+        if self.wound_up and directions:
+            readings = lagging(readings, self.wound_up, directions)
+        return readings
 
     def tcp(self, readings: Sequence[float], scatter: Vector) -> Vector:
         """The TCP now, `scatter` being what `scatter()` drew for this approach.
@@ -144,10 +155,14 @@ class World:
         chain = self._chain
         if conditions.temperature_c != REFERENCE_C:
             chain = self._chain_at(conditions.temperature_c)
-        if self.backlash:
-            slack = self.backlash.behind(conditions.directions)
-            readings = [reading + ahead for reading, ahead in zip(readings, slack, strict=True)]
-        return chain, self._angles(readings, self._payload_of(conditions))
+        links = self.links_after(readings, conditions.directions)
+        return chain, self._angles(links, self._payload_of(conditions))
+
+    def _wound_up(self, share: float) -> tuple[float, ...]:
+        """`share`: of the friction's torque, that the drives' springs carry."""
+        if not (share and self._compliance):
+            return ()
+        return tuple(share * degrees for degrees in self.motors.wound_up(self._compliance.rates))
 
     def _payload_of(self, conditions: Conditions) -> Payload:
         kg = conditions.payload_kg

@@ -64,10 +64,7 @@ class Truth:
     def _place(self, row: VisitedRow, *, shown: bool) -> Floats:
         time_ns = row.point.time_ns
         self._world.warm(time_ns)
-        readings = list(row.joints)
-        if self._world.backlash:
-            behind = self._world.backlash.behind(row.direction)
-            readings = [reading + slack for reading, slack in zip(readings, behind, strict=True)]
+        readings = self._world.links_after(row.joints, row.direction)
         target = self._reflectors.at(self._world.flange(readings, NO_SCATTER), 0.0)[self._names.index(row.reflector)]
         station = self._station.frame(self._world.ageing.on_ns(time_ns))
         xyz = levelled(tilt_of(station, self._world.up), to_instrument(station, target.xyz))

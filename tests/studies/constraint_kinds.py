@@ -85,7 +85,7 @@ def by_hand(campaign: Campaign, count: int, places: Floats) -> Measured:
     return sockets(campaign, count, places, BY_HAND_MM)
 
 
-def bars(campaign: Campaign, count: int, places: Floats) -> TouchRows:
+def bars(campaign: Campaign, count: int, places: Floats, sigma: float = SIGMA_MM) -> TouchRows:
     """A rod of one known length from each anchor to the tool, swung about the upper half space."""
 
     def goals(point: NDArray[np.intp]) -> Floats:
@@ -93,12 +93,16 @@ def bars(campaign: Campaign, count: int, places: Floats) -> TouchRows:
         away[:, 2] = np.abs(away[:, 2])
         return np.asarray(places[point] + BAR_MM * away / np.linalg.norm(away, axis=1, keepdims=True))
 
-    return _measured_from(campaign, count, places, goals)
+    return _measured_from(campaign, count, places, goals, sigma)
 
 
-def wires(campaign: Campaign, count: int, places: Floats) -> Measured:
+def wires(campaign: Campaign, count: int, places: Floats, sigma: float = SIGMA_MM) -> Measured:
     """A draw-wire of known zero from each anchor to the tool, anywhere in the workspace."""
-    return _measured_from(campaign, count, places, lambda point: campaign.rng.uniform(LOW, HIGH, (len(point), 3)))
+
+    def goals(point: NDArray[np.intp]) -> Floats:
+        return campaign.rng.uniform(LOW, HIGH, (len(point), 3))
+
+    return _measured_from(campaign, count, places, goals, sigma)
 
 
 def planes_and_rod(campaign: Campaign, count: int, places: Floats) -> list[Measured]:
@@ -116,13 +120,13 @@ def _towards_flange(campaign: Campaign, block: AtPoints, normals: Floats, count:
 
 
 def _measured_from(
-    campaign: Campaign, count: int, places: Floats, goals: Callable[[NDArray[np.intp]], Floats]
+    campaign: Campaign, count: int, places: Floats, goals: Callable[[NDArray[np.intp]], Floats], sigma: float
 ) -> TouchRows:
     point = np.arange(count) % len(places)
     q = campaign.standing(point, goals)
     length = np.linalg.norm(campaign.truth.points(q) - places[point], axis=1)
-    reach = length + campaign.rng.normal(0.0, SIGMA_MM, count)
-    return TouchRows(q, point, reach, np.full((count, 1), SIGMA_MM))
+    reach = length + campaign.rng.normal(0.0, sigma, count)
+    return TouchRows(q, point, reach, np.full((count, 1), sigma))
 
 
 KINDS: tuple[tuple[str, Rows, Floats, bool], ...] = (

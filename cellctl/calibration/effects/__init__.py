@@ -7,6 +7,7 @@ from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects.effect import Effect, EffectInputs, OwnTurns
 from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
+from cellctl.calibration.effects.motor_torsion import MotorTorsion
 from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.residuals.discrepancy import Discrepancy
@@ -17,6 +18,7 @@ from cellctl.calibration.residuals.residual_model import ResidualModel
 EFFECTS: tuple[type[Effect], ...] = (
     ToolDeflection,
     JointCompliance,
+    MotorTorsion,
     Harmonics,
     Backlash,
     ThermalExpansion,
@@ -55,6 +57,7 @@ __all__ = [
     "Harmonics",
     "JointCompliance",
     "JointField",
+    "MotorTorsion",
     "OwnTurns",
     "ResidualModel",
     "ThermalExpansion",

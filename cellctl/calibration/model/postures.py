@@ -1,4 +1,4 @@
-"""Postures of the robot at its measurements, with the conditions there: approach, temperature, payload."""
+"""Postures of the robot at its measurements, with the conditions there: approach, temperature, payload, currents."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cellctl.kinematics import Floats
 
-Condition: TypeAlias = Literal["approach", "delta_t", "payload"]
+Condition: TypeAlias = Literal["approach", "delta_t", "payload", "currents"]
 """Conditions that may be recorded besides the joint angles."""
 
 
@@ -22,7 +22,8 @@ class Postures:
     q (N, n): model angles, rad. approach (N, n): direction of each joint's last move, in the model's sense: 1, −1, or 0
     where it is not known. delta_t (N,): degrees Celsius above the temperature at which the model's lengths hold.
     payload (N,): mass that the robot carries, kg, without the tool's own. payload_at (N, 3): its centre of gravity in
-    the flange frame, mm; None: at the TCP.
+    the flange frame, mm; None: at the TCP. currents (N, n): of the motors, A, in the model's sense; NaN where a row has
+    none.
     """
 
     q: Floats
@@ -30,6 +31,7 @@ class Postures:
     delta_t: Floats | None = None
     payload: Floats | None = None
     payload_at: Floats | None = None
+    currents: Floats | None = None
 
     @classmethod
     def of(cls, at: Self | ArrayLike) -> Self:
@@ -41,7 +43,7 @@ class Postures:
 
     def pick(self, which: Any) -> Self:
         """The rows at an index array, slice or mask."""
-        parts = (self.approach, self.delta_t, self.payload, self.payload_at)
+        parts = (self.approach, self.delta_t, self.payload, self.payload_at, self.currents)
         return type(self)(self.q[which], *(None if part is None else part[which] for part in parts))
 
     def __len__(self) -> int:

@@ -87,7 +87,7 @@ def _away(block: Measured, model: RobotModel, q: Floats, tcps: Floats) -> Floats
 
 
 def under(block: Measured, **conditions: Any) -> Measured:
-    """The rows under other conditions: `approach`, `delta_t`, `payload`."""
+    """The rows under other conditions: `approach`, `delta_t`, `payload`, `currents`."""
     return block.changed(at=replace(block.postures, **conditions))
 
 

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from cellctl.calibration.effects.motor_torsion import VARIES_A
 from cellctl.calibration.observability.other_postures import moved, under
 from cellctl.calibration.observability.plane_reasons import of_planes
 from cellctl.calibration.observability.point_reasons import of_no_length, of_points
@@ -53,7 +54,8 @@ def any_posture(rows: Rowed) -> Floats:
 def _varied(block: Measured) -> Measured:
     rng = np.random.default_rng(0)
     sides, count = rng.choice([-1.0, 1.0], block.q.shape), len(block)
-    return under(block, approach=sides, delta_t=rng.uniform(-10, 10, count), payload=rng.uniform(0, 5, count))
+    delta_t, payload, currents = rng.uniform(-10, 10, count), rng.uniform(0, 5, count), rng.normal(0, 2, block.q.shape)
+    return under(block, approach=sides, delta_t=delta_t, payload=payload, currents=currents)
 
 
 def _one_posture(rows: Rowed) -> Iterator[Reason]:
@@ -80,7 +82,7 @@ def _with_joints(rows: Rowed, words: str, joints: Bools) -> Reason:
 
 
 def _conditions(rows: Rowed) -> Iterator[Reason]:
-    """Approach, payload and temperature that never change, or were not recorded."""
+    """Approach, payload, temperature and currents that never change, or were not recorded."""
     sides = _noted(rows, "approach")
     if sides is None or not _both(sides).all():
         yield Reason(_one_sided(sides), rows.otherwise(_from_either_side))
@@ -89,6 +91,10 @@ def _conditions(rows: Rowed) -> Iterator[Reason]:
         if values is None or np.ptp(values) == 0.0:
             words = f"no row says its {noun}" if values is None else f"the {noun} never changes in these rows"
             yield Reason(words, rows.otherwise(partial(_varying, name)))
+    currents = _noted(rows, "currents")
+    if currents is not None and (same := np.ptp(currents, axis=0) < VARIES_A).any():
+        words = f"the motor current of {_listed('joint', same)} never changes in these rows"
+        yield Reason(words, rows.otherwise(_other_currents))
 
 
 def _both(sides: Floats) -> Bools:
@@ -118,6 +124,10 @@ def _from_either_side(block: Measured) -> Measured:
 def _varying(condition: str, block: Measured) -> Measured:
     """The rows with a condition from 0 to 5, in an order independent of the postures."""
     return under(block, **{condition: np.random.default_rng(0).permutation(np.linspace(0.0, 5.0, len(block)))})
+
+
+def _other_currents(block: Measured) -> Measured:
+    return under(block, currents=np.random.default_rng(0).normal(0.0, 2.0, block.q.shape))
 
 
 def _one_orientation(rows: Rowed) -> Iterator[Reason]:

@@ -1,4 +1,4 @@
-"""Conditions of the robot at each row: temperature, payload, side of approach."""
+"""Conditions of the robot at each row: temperature, payload, side of approach, motor currents."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class Conditions:
 
     delta_t (N,): °C above 20, a missing one the mean of the others; payload (N,), kg: a missing one 0; payload_at
     (N, 3): its centre of gravity, flange frame, mm; approach (N, n): the model's sense of each joint's last movement, 0
-    where it is not known. None where there is no column.
+    where it is not known; currents (N, n), A, in the model's sense, NaN where one is missing. None where there is no
+    column.
     """
 
     def __init__(self, sieve: Sieve, robot: RobotFile, readings: Floats) -> None:
@@ -37,13 +38,14 @@ class Conditions:
         self.payload = _payload(sieve)
         self.payload_at = None if self.payload is None else _payload_at(sieve, self.payload)
         self.approach = _approach(sieve, robot)
+        self.currents = _currents(sieve, robot)
 
     def at(self, rows: Collection[int]) -> Postures:
         """Postures of the robot at `rows`, with their conditions."""
         from cellctl.calibration import Postures
 
         chosen = list(rows)
-        parts = (self.approach, self.delta_t, self.payload, self.payload_at)
+        parts = (self.approach, self.delta_t, self.payload, self.payload_at, self.currents)
         return Postures(self.q[chosen], *(None if part is None else part[chosen] for part in parts))
 
 
@@ -100,3 +102,13 @@ def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:
             if value not in (-1.0, 0.0, 1.0):
                 sieve.reject(row, f"{name} is {value:g}: the last movement is 1, -1, or 0 where it is not known")
     return np.array(columns).T * robot.joint_map().sign
+
+
+def _currents(sieve: Sieve, robot: RobotFile) -> Floats | None:
+    """`I1…In`, as the controller counts, in the model's sense; NaN where one is missing. None: no column is filled."""
+    import numpy as np
+
+    names = [f"I{number}" for number in range(1, robot.n + 1)]
+    if not any(any(sieve.data.texts(name)) for name in names):
+        return None
+    return np.array([sieve.numbers(name, missing=np.nan) for name in names]).T * robot.joint_map().sign

@@ -123,6 +123,7 @@ def measurements(
     refuse_planes([name for row, (name, _) in enumerate(rows.points()) if kinds[row] == "plane"], spacings)
     at, points = conditions.at(found.order), found.points
     _refuse_two_centres(data, at, found.order)
+    _refuse_missing_currents(data, terms, at, found.order)
     touched = any(kinds[row] in ("sphere", "plane") for row in found.order)
     given = {
         "points": points.names,
@@ -154,6 +155,23 @@ def _refuse_two_centres(data: DataSet, at: Postures, order: Sequence[int]) -> No
         what = f"the payload's centre of gravity is another one than in line {one}"
         cure = "identify each centre of gravity from a data set of its own"
         raise InputError(Problem(data.file, other, 0, what, cure))
+
+
+def _refuse_missing_currents(data: DataSet, terms: ModelTerms, at: Postures, order: Sequence[int]) -> None:
+    """A model with motor currents needs them in every row, those that judge it included."""
+    import numpy as np
+
+    from cellctl.calibration import MotorTorsion
+
+    motor = MotorTorsion.group
+    if motor not in terms.terms or at.currents is None:
+        return
+    without = np.flatnonzero(np.isnan(at.currents).any(axis=1)).tolist()
+    if without:
+        some = ", ".join(str(data.lines[order[row]]) for row in without[:10]) + (" …" if len(without) > 10 else "")
+        what = f"{len(without)} of {len(order)} rows lack a motor current, and --model names {motor}: lines {some}"
+        cure = f"fill I1…I{at.q.shape[1]} there, remove these rows, or leave {motor} out of --model"
+        raise InputError(Problem(data.file, data.lines[order[without[0]]], 0, what, cure))
 
 
 def tolerances_of(robot: RobotFile) -> Tolerances:

@@ -12,6 +12,7 @@ from cellctl.calibration.effects import (
     Harmonics,
     JointCompliance,
     JointField,
+    MotorTorsion,
     OwnTurns,
     ThermalExpansion,
     ToolDeflection,
@@ -23,6 +24,7 @@ SIZES = (0.1, 0.2, 0.05)
 MAKERS = {
     "deflection": lambda chain: ToolDeflection(0.41, 15.0),
     "compliance": lambda chain: JointCompliance.of(chain, load_known=True),
+    "motor": lambda chain: MotorTorsion(chain.n),
     "harmonics": lambda chain: Harmonics(chain.n),
     "backlash": lambda chain: Backlash(chain.n),
     "growth": lambda chain: ThermalExpansion.of(chain),
@@ -42,9 +44,9 @@ def effect(request, arm) -> Effect:
 
 @pytest.fixture
 def at(arm, rng):
-    return Postures(
-        rng.uniform(-3, 3, (9, arm.n)), rng.choice([-1.0, 1.0], (9, arm.n)), rng.normal(size=9), rng.uniform(0, 5, 9)
-    )
+    sides, loads = rng.choice([-1.0, 1.0], (9, arm.n)), rng.uniform(0, 5, 9)
+    currents = rng.normal(size=(9, arm.n))
+    return Postures(rng.uniform(-3, 3, (9, arm.n)), sides, rng.normal(size=9), loads, currents=currents)
 
 
 def parts(effect, arm, at):

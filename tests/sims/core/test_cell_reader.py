@@ -45,7 +45,17 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     assert [link.a for link in cell.robot.links] == [180, 600, 40, 0, 0, 0]
     assert [joint.sign for joint in cell.robot.joints] == [-1, 1, 1, -1, 1, -1]
     assert cell.robot.tool.mass == 1.535
-    unasked = {"wear", "warm_up", "compliance", "gear", "backlash", "expansion", "station_drift", "air"}
+    unasked = {
+        "wear",
+        "warm_up",
+        "compliance",
+        "gear",
+        "backlash",
+        "expansion",
+        "station_drift",
+        "air",
+        "friction_torsion",
+    }
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == unasked
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - unasked
     rsi = {"cycle_ms": 4, "precision": 4, "timeout_cycles": 100, "counter": "total", "mode": None}

@@ -84,7 +84,7 @@ def test_the_sagged_arm_has_the_least_energy_of_weight_and_springs(readings, see
 
     def energy(angles):
         heights = [-(T @ home)[:3] @ down for T, home in zip(frames(angles), homes, strict=True)]
-        springs = (np.asarray(angles) - drives) ** 2 / soft._rates / 2.0
+        springs = (np.asarray(angles) - drives) ** 2 / soft.rates / 2.0
         return np.dot([mass.weight_n for mass in soft._links], heights) + springs.sum()
 
     rest = np.array(soft.sagged(drives))
@@ -122,7 +122,7 @@ def test_twice_the_compliance_is_nearly_twice_the_sag():
 def test_masses_and_stiffness_are_the_same_whatever_else_is_wrong():
     alone, among = world(compliance=1)._compliance, world(**dict.fromkeys(ERRORS, 1))._compliance
     assert alone._links == among._links
-    assert alone._rates == among._rates
+    assert alone.rates == among.rates
 
 
 @given(READINGS)

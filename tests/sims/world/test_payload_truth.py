@@ -55,7 +55,7 @@ def test_the_joints_turn_by_the_weights_moment_wherever_it_hangs():
     turned = np.subtract(soft.sagged((0.0,) * 6, 2.0, tuple(place)), bare)
     axis = one._chain.arm.axes[1]
     moment = np.cross(place - axis.point, [0.0, 0.0, -2.0 * G]) @ axis.direction
-    assert turned[1] == pytest.approx(soft._rates[1] * moment, rel=1e-2)
+    assert turned[1] == pytest.approx(soft.rates[1] * moment, rel=1e-2)
 
 
 @pytest.mark.parametrize(("share", "factor"), [(1.0, 1.0), (0.5, 0.3125), (0.0, 0.0), (-0.3, 0.0), (2.0, 2.5)])

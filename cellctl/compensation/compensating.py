@@ -1,12 +1,8 @@
-"""Pseudo-target compensation, differential form.
+"""Joints that take the identified robot to targets, by repeated passes of a method.
 
 A controller computes with its nominal kinematics f; the robot does f*. It is sent to a pseudo-target T_s instead of the
-target T_d, chosen so that f*(f⁻¹(T_s)) = T_d, by repeating
-
-    T_s ← T_s + (T_d − f*(f⁻¹(T_s)))
-
-with the difference of two poses as a shift and a small rotation vector, both along the measuring frame's axes. f and f*
-differ by millimetres over metres, and each pass shrinks the error by that ratio: two or three suffice.
+target T_d, chosen so that f*(f⁻¹(T_s)) = T_d, or its joints are corrected directly: `METHODS`. f and f* differ by
+millimetres over metres, and each pass shrinks the error by that ratio: two or three suffice.
 """
 
 from __future__ import annotations
@@ -16,13 +12,10 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import RobotModel
-from cellctl.kinematics import Bools, Floats, SerialChain, inverse, rotation_vector
-
-METHODS = ("pseudo-target",)
-"""Methods of `compensate`."""
+from cellctl.compensation.corrections import METHODS, Pass, WithoutZeros, difference
+from cellctl.kinematics import Bools, Floats, SerialChain, inverse
 
 _TOLERANCE_RAD = 1e-7
 """Orientation left at the end: 0.1 µm on a tool of a metre."""
@@ -64,29 +57,29 @@ def compensate(
     are correlated with the centres, so model and centres belong together, and targets near a sphere must be built on
     the centre that came with the model.
 
+    method: one of `METHODS`. passes: the most that are made; 1 gives the methods that are published without iteration.
     Joint limits are the caller's, as in `inverse`. Raises ValueError for an unknown method or shapes that do not fit.
     """
     if method not in METHODS:
-        raise ValueError(f"compensation method '{method}' is not known, or not ready yet (ready: {', '.join(METHODS)})")
-    controller = nominal.with_parameters({})
+        raise ValueError(f"compensation method '{method}' is not known (known: {', '.join(METHODS)})")
+    chosen, controller = METHODS[method], nominal.with_parameters({})
     wanted, begin = _checked(targets, start, controller, identified)
+    robot = WithoutZeros.of(identified, apart=chosen.zeros_apart)
     first = inverse(controller, wanted, begin)
-    q, reached = first.q, first.converged
-    pseudo, rest = wanted.copy(), _difference(wanted, identified.pose(q))
-    made = 0
-    while made < passes and not _within(rest[reached], tolerance_mm).all():
-        pseudo = _moved(pseudo, np.where(reached[:, None], rest, 0.0))
-        found = inverse(controller, pseudo, q)
-        q, reached = np.where(reached[:, None], found.q, q), reached & found.converged
-        rest = _difference(wanted, identified.pose(q))
+    now, q, made = Pass(first.q, wanted.copy(), first.converged), first.q, 0
+    rest = before = difference(wanted, identified.pose(q))
+    while made < passes and not _within(rest[now.reached], tolerance_mm).all():
+        now = chosen.correction(controller, robot, wanted, now)
+        q = now.q - robot.zeros
+        rest = difference(wanted, identified.pose(q))
         made += 1
     return Compensated(
         nominal_q=first.q,
         compensated_q=q,
-        predicted_before_mm=_distance(_difference(wanted, identified.pose(first.q))),
+        predicted_before_mm=_distance(before),
         predicted_after_mm=_distance(rest),
         passes=made,
-        converged=np.asarray(reached & _within(rest, tolerance_mm)),
+        converged=np.asarray(now.reached & _within(rest, tolerance_mm)),
     )
 
 
@@ -104,20 +97,6 @@ def _checked(
     if not all(np.allclose(ours, theirs, atol=1e-9) for ours, theirs in frames):
         raise ValueError("base or tool of the nominal and the identified robot count from different poses")
     return wanted, begin
-
-
-def _difference(goal: Floats, actual: Floats) -> Floats:
-    """Shift (mm) and rotation vector (rad) from actual to goal (N, 6), along the measuring frame's axes."""
-    turn = np.matmul(goal[:, :3, :3], np.swapaxes(actual[:, :3, :3], -1, -2))
-    return np.concatenate([goal[:, :3, 3] - actual[:, :3, 3], rotation_vector(turn)], axis=-1)
-
-
-def _moved(poses: Floats, by: Floats) -> Floats:
-    """`poses` (N, 4, 4) shifted and turned by (N, 6): the position shifts, the turn is about the position."""
-    result = poses.copy()
-    result[:, :3, 3] += by[:, :3]
-    result[:, :3, :3] = np.matmul(Rotation.from_rotvec(by[:, 3:]).as_matrix(), poses[:, :3, :3])
-    return result
 
 
 def _distance(difference: Floats) -> Floats:

@@ -1,0 +1,82 @@
+"""Joints lag behind their motors in proportion to the motor current."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Self, final
+
+import numpy as np
+
+from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
+from cellctl.calibration.model.postures import Postures
+from cellctl.kinematics import Floats, SerialChain
+
+EXPECTED_RAD_PER_A = 2e-4
+"""1 σ of a joint's flexibility, rad/A; an estimate.
+
+A joint of an arm with 5 to 20 kg payload turns by 0.3 (weight of its links) to 1 mrad (greatest load), and its motor
+holds that with some 3 A: 1e-4 … 3e-4.
+"""
+
+VARIES_A = 1e-3
+"""A current with a smaller range never changes: a controller's last digit."""
+
+PER_A = Unit("rad/A", "µrad/A", 1e6)
+_PHRASE = Phrase.of("flexibility by motor current", "joint")
+
+
+@final
+@dataclass(frozen=True)
+class MotorTorsion(Effect):
+    """The reducer of each joint as a torsion spring between its motor and its link: Δθ = −F·I.
+
+    joints: how many. `flexibility{j}`, rad/A: how far joint j lags behind its reading, per ampere in the direction of
+    the joint. A spring is positive; a negative amount of many σ shows that a drive counts its current the other way
+    (scale −1 in the cell file's `currents`).
+    The motor's torque includes friction, so the joint turns by friction too, where the current has it. Source:
+    ANN-based precision compensation via optimization of point selection, section 2.2 (Δθ = F·I, F diagonal).
+    needs: the current of every joint in every row. Where it is unknown (None or NaN), joints do not lag. `auto` does
+    not try it: a target of a table has no current.
+    """
+
+    joints: int
+    expected: float = EXPECTED_RAD_PER_A
+
+    group: ClassVar[Group] = "motor"
+    title: ClassVar[str] = "Flexibility by motor current"
+    chosen: ClassVar = "named"
+    needs: ClassVar[str] = "columns I1…In with a number in every row, and different values for at least one joint"
+
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        """The effect, if every row has its currents, and any of them changes; else None."""
+        currents = setup.at.currents
+        if currents is None or not len(currents) or not np.isfinite(currents).all():
+            return None
+        return cls(setup.chain.n) if np.ptp(currents, axis=0).max() > VARIES_A else None
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One for each joint, rad/A."""
+        return tuple(
+            Parameter(f"flexibility{j}", PER_A, self.group, f"A{j} flexibility", _PHRASE, str(j), j)
+            for j in range(1, self.joints + 1)
+        )
+
+    @property
+    def sigma(self) -> Floats:
+        """Prior 1 σ about 0, rad/A."""
+        return np.full(self.joints, self.expected)
+
+    def lacks(self, at: Postures) -> list[str]:
+        """Rows without currents."""
+        without = len(at) if at.currents is None else int(np.count_nonzero(np.isnan(at.currents).any(axis=1)))
+        words = f"{without} of {len(at)} rows without I1…I{self.joints}"
+        return [f"{words}: predicted without flexibility by motor current"] if without else []
+
+    def turns(self, nominal: SerialChain, at: Postures) -> Floats:
+        """Φ (N, n, n): minus each joint's current in its own row."""
+        currents = np.zeros(at.q.shape) if at.currents is None else np.nan_to_num(at.currents)
+        return np.asarray(-currents[:, :, None] * np.eye(self.joints))

@@ -1,0 +1,124 @@
+"""A multilayer perceptron with one hidden layer, trained by back-propagation with scikit-learn."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.error_maps.samples import Method
+from cellctl.error_maps.tuned import Tuned
+from cellctl.kinematics import Floats
+
+HIDDEN = (8, 16, 32)
+ALPHAS = (1e-3, 1e-2, 1e-1, 1.0)
+"""Candidates of `tuned_perceptron`."""
+
+ROUNDS = 2000
+"""Most iterations of a training; one that reaches it has stopped early, which is no error."""
+
+
+@final
+class LibraryMissing(ImportError):
+    """An optional library is not installed; the text has the command that installs it."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    """Centre and 1 σ of each column; a column that never changes has scale 1."""
+
+    centre: Floats
+    size: Floats
+
+    @classmethod
+    def of(cls, values: Floats) -> _Scale:
+        size = values.std(axis=0)
+        constant = np.ptp(values, axis=0) == 0.0
+        return cls(values.mean(axis=0), np.where(constant, 1.0, size))
+
+    def standardised(self, values: Floats) -> Floats:
+        return (values - self.centre) / self.size
+
+    def restored(self, values: Floats) -> Floats:
+        return values * self.size + self.centre
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PerceptronMap:
+    """A trained perceptron: weights (k, h), (h, m) and offsets (h,), (m,) between standardised inputs and outputs."""
+
+    inputs: _Scale
+    outputs: _Scale
+    weights: tuple[Floats, Floats]
+    offsets: tuple[Floats, Floats]
+
+    def errors(self, inputs: ArrayLike) -> Floats:
+        """Errors (N, m) at inputs (N, k), in the units of the samples."""
+        at = self.inputs.standardised(np.atleast_2d(np.asarray(inputs, float)))
+        hidden = np.tanh(at @ self.weights[0] + self.offsets[0])
+        return self.outputs.restored(hidden @ self.weights[1] + self.offsets[1])
+
+
+@final
+@dataclass(frozen=True)
+class Perceptron(Method):
+    """One hidden layer of tanh units, linear outputs; inputs and outputs are standardised.
+
+    hidden: units. alpha: penalty of the squared weights (scikit-learn's). seed: of the initial weights. Training
+    minimises the squared error over all samples by L-BFGS with the gradients of back-propagation (MLPRegressor of
+    scikit-learn: the extra `baselines`, decision 33). The same samples and seed give the same map. A map needs no
+    scikit-learn to predict.
+    """
+
+    hidden: int = 16
+    alpha: float = 1e-1
+    seed: int = 0
+
+    def fit_checked(self, inputs: Floats, errors: Floats) -> PerceptronMap:
+        """The map of errors (N, m) sampled at inputs (N, k). Raises LibraryMissing."""
+        of_inputs, of_outputs = _Scale.of(inputs), _Scale.of(errors)
+        trained = self._trained(of_inputs.standardised(inputs), of_outputs.standardised(errors))
+        varies = np.ptp(errors, axis=0) > 0.0  # a constant output is its constant, not nearly
+        (first, second), (shift, last) = trained.coefs_, trained.intercepts_
+        return PerceptronMap(of_inputs, of_outputs, (first, second * varies), (shift, last * varies))
+
+    def _trained(self, inputs: Floats, outputs: Floats) -> Any:
+        network, unfinished = _library()
+        made = network(
+            hidden_layer_sizes=(self.hidden,),
+            activation="tanh",
+            solver="lbfgs",
+            alpha=self.alpha,
+            max_iter=ROUNDS,
+            random_state=self.seed,
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", unfinished)
+            return made.fit(inputs, outputs if outputs.shape[1] > 1 else outputs[:, 0])
+
+
+def tuned_perceptron(
+    *, hidden: Sequence[int] = HIDDEN, alphas: Sequence[float] = ALPHAS, seed: int = 0
+) -> Tuned[Perceptron]:
+    """Number of hidden units and penalty by cross-validation.
+
+    On places (N, 3) it is the baseline "MLP on Cartesian position" of the kriging paper (its reference 14), whose
+    settings are not published: these are ours.
+    """
+    return Tuned([Perceptron(units, alpha, seed) for units in hidden for alpha in alphas], seed=seed)
+
+
+def _library() -> tuple[Any, type[Warning]]:
+    try:
+        from sklearn.exceptions import ConvergenceWarning
+        from sklearn.neural_network import MLPRegressor
+    except ImportError:
+        cure = "pip install 'cellctl[baselines]'"
+        raise LibraryMissing(f"the perceptron needs scikit-learn, which is not installed: {cure}") from None
+    return MLPRegressor, ConvergenceWarning
