@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration.effects.motor_torsion import EXPECTED_RAD_PER_A
-from cellctl.error_maps.samples import UnusableSamples
+from cellctl.error_maps.samples import UnusableSamples, checked
 from cellctl.kinematics import Floats, SerialChain
 
 
@@ -46,9 +46,7 @@ class MotorFlexibility:
         position, mm, in the frame of `chain`; sigma_mm: its 1 σ on one axis. Raises UnusableSamples.
         """
         angles, amperes = _checked(q, currents)
-        errors = np.asarray(left, float)
-        if errors.shape != (len(angles), 3) or not np.isfinite(errors).all():
-            raise UnusableSamples(f"errors {errors.shape}: needed are 3 finite numbers for each of {len(angles)} rows")
+        _, errors = checked(angles, left)
         lines = (-_arms(chain, angles) * amperes[:, None]).reshape(-1, chain.n) / sigma_mm
         precision = lines.T @ lines + np.eye(chain.n) / expected**2
         amounts = np.linalg.solve(precision, lines.T @ errors.reshape(-1) / sigma_mm)

@@ -29,11 +29,13 @@ def lean(readings):
 
 
 @cache
-def fitted(size, model="auto", seed=6):
-    """Measurements and fit of an arm that leans so many times as `lean` says."""
+def fitted(size, model="auto", seed=6, outlier=None):
+    """Measurements and fit of an arm that leans so many times as `lean` says; row `outlier` is 80 mm off."""
     rng = np.random.default_rng(seed)
     readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (FIT + HELD_OUT, 3))
     places = elbow_arm.ElbowArm().tcp(readings) + size * lean(readings) + rng.normal(0.0, SIGMA, (len(readings), 3))
+    if outlier is not None:
+        places[outlier] += (0.0, 80.0, 0.0)
     measured = measurements(
         ROBOT, DataSet.parse(csv_text(joints_and_places(readings, places)), "data.csv"), model=model
     )
@@ -151,3 +153,11 @@ def test_rows_that_measure_no_point_leave_no_errors_to_fit():
 def test_a_field_of_wrong_shape_is_refused(lengths, expected, message):
     with pytest.raises(ValueError, match=message):
         JointField(np.zeros((1, 4)), lengths, expected)
+
+
+def test_a_far_outlier_is_left_out_and_changes_the_field_hardly():
+    _, clean = fitted(1.0)
+    _, result = fitted(1.0, outlier=17)
+    assert result.identification.outliers == (17,)
+    assert result.model == clean.model
+    assert result.test.rms < 1.1 * clean.test.rms

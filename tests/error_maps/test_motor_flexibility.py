@@ -89,11 +89,20 @@ def test_rows_without_currents_are_refused_by_number():
         identified(rows(20, 6)).errors(data.q, data.currents)
 
 
-def test_ten_points_and_repeated_points_keep_flexibility_within_the_prior():
-    few, same = rows(10, 7), rows(10, 7).pick(np.zeros(10, int))
-    for data in (few, same):
+def test_ten_points_keep_flexibility_within_the_prior_and_repeats_of_them_add_little():
+    few = rows(10, 7)
+    twice = few.pick(np.repeat(np.arange(10), 2))
+    for data in (few, twice):
         assert np.all(np.abs(identified(data).amounts) < 6e-4)
-    assert np.all(identified(same).sigma[2:] > 0.9 * identified(few).sigma[2:])
+    assert np.all(identified(twice).sigma < identified(few).sigma)
+    assert np.all(identified(twice).sigma > 0.7 * identified(few).sigma)
+
+
+def test_one_far_outlier_is_refused_with_its_number():
+    data = rows(60, 11)
+    data.left[12] += 40.0
+    with pytest.raises(UnusableSamples, match="error of sample 13"):
+        identified(data)
 
 
 @pytest.fixture(scope="module")

@@ -102,17 +102,16 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
             else:
                 missed.append(group)
         waiting = missed if again else []  # a later term may make an omitted one significant
-    simpler = [geometry, nominal]
+    if outside:  # a residual model of these postures says nothing there
+        best = ladder.best_at_the_ends([best, geometry, nominal])
+        last = []
     for effect in last:
+        progress(effect.group, len(steps) / (len(steps) + 1))
         fitted = ladder.with_fitted(effect, best)
-        if fitted is None:
-            continue
-        wider = fitted.tried(_ordered((*best.groups, effect.group)), best.logs)
-        steps.append(_step(best, wider))
-        if steps[-1].kept:
-            ladder, best, simpler = fitted, wider, [best, *simpler]
-    if outside:
-        best = ladder.best_at_the_ends([best, *simpler])
+        if fitted is not None:
+            wider = fitted.tried(_ordered((*best.groups, effect.group)), best.logs)
+            steps.append(_step(best, wider))
+            ladder, best = (fitted, wider) if steps[-1].kept else (ladder, best)
     return Climbed(ladder.task_of(best), ladder.weights(best) if best.groups else None, tuple(steps))
 
 

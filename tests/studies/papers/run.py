@@ -23,6 +23,7 @@ HERE = Path(__file__).parent
 
 MODULES = {
     "sph": "spherical_constraint",
+    "cmp": "compensation_methods",
     "krg": "kriging",
     "ann": "point_selection",
 }

@@ -34,7 +34,7 @@ SWITCHES: dict[str, Mapping[str, float]] = {
 }
 LOOSE = Tolerances(link_mm=50.0, angle_deg=5.0, joint_zero_deg=5.0, tool_mm=50.0)
 ALL = tuple(SWITCHES)
-TRUE_CENTRE, NO_NOISE = "about the true centre", "no noise: nothing is left"
+NO_NOISE = "without noise nothing is left"
 UNOBSERVABLE = "base heading and height; the last link with the tool"
 BY_HAND, POOR_LENGTH = "point aligned by hand, 0.1 mm", "length to 0.1 mm"
 
@@ -148,15 +148,15 @@ HELD_OUT_TOUCHES = Section(
 )
 
 SIMULATION = Section(
-    "Its simulation: the errors of its table 2, no noise",
+    "Its simulation: the errors of its table 2, no noise; distances to the sphere, mm",
     (
-        Figure("mean before, table in radians and metres, mm", "3.657", "rad_m_before_mean", note=TRUE_CENTRE),
-        Figure("largest before, mm", "5.559", "rad_m_before_max", note=TRUE_CENTRE),
-        Figure("mean before, mm", "3.657", "rad_m_fitted_centre_before_mean", note="centre fitted to the touches"),
-        Figure("mean after, mm", "0.665", "rad_m_after_mean", digits=4, note=NO_NOISE),
-        Figure("largest after, mm", "1.104", "rad_m_after_max", digits=4, note=NO_NOISE),
-        Figure("mean before, table in degrees and millimetres, mm", "3.657", "deg_mm_before_mean", note=TRUE_CENTRE),
-        Figure("mean after, mm", "0.665", "deg_mm_after_mean", digits=4, note=NO_NOISE),
+        Figure("radians and metres, about the true centre: mean before", "3.657", "rad_m_before_mean"),
+        Figure("the same: largest before", "5.559", "rad_m_before_max"),
+        Figure("radians and metres, about the fitted centre: mean before", "3.657", "rad_m_fitted_centre_before_mean"),
+        Figure("radians and metres: mean after", "0.665", "rad_m_after_mean", 4, NO_NOISE),
+        Figure("the same: largest after", "1.104", "rad_m_after_max", 4, NO_NOISE),
+        Figure("degrees and millimetres, about the true centre: mean before", "3.657", "deg_mm_before_mean"),
+        Figure("degrees and millimetres: mean after", "0.665", "deg_mm_after_mean", 4, NO_NOISE),
     ),
 )
 

@@ -44,7 +44,7 @@ class Interval:
 
     def text(self, digits: int) -> str:
         """`0.123 ± 0.004`."""
-        return f"{self.mean:.{digits}f} ± {self.half:.{digits}f}"
+        return f"{round(self.mean, digits) + 0.0:.{digits}f} ± {self.half:.{digits}f}"
 
 
 @final

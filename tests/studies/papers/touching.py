@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, final
 
@@ -84,8 +84,8 @@ class Touched:
     readings: Floats
     held_out: int
 
-    def task(self, model: str = "geometry+deflection") -> Task:
-        """The identification of the procedure from these touches."""
+    def task(self) -> Task:
+        """The published identification: geometry, tool and its deflection."""
         sphere = self.cell.artefact.spheres[0]
         rows: list[dict[str, Any]] = [
             {
@@ -97,9 +97,15 @@ class Touched:
             for row in self.readings
         ]
         data = DataSet.of_records(rows, "touches.csv")
-        return measurements(
-            self.cell.robot, data, measure="sphere", model=model, artefact=self.cell.artefact, use_distances=False
+        task = measurements(
+            self.cell.robot,
+            data,
+            measure="sphere",
+            model="geometry+deflection",
+            artefact=self.cell.artefact,
+            use_distances=False,
         ).task
+        return replace(task, groups=frozenset({"geometry", "tool", "deflection"}))
 
     def fitted(self, task: Task) -> FitResult:
         """The fit with its figures on the held-out touches."""

@@ -99,16 +99,21 @@ class PaperWorld:
         true = self.reflectors(self.flanges(readings, ways))[:, reflector] + self.scatter(readings)
         return true + self.noise(true, name, samples)
 
-    def measured_poses(
-        self, readings: Floats, name: str, ways: Ways | None = None, *, samples: int = 3, reflectors: int = 3
+    def measured(
+        self,
+        readings: Floats,
+        name: str,
+        ways: Ways | None = None,
+        *,
+        samples: int = 3,
+        temperature_c: float = REFERENCE_C,
     ) -> Floats:
-        """Measured poses (N, 4, 4) of the plate: its first reflectors at each pose, fitted to their places at the first
-        one of these poses, which are found in the flange frame of that pose.
+        """Measured places (N, R, 3) of all reflectors, with scatter of the robot and noise of the instrument.
+
+        `pose_of_plate` makes poses of three of them. name: of the noise, so that repeats have their own.
         """
-        true = self.reflectors(self.flanges(readings, ways))[:, :reflectors] + self.scatter(readings)[:, None]
-        seen = true + self.noise(true, name, samples)
-        plate = plate_of(seen)
-        return np.array([pose_of_plate(plate, one) for one in seen])
+        true = self.reflectors(self.flanges(readings, ways, temperature_c)) + self.scatter(readings)[:, None]
+        return true + self.noise(true, name, samples)
 
     def currents(self, readings: Floats, ways: Ways) -> Floats:
         """Motor currents (N, n), A, at rest after motions in these directions: weight and Coulomb friction."""

@@ -1,0 +1,22 @@
+"""docs/papers.md has the tables of the kept numbers, and nothing else between its marks."""
+
+from pathlib import Path
+
+import pytest
+from page import page_of
+from run import MODULES, kept, paper_of
+from statements import Results
+
+PAGE = Path(__file__).parents[2] / "docs" / "papers.md"
+
+
+@pytest.mark.parametrize("tag", MODULES)
+def test_the_page_is_rendered_from_the_kept_numbers(tag):
+    _, _, rest = PAGE.read_text(encoding="utf-8").partition(f"<!-- figures of {tag} -->\n")
+    text, _, _ = rest.partition(f"\n<!-- end of figures of {tag} -->")
+    assert text == page_of(paper_of(tag), Results.load(kept(tag)))
+
+
+@pytest.mark.parametrize("tag", MODULES)
+def test_figures_are_of_ten_robots(tag):
+    assert sorted(Results.load(kept(tag)).by_seed) == list(range(1, 11))

@@ -1,0 +1,48 @@
+"""The procedures of the papers fit their cells, and a run of each comes to a verdict over the wires."""
+
+import json
+from pathlib import Path
+
+import pytest
+from cell_runs import ROOT, cellctl
+
+from cellctl.cli import ends
+from cellctl.cli.verbs import app
+from cellctl.journal import fold, read_journal
+
+PAPERS = ROOT / "procedures" / "papers"
+FEW = {
+    "spherical_constraint": {"touches_fit": 20, "touches_test": 8},
+    "compensation_methods": {
+        "poses_fit": 24,
+        "poses_test": 6,
+        "turn_points": 5,
+        "samples": 2,
+        "warm_up_minutes": 0.05,
+        "warm_up_limit": 2,
+    },
+}
+
+
+def settings(name: str) -> list[str]:
+    return [word for key, value in FEW[name].items() for word in ("--set", f"{key}={value}")]
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_the_procedure_fits_its_cell(name: str) -> None:
+    file = str(PAPERS / f"{name}.yaml")
+    assert ends.exit_code_of(lambda: app(["check", file, *settings(name)], standalone_mode=False)) == 0
+
+
+@pytest.mark.long
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", FEW)
+def test_a_small_run_is_better_than_nominal_and_has_a_journal(name: str, tmp_path: Path) -> None:
+    result = tmp_path / "result.json"
+    procedure = PAPERS / f"{name}.yaml"
+    done = cellctl("run", procedure, "--seed", "1", "--runs", tmp_path / "runs", "--json", result, *settings(name))
+    assert done.returncode == 0, done.stderr
+    found = json.loads(result.read_text())
+    assert found["verdict"] == "better"
+    journal = fold(read_journal(tmp_path / "runs" / found["run"]))
+    assert journal.ended is not None
