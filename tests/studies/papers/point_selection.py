@@ -10,7 +10,7 @@ NETWORK = "paper_network_mean"
 
 PAPER = Paper(
     tag="ann",
-    title="Wang et al. 2021: point selection, motor currents and a network",
+    title="Mathematical Problems in Engineering 2020, 9035425: point selection, motor currents and a network",
     cell=CELL,
     study=study,
     sections=(

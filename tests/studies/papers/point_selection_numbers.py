@@ -1,4 +1,6 @@
-"""ANN: point selection, joint flexibility from motor currents and a network (Wang et al. 2021).
+"""ANN: point selection, joint flexibility from motor currents and a network.
+
+Mathematical Problems in Engineering 2020, article 9035425.
 
 A flexible 6-axis arm whose tracker positions and motor currents are recorded; constant orientation throughout, a
 U-shaped path. In the cell's World the joints wind up under the whole torque of the motors, friction included, as the
