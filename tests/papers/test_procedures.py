@@ -11,16 +11,19 @@ from cellctl.cli.verbs import app
 from cellctl.journal import fold, read_journal
 
 PAPERS = ROOT / "procedures" / "papers"
+FEW_POSES = {
+    "poses_fit": 24,
+    "poses_test": 6,
+    "turn_points": 5,
+    "samples": 2,
+    "warm_up_minutes": 0.05,
+    "warm_up_limit": 2,
+}
 FEW = {
     "spherical_constraint": {"touches_fit": 20, "touches_test": 8},
-    "compensation_methods": {
-        "poses_fit": 24,
-        "poses_test": 6,
-        "turn_points": 5,
-        "samples": 2,
-        "warm_up_minutes": 0.05,
-        "warm_up_limit": 2,
-    },
+    "compensation_methods": FEW_POSES,
+    "configuration_space_kriging": FEW_POSES,
+    "point_selection": FEW_POSES,
 }
 
 

@@ -34,6 +34,7 @@ class Wanted:
     reflectors: int = 3
     monuments_every: int = 10_000
     from_both: float = 0.0
+    pose_file: str = ""
 
 
 @final
