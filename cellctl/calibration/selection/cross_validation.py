@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self, final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cellctl.calibration.estimation.evidence import Factor, Normal, System
 from cellctl.calibration.estimation.linear import Linear
@@ -114,7 +114,7 @@ class Folded:
         if again:
             logs, _ = others.tuned(logs)
         square, pull = others.posterior(logs)
-        root = cho_factor(square, lower=True, check_finite=False)
+        root = _factored(square)
         x = -cho_solve(root, pull, check_finite=False)
         shown = evenly(test, most)
         columns = self.linear.columns[shown][..., at]
@@ -140,6 +140,16 @@ class Folded:
         mine = columns[..., unknown].reshape(residual.size, -1)
         step = np.linalg.lstsq(mine, residual.reshape(-1), rcond=1e-9)[0]
         return residual - (mine @ step).reshape(residual.shape), True
+
+
+def _factored(square: Floats) -> Any:
+    """Cholesky factor. A fold is taken off the sums by subtraction: of an unobservable parameter the rounding error can
+    exceed the flat prior. Then each gets a share of its own size, far below what its rows show.
+    """
+    try:
+        return cho_factor(square, lower=True, check_finite=False)
+    except LinAlgError:
+        return cho_factor(square + 1e-9 * np.diag(np.diag(square)), lower=True, check_finite=False)
 
 
 def _normals(linear: Linear, test: Any) -> dict[Factor, Normal]:
