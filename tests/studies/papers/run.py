@@ -25,6 +25,7 @@ MODULES = {
     "sph": "spherical_constraint",
     "cmp": "compensation_methods",
     "krg": "kriging",
+    "ann": "point_selection",
 }
 """Tag of a paper → the module here that has its `PAPER`."""
 
