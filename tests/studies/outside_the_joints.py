@@ -19,9 +19,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 from real_rows import DATA, JOINTS, REPEATABILITY_MM
 
 from cellctl.calibration import (
+    EffectInputs,
     Harmonics,
     JointCompliance,
+    JointField,
     PositionRows,
+    Postures,
     RobotModel,
     Split,
     Task,
@@ -58,7 +61,9 @@ def figures(q: np.ndarray, xyz: np.ndarray, count: int) -> dict[str, float]:
     chain = RobotFile.load(ROBOT).chain()
     rows = PositionRows(q, xyz, np.full(xyz.shape, REPEATABILITY_MM / np.sqrt(3.0)))
     held_out = np.arange(len(q)) >= count
-    task = Task(RobotModel(chain), rows, candidates=(JointCompliance.of(chain), Harmonics(6)))
+    field = JointField.of_inputs(EffectInputs(chain, Postures(q)))
+    assert field is not None
+    task = Task(RobotModel(chain), rows, candidates=(JointCompliance.of(chain), Harmonics(6), field))
     found = fit(task, Split.by_column(held_out))
     predicted = held_out_rows(task, found.identification, task.rows.pick(np.flatnonzero(held_out)), found.reliability)
     own = rows.pick(np.flatnonzero(~held_out))

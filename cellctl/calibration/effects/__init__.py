@@ -12,6 +12,7 @@ from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.residuals.discrepancy import Discrepancy
 from cellctl.calibration.residuals.harmonics import Harmonics, Wave
+from cellctl.calibration.residuals.joint_field import JointField
 from cellctl.calibration.residuals.residual_model import ResidualModel
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -21,6 +22,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     Harmonics,
     Backlash,
     ThermalExpansion,
+    JointField,
     Discrepancy,
 )
 """All kinds of effects, in the order in which a model's name lists them."""
@@ -54,6 +56,7 @@ __all__ = [
     "EffectInputs",
     "Harmonics",
     "JointCompliance",
+    "JointField",
     "MotorTorsion",
     "OwnTurns",
     "ResidualModel",

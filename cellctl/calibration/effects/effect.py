@@ -73,8 +73,9 @@ class Effect(ABC):
     and closed.
 
     group: name of the kind, by which it is freed or held, named in `--model`, and stored. title: the same for people.
-    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), or it joins a model where the
-    rows show that something is missing (`by evidence`; a residual model). of_touches: whether `auto` begins with it
+    chosen: whether a person may name it (`named`), `auto` may try it besides (`tried`), it joins a model where the rows
+    show that something is missing (`by evidence`), or `auto` tries it after all others, with settings from what these
+    leave (`by held-out rows`); the last two are residual models. of_touches: whether `auto` begins with it
     where the tool touches. needs: what it needs, where rows do not show it. missing: conditions that it needs at a
     prediction, each with what is predicted without it. prior_scales: bounds of what the evidence may scale its prior
     by; None: it is never scaled.
@@ -84,7 +85,7 @@ class Effect(ABC):
 
     group: ClassVar[Group]
     title: ClassVar[str]
-    chosen: ClassVar[Literal["named", "tried", "by evidence"]] = "tried"
+    chosen: ClassVar[Literal["named", "tried", "by evidence", "by held-out rows"]] = "tried"
     of_touches: ClassVar[bool] = False
     needs: ClassVar[str] = ""
     missing: ClassVar[tuple[tuple[Condition, str], ...]] = ()

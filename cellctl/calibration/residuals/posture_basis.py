@@ -76,16 +76,16 @@ def _over(content: bytes, joints: int) -> PostureBasis:
     some = q[np.random.default_rng(len(q)).permutation(len(q))[:MOST]]
     half, others = some[::2], some[1::2]
     for length in LENGTHS_RAD[:-1]:
-        if not len(others) or PostureBasis(_spread(half), length).remainder(others).mean() <= LEFT:
-            return PostureBasis(_spread(q), length)
-    return PostureBasis(_spread(q), LENGTHS_RAD[-1])
+        if not len(others) or PostureBasis(spread(half), length).remainder(others).mean() <= LEFT:
+            return PostureBasis(spread(q), length)
+    return PostureBasis(spread(q), LENGTHS_RAD[-1])
 
 
-def _spread(q: Floats) -> Floats:
-    """At most `CENTRES` of the postures q (N, n), each the farthest from those before; no two alike."""
+def spread(q: Floats, most: int = CENTRES) -> Floats:
+    """At most `most` of the postures q (N, n), each the farthest from those before; no two alike."""
     chosen = [int(np.argmin(np.linalg.norm(q - q.mean(axis=0), axis=1)))]
     distance = np.linalg.norm(q - q[chosen[0]], axis=1)
-    while len(chosen) < CENTRES and distance.max() > ALIKE_RAD:
+    while len(chosen) < most and distance.max() > ALIKE_RAD:
         chosen.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(q - q[chosen[-1]], axis=1))
     return q[chosen]

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Self
+from dataclasses import dataclass
+from typing import Self, final
 
 import numpy as np
 
 from cellctl.calibration.effects.effect import Effect
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Remainder:
+    """What the other terms of a model leave: q (N, n), rad; errors (N, 3), mm, of the TCP along the axes of the base;
+    known (3, N, N), mm²: covariance of the part of each axis' errors that the other terms may still explain.
+    """
+
+    q: Floats
+    errors: Floats
+    known: Floats
 
 
 class ResidualModel(Effect):
@@ -40,6 +53,10 @@ class ResidualModel(Effect):
         """1 σ on each axis, mm, of the function where nothing was measured, with the prior 1 σ (K,) of its amounts. The
         measured region adds the share of it that its own postures leave."""
         return 0.0
+
+    def fitted_to(self, left: Remainder) -> Self | None:
+        """The same with its settings (lengths, weights) chosen for these rows; None where they do not support it."""
+        return self
 
     def reduced(self, bands: Collection[str]) -> Self:
         """The same without the amounts whose band (`Parameter.band`) is not among `bands`."""

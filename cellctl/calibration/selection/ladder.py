@@ -24,6 +24,7 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded
 from cellctl.calibration.selection.folds import end_folds, judging, random_folds
 from cellctl.calibration.selection.model_error import carried
+from cellctl.calibration.selection.remainder import remainder, shifts_of_tcp
 from cellctl.kinematics import Bools, Floats
 
 WORTH = 0.01
@@ -80,13 +81,15 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
     outside: whether most predictions are needed outside the measured joints.
     """
     rows = rows.pick(judging(len(rows)))
-    ladder = _Ladder.of(replace(task, candidates=None), task.candidates or (), rows)
+    last = [effect for effect in task.candidates or () if effect.chosen == "by held-out rows"]
+    first = tuple(effect for effect in task.candidates or () if effect not in last)
+    ladder = _Ladder.of(replace(task, candidates=None), first, rows)
     nominal = ladder.tried((), {})
     geometry = ladder.tried((GEOMETRY,), nominal.logs)
     steps = [Step(nominal.name, float(nominal.errors.mean()), kept=True), _step(nominal, geometry)]
     if not steps[-1].kept:  # effects need geometry
         return Climbed(ladder.task_of(nominal), None, tuple(steps))
-    best, waiting = geometry, [effect.group for effect in task.candidates or ()]
+    best, waiting = geometry, [effect.group for effect in first]
     while waiting:
         missed: list[Group] = []
         again = False
@@ -99,8 +102,16 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
             else:
                 missed.append(group)
         waiting = missed if again else []  # a later term may make an omitted one significant
-    if outside:
+    if outside:  # a residual model of these postures says nothing there
         best = ladder.best_at_the_ends([best, geometry, nominal])
+        last = []
+    for effect in last:
+        progress(effect.group, len(steps) / (len(steps) + 1))
+        fitted = ladder.with_fitted(effect, best)
+        if fitted is not None:
+            wider = fitted.tried(_ordered((*best.groups, effect.group)), best.logs)
+            steps.append(_step(best, wider))
+            ladder, best = (fitted, wider) if steps[-1].kept else (ladder, best)
     return Climbed(ladder.task_of(best), ladder.weights(best) if best.groups else None, tuple(steps))
 
 
@@ -137,6 +148,17 @@ class _Ladder:
         folded = Folded.of(unknowns, carried(found, unknowns), rows, certain(task), random_folds(rows.q), registering)
         groups = np.array(unknowns.groups)[unknowns.free]
         return cls(task, candidates, rows, folded, groups, registering[unknowns.free])
+
+    def with_fitted(self, effect: Effect, best: _Model) -> _Ladder | None:
+        """With a residual model too, its settings chosen for what `best` leaves; None where the rows do not support
+        it.
+        """
+        assert isinstance(effect, ResidualModel)
+        kept = self._columns(best.groups)
+        prior = replace(self.folded.system.restricted(kept), numbers={}).posterior(best.logs)
+        shifts = shifts_of_tcp(self.task, self.rows)
+        fitted = effect.fitted_to(remainder(self.rows.q, self.folded.linear, np.flatnonzero(kept), prior, shifts))
+        return None if fitted is None else _Ladder.of(self.task, (*self.candidates, fitted), self.rows)
 
     def tried(self, groups: tuple[Group, ...], begin: Mapping[Factor, float]) -> _Model:
         """The model of these terms on the held-out rows."""

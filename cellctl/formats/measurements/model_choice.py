@@ -66,10 +66,12 @@ class ModelTerms:
 
     def candidates(self, robot: RobotFile, at: Postures) -> tuple[Effect, ...] | None:
         """For auto the effects that these rows can support, in the order to be tried; None where the model is fixed."""
+        from cellctl.calibration import kinds
+
         if not self.auto:
             return None
         setup = inputs_of(robot, at)
-        made = [kind.of_inputs(setup) for kind in _effects().values() if kind.chosen == "tried"]
+        made = [kind.of_inputs(setup) for kind in kinds().values() if kind.chosen in ("tried", "by held-out rows")]
         return tuple(effect for effect in made if effect)
 
 
@@ -99,7 +101,7 @@ def _effects() -> dict[str, type[Effect]]:
     """The effects that a user may name, by name."""
     from cellctl.calibration import kinds
 
-    return {group: kind for group, kind in kinds().items() if kind.chosen != "by evidence"}
+    return {group: kind for group, kind in kinds().items() if kind.chosen in ("named", "tried")}
 
 
 def _wrong(choice: str, given: Collection[str]) -> str | None:

@@ -11,6 +11,7 @@ from cellctl.calibration.effects import (
     Effect,
     Harmonics,
     JointCompliance,
+    JointField,
     MotorTorsion,
     OwnTurns,
     ThermalExpansion,
@@ -19,6 +20,7 @@ from cellctl.calibration.effects import (
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import pose_from_xyz_abc
 
+SIZES = (0.1, 0.2, 0.05)
 MAKERS = {
     "deflection": lambda chain: ToolDeflection(0.41, 15.0),
     "compliance": lambda chain: JointCompliance.of(chain, load_known=True),
@@ -26,6 +28,9 @@ MAKERS = {
     "harmonics": lambda chain: Harmonics(chain.n),
     "backlash": lambda chain: Backlash(chain.n),
     "growth": lambda chain: ThermalExpansion.of(chain),
+    "field": lambda chain: JointField(
+        np.linspace(-1.0, 1.0, 4)[:, None] + np.zeros(chain.n), np.linspace(1.0, 2.0, 3 * chain.n).reshape(3, -1), SIZES
+    ),
     "discrepancy": lambda chain: Discrepancy(np.linspace(-1.0, 1.0, 4)[:, None] + np.zeros(chain.n)),
 }
 
@@ -86,5 +91,5 @@ def test_two_effects_of_a_robot_never_share_a_name(arm):
 
 
 def test_effects_are_values_that_can_be_compared_and_hashed(arm):
-    for group in MAKERS.keys() - {"discrepancy"}:  # its postures are an array
+    for group in MAKERS.keys() - {"discrepancy", "field"}:  # their postures are an array
         assert len({MAKERS[group](arm.chain()), MAKERS[group](arm.chain())}) == 1

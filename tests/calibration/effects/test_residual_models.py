@@ -8,8 +8,8 @@ from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
 
 
-def test_harmonics_and_the_discrepancy_are_the_random_functions():
-    assert functions() == {"harmonics", "discrepancy"} < set(kinds())
+def test_harmonics_field_and_discrepancy_are_the_random_functions():
+    assert functions() == {"harmonics", "field", "discrepancy"} < set(kinds())
 
 
 def test_what_a_discrepancy_leaves_open_is_counted_once_by_the_measured_region():

@@ -1,0 +1,163 @@
+"""The field as a step of `auto`: kept where held-out rows gain, estimated with the links, in the model file."""
+
+from functools import cache
+
+import elbow_arm
+import numpy as np
+import pytest
+import yaml
+from elbow_arm import csv_text, joints_and_places
+
+from cellctl.calibration import JointField, Split, fit, predict
+from cellctl.calibration.effects import EffectInputs
+from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.residuals.residual_model import Remainder
+from cellctl.calibration.selection.remainder import remainder
+from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
+
+ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
+FIT, HELD_OUT = 120, 100
+SIGMA = 0.017
+
+
+def lean(readings):
+    """An error (N, 3), mm, that no link and no effect has: x changes with turn and shoulder, z with the elbow alone."""
+    turn, shoulder, elbow = np.radians(readings).T
+    return np.stack(
+        [0.3 * np.sin(2.0 * turn) * np.cos(3.0 * shoulder), 0.0 * turn, 0.2 * np.cos(3.0 * elbow + turn)], 1
+    )
+
+
+@cache
+def fitted(size, model="auto", seed=6, outlier=None):
+    """Measurements and fit of an arm that leans so many times as `lean` says; row `outlier` is 80 mm off."""
+    rng = np.random.default_rng(seed)
+    readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (FIT + HELD_OUT, 3))
+    places = elbow_arm.ElbowArm().tcp(readings) + size * lean(readings) + rng.normal(0.0, SIGMA, (len(readings), 3))
+    if outlier is not None:
+        places[outlier] += (0.0, 80.0, 0.0)
+    measured = measurements(
+        ROBOT, DataSet.parse(csv_text(joints_and_places(readings, places)), "data.csv"), model=model
+    )
+    return measured, fit(measured.task, Split.by_column(np.arange(len(readings)) >= FIT))
+
+
+def test_auto_keeps_the_field_where_held_out_rows_gain_and_its_sigma_is_right():
+    _, result = fitted(1.0)
+    assert result.model.split("+")[-1] == "field"
+    assert [step.kept for step in result.ladder if step.model.endswith("+field")] == [True]
+    _, without = fitted(1.0, "geometry")
+    assert without.model == "geometry+discrepancy"
+    assert result.test.rms < 0.8 * without.test.rms
+    assert result.predicted_test_rms == pytest.approx(result.test.rms, rel=0.2)
+    assert 0.92 <= result.coverage_95 <= 0.99
+
+
+def test_auto_does_not_try_the_field_where_nothing_is_missing():
+    _, result = fitted(0.0)
+    assert not any("field" in step.model for step in result.ladder)
+
+
+def test_the_links_are_identified_beside_the_field_not_before_it():
+    _, result = fitted(1.0)
+    found = result.identification.identified
+    place = found.unknowns.names.index("a2")
+    sigma = np.sqrt(found.covariance[place, place])
+    assert found.deviations[place] == pytest.approx(elbow_arm.ElbowArm().upper - 500.0, abs=3.0 * sigma)
+
+
+def test_a_model_file_holds_the_field_and_predicts_the_same(tmp_path):
+    measured, result = fitted(1.0)
+    ModelFile.of(ROBOT, measured, result).save(tmp_path / "model.json")
+    again = ModelFile.load(tmp_path / "model.json").robot_model()
+    found = result.identification.identified
+    q = ROBOT.joint_map().model(np.random.default_rng(2).uniform(elbow_arm.LOWER, elbow_arm.UPPER, (50, 3)))
+    own = predict(found.state.model, found.covariance[: found.unknowns.robot, : found.unknowns.robot], q)
+    np.testing.assert_allclose(again.tcp(q), own.poses[:, :3, 3], atol=1e-9)
+    np.testing.assert_allclose(again.open_variance(q), found.state.model.open_variance(q), atol=1e-12)
+
+
+def left_by(errors, q, variance=0.0):
+    return Remainder(q, errors, variance * np.ones((3, len(q), len(q))))
+
+
+def some(count=120, seed=3):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (count, 4))
+    errors = np.stack([0.2 * np.sin(2.0 * q[:, 0]), 0.1 * np.cos(2.0 * q[:, 1]), np.zeros(count)], axis=1)
+    return q, errors + 0.01 * rng.standard_normal((count, 3))
+
+
+def field_over(q):
+    return JointField.of_inputs(EffectInputs(None, Postures(q)))
+
+
+def test_a_joint_without_influence_on_an_axis_has_a_far_longer_length():
+    q, errors = some()
+    lengths = field_over(q).fitted_to(left_by(errors, q)).lengths
+    assert lengths[0, 0] < 0.4 * lengths[0, 1:].min()
+    assert lengths[1, 1] < 0.4 * np.delete(lengths[1], 1).min()
+
+
+def test_noise_alone_makes_no_field():
+    q, _ = some()
+    noise = 0.01 * np.random.default_rng(5).standard_normal((len(q), 3))
+    assert field_over(q).fitted_to(left_by(noise, q)) is None
+
+
+def test_what_other_terms_may_still_explain_makes_no_field():
+    q, _ = some()
+    noise = 0.01 * np.random.default_rng(5).standard_normal((len(q), 3))
+    assert field_over(q).fitted_to(left_by(noise + 5.0, q, variance=100.0)) is None
+
+
+def test_ten_rows_make_no_field():
+    q, errors = some(10)
+    assert field_over(q) is None
+    assert field_over(some()[0]).fitted_to(left_by(errors, q)) is None
+
+
+def test_repeated_postures_and_a_joint_that_never_moved_make_a_sound_field():
+    q, errors = some(60)
+    q[:, 3] = 0.4
+    field = field_over(q).fitted_to(left_by(np.tile(errors, (2, 1)), np.tile(q, (2, 1))))
+    assert np.isfinite(field.lengths).all()
+    assert len(np.unique(field.centres, axis=0)) == len(field.centres)
+
+
+def test_far_from_the_rows_its_whole_size_is_open():
+    q, errors = some()
+    field = field_over(q).fitted_to(left_by(errors, q))
+    size = np.mean(np.square(field.expected))
+    assert field.variance(Postures(np.full((1, 4), 1e3)))[0] == pytest.approx(size)
+    assert field.variance(Postures(q)).mean() < 0.02 * size
+
+
+def test_rows_that_measure_no_point_leave_no_errors_to_fit():
+    from types import SimpleNamespace
+
+    linear = SimpleNamespace(away=np.zeros((5, 1)), columns=np.zeros((5, 1, 2)))
+    left = remainder(np.zeros((5, 4)), linear, [0, 1], (np.eye(2), np.zeros(2)), np.ones((5, 1, 3)))
+    assert len(left.q) == 0
+
+
+@pytest.mark.parametrize(
+    ("lengths", "expected", "message"),
+    [
+        (np.ones((2, 4)), (0.1, 0.1, 0.1), "three rows of lengths"),
+        (np.ones((3, 3)), (0.1, 0.1, 0.1), "three rows of lengths"),
+        (np.ones((3, 4)), (0.1, 0.1), "three expected sizes"),
+        (np.zeros((3, 4)), (0.1, 0.1, 0.1), "above 0"),
+    ],
+)
+def test_a_field_of_wrong_shape_is_refused(lengths, expected, message):
+    with pytest.raises(ValueError, match=message):
+        JointField(np.zeros((1, 4)), lengths, expected)
+
+
+def test_a_far_outlier_is_left_out_and_changes_the_field_hardly():
+    _, clean = fitted(1.0)
+    _, result = fitted(1.0, outlier=17)
+    assert result.identification.outliers == (17,)
+    assert result.model == clean.model
+    assert result.test.rms < 1.1 * clean.test.rms
