@@ -21,7 +21,7 @@ FEW_POSES = {
 }
 FEW = {
     "spherical_constraint": {"touches_fit": 20, "touches_test": 8},
-    "compensation_methods": FEW_POSES,
+    "compensation_methods": {**FEW_POSES, "method": "newton-raphson"},
     "configuration_space_kriging": FEW_POSES,
     "point_selection": FEW_POSES,
 }
@@ -49,3 +49,6 @@ def test_a_small_run_is_better_than_nominal_and_has_a_journal(name: str, tmp_pat
     assert found["verdict"] == "better"
     journal = fold(read_journal(tmp_path / "runs" / found["run"]))
     assert journal.ended is not None
+    if "method" in FEW[name]:
+        table = json.loads((tmp_path / "runs" / found["run"] / "table.json").read_text())
+        assert table["source"]["method"] == FEW[name]["method"]
