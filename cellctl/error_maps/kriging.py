@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist, pdist
 
-from cellctl.error_maps.measured_errors import LEAST_MM, LEAST_RAD, Scale, checked
+from cellctl.error_maps.samples import Scale, checked
 from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, GaussianSemivariogram
 from cellctl.kinematics import Floats
 
@@ -45,14 +45,14 @@ class Kriging:
     def fit(self, q: Floats, errors: Floats) -> KrigingMap:
         """The map of errors (N, 3), mm, actual − nominal, at model angles q (N, n), rad.
 
-        Raises ValueError for rows that make no map (`measured_errors.checked`), and for joint weights of another robot.
-        A joint that never moved has no influence. An error that is constant is predicted as that constant.
+        Raises UnusableSamples (`samples.checked`), and ValueError for joint weights of another robot. A joint that
+        never moved has no influence. An error that is constant is predicted as that constant.
         """
         q, errors = checked(q, errors)
         weights = np.ones((3, q.shape[1])) if self.joint_weights is None else np.asarray(self.joint_weights, float)
         if weights.shape != (3, q.shape[1]):
             raise ValueError(f"joint weights {weights.shape} for {q.shape[1]} joints: give (3, {q.shape[1]})")
-        joints, scale = Scale.of(q, LEAST_RAD), Scale.of(errors, LEAST_MM)
+        joints, scale = Scale.of(q), Scale.of(errors)
         standard, of_errors = joints.standardised(q), scale.standardised(errors)
         axes = [
             AxisMap.of(standard * own, error, self.regularisation)
@@ -100,7 +100,7 @@ class KrigingMap:
         """Error of the TCP (N, 3), mm, actual − nominal, at model angles q (N, n), rad: μ + σ wᵀe of each component."""
         standard = self.joints.standardised(np.asarray(q, float))
         own = [axis.predicted(standard * weights) for axis, weights in zip(self.axes, self.joint_weights, strict=True)]
-        return np.asarray(self.scale.mean + self.scale.deviation * np.stack(own, axis=-1))
+        return self.scale.restored(np.stack(own, axis=-1))
 
 
 def _covariance(a: Floats, b: Floats, reach: float) -> Floats:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
+from cellctl.error_maps.samples import UnusableSamples
 from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, GaussianSemivariogram
 
 
@@ -103,20 +104,20 @@ def test_a_joint_that_never_moved_has_no_influence(measured):
     assert np.isfinite(made.errors(q)).all()
 
 
-def test_a_far_outlier_is_refused_with_its_row_and_the_cure(measured):
+def test_a_far_outlier_is_refused_with_its_number_and_the_cure(measured):
     q, errors = measured(60, 14)
     errors[16, 1] += 300.0
-    with pytest.raises(ValueError, match=r"row 17: its y error .* remove this row or measure it again"):
+    with pytest.raises(UnusableSamples, match=r"component 2 of the error of sample 17: .*; measure that sample again"):
         Kriging().fit(q, errors)
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda q, e: (q[:4], e[:4]), "4 rows make no error map: measure at least 5"),
-        (lambda q, e: (q[:1].repeat(20, axis=0), e), "all rows have the same posture"),
-        (lambda q, e: (q, e[:-1]), "do not match"),
-        (lambda q, e: (q, np.where(np.arange(60).reshape(20, 3) == 7, np.nan, e)), "row 3 has a number"),
+        (lambda q, e: (q[:9], e[:9]), "9 samples: an error map needs at least 10"),
+        (lambda q, e: (q[:1].repeat(20, axis=0), e), "all samples have the same inputs"),
+        (lambda q, e: (q, e[:-1]), "one row for each sample"),
+        (lambda q, e: (q, np.where(np.arange(60).reshape(20, 3) == 7, np.nan, e)), "sample 3 has a number"),
         (lambda q, e: (np.hstack([q, q[:, :1]]), e), r"joint weights \(3, 6\) for 7 joints"),
     ],
 )
