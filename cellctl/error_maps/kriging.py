@@ -15,12 +15,15 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist, pdist
 
 from cellctl.error_maps.samples import Scale, checked
-from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, GaussianSemivariogram
+from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, semivariogram
 from cellctl.kinematics import Floats
 
 REGULARISATION = 1e-3
 """λ, a share of the variance of the errors. The paper has no value. This one is noise of 3 % of their scatter: 0.03 mm
 where the errors of a large arm scatter by 1 mm."""
+
+UNRELATED = 1e-3
+"""Range where the semivariogram does not rise, or has no model: each error counts at its own posture alone."""
 
 INITIAL_WEIGHTS = np.array(
     [
@@ -65,25 +68,25 @@ class Kriging:
 @dataclass(frozen=True, eq=False)
 class AxisMap:
     """The map of one standardised component. points (N, n): weighted standardised angles; semivariogram of their
-    errors; pull (N,): (C + λI)⁻¹ e.
+    errors; range: C_r, of its model; pull (N,): (C + λI)⁻¹ e.
     """
 
     points: Floats
-    empirical: EmpiricalSemivariogram
-    semivariogram: GaussianSemivariogram
+    semivariogram: EmpiricalSemivariogram
+    range: float
     pull: Floats = field(repr=False)
 
     @classmethod
     def of(cls, points: Floats, error: Floats, regularisation: float) -> Self:
         """From weighted standardised angles (N, n) and standardised errors (N,)."""
-        empirical = EmpiricalSemivariogram.of(pdist(points), pdist(error[:, None]))
-        semivariogram = GaussianSemivariogram.fitted(empirical)
-        square = _covariance(points, points, semivariogram.range) + regularisation * np.eye(len(points))
-        return cls(points, empirical, semivariogram, cho_solve(cho_factor(square, lower=True), error))
+        found = semivariogram(pdist(points), error)
+        reach = found.model.range if found.model and found.model.sill > 0.0 else UNRELATED
+        square = _covariance(points, points, reach) + regularisation * np.eye(len(points))
+        return cls(points, found, reach, cho_solve(cho_factor(square, lower=True), error))
 
     def predicted(self, points: Floats) -> Floats:
         """wᵀe (M,) with w = (C + λI)⁻¹ c at weighted standardised angles (M, n)."""
-        return np.asarray(_covariance(points, self.points, self.semivariogram.range) @ self.pull)
+        return np.asarray(_covariance(points, self.points, self.range) @ self.pull)
 
 
 @final
