@@ -12,7 +12,10 @@ from cellctl.robots import library, near
 Kind = Literal["procedure", "cell", "robot"]
 
 _PACKAGE = "procedures"
-_FOLDERS: dict[Literal["procedure", "cell"], str] = {"procedure": ".", "cell": "cells"}
+_FOLDERS: dict[Literal["procedure", "cell"], tuple[str, ...]] = {
+    "procedure": (".", "papers"),
+    "cell": ("cells", "papers/cells"),
+}
 
 
 def shipped_file(kind: Kind, given: Path) -> Path:
@@ -33,11 +36,10 @@ def shipped_file(kind: Kind, given: Path) -> Path:
 
 
 def shipped_names(kind: Kind) -> dict[str, Path]:
-    """Name → file of all shipped files of that kind, sorted by name."""
+    """Name → file of all shipped files of that kind, sorted by name in each folder."""
     if kind == "robot":
         return library()
     spec = find_spec(_PACKAGE)
-    folders = (
-        [Path(folder) / _FOLDERS[kind] for folder in (spec.submodule_search_locations or ()) if spec] if spec else []
-    )
+    places = [Path(place) for place in (spec.submodule_search_locations or ())] if spec else []
+    folders = [place / folder for folder in _FOLDERS[kind] for place in places]
     return {file.stem: file for folder in folders for file in sorted(folder.glob("*.yaml"))}

@@ -75,6 +75,9 @@ def test_shipped_names_are_those_of_the_files(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.chdir(tmp_path)
     assert shipped_file("robot", Path("ur10")).resolve() == ROOT / "procedures" / "robots" / "ur10.yaml"
+    papers = ROOT / "procedures" / "papers"
+    assert shipped_file("procedure", Path("spherical_constraint")).resolve() == papers / "spherical_constraint.yaml"
+    assert shipped_file("cell", Path("tx60_pose_cell")).resolve() == papers / "cells" / "tx60_pose_cell.yaml"
     assert shipped_file("cell", Path("sphere_cell.yaml")) == Path("sphere_cell.yaml")
     Path("ur10").write_text("my own")
     assert shipped_file("robot", Path("ur10")) == Path("ur10")

@@ -20,6 +20,7 @@ FEW = {
         "samples": 2,
         "warm_up_minutes": 0.05,
         "warm_up_limit": 2,
+        "method": "newton-raphson",
     },
 }
 
@@ -46,3 +47,6 @@ def test_a_small_run_is_better_than_nominal_and_has_a_journal(name: str, tmp_pat
     assert found["verdict"] == "better"
     journal = fold(read_journal(tmp_path / "runs" / found["run"]))
     assert journal.ended is not None
+    if "method" in FEW[name]:
+        table = json.loads((tmp_path / "runs" / found["run"] / "table.json").read_text())
+        assert table["source"]["method"] == FEW[name]["method"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -15,9 +15,10 @@ from procedures.steps.tracker.rows import TrackerVerdict
 
 
 class CompensateInputs(StepInputs):
-    """Targets between two visits to the monuments."""
+    """monuments_every: targets between two visits to the monuments. method: one of `cellctl.compensation.METHODS`."""
 
     monuments_every: Annotated[int, Field(ge=5)] = 30
+    method: Literal["pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson"] = "pseudo-target"
 
 
 class Compensation(StepResult):
@@ -35,7 +36,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     if not context.recorded(TrackerVerdict)[-1].better:
         context.say("the model is no better than nominal on held-out poses: nothing is compensated or pushed")
         return Compensation(rounds=[], table=None)
-    found = await context.clock.compute(compensated_rounds, context, inputs.monuments_every)
+    found = await context.clock.compute(compensated_rounds, context, inputs.monuments_every, inputs.method)
     await context.write_artefact("table.json", found.table)
     await context.record(found.row)
     context.say(found.sentence)

@@ -33,7 +33,7 @@ class Prepared:
     sentence: str
 
 
-def compensated_rounds(context: StepContext, monuments_every: int) -> Prepared:
+def compensated_rounds(context: StepContext, monuments_every: int, method: str) -> Prepared:
     """The table of the held-out poses, and their plans. Targets: where the registered nominal robot would be, in the
     instrument's frame of the first session. Raises InputError if no target can be compensated.
     """
@@ -43,7 +43,7 @@ def compensated_rounds(context: StepContext, monuments_every: int) -> Prepared:
     known = [row for row in rows if sessions.session(row.visit)]
     readings = np.array([row.commanded for row in known])
     targets = nominal_chain(model).forward(model.robot.joint_map().model(readings))
-    found = compensated_targets(model, targets, readings)
+    found = compensated_targets(model, targets, readings, method=method)
     commanded = model.robot.joint_map().readings(found.compensated_q)
     region = valid_region(model)
     inside = ((commanded >= region.min) & (commanded <= region.max)).all(axis=1)
@@ -56,7 +56,8 @@ def compensated_rounds(context: StepContext, monuments_every: int) -> Prepared:
     table = table_of(
         model,
         targets[good],
-        compensated_targets(model, targets[good], readings[good]),
+        compensated_targets(model, targets[good], readings[good], method=method),
+        method=method,
         serial=identity.serial,
         simulated=identity.simulated,
         run=context.run_name,
