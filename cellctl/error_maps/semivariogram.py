@@ -74,7 +74,7 @@ def semivariogram(distances: Floats, values: Floats, kept: Floats | None = None)
 
 
 def fit_gaussian(centre: Floats, gamma: Floats) -> GaussianSemivariogram | None:
-    """Least squares over the bins that have pairs, each with the same weight; nugget and sill are not negative.
+    """Least squares over those of equal bins that have pairs, all with one weight; nugget and sill are not negative.
 
     For a given range both have a closed form. So only the range is searched: over `RANGES`, then about the best. None
     with fewer than four bins that have pairs.
@@ -83,7 +83,8 @@ def fit_gaussian(centre: Floats, gamma: Floats) -> GaussianSemivariogram | None:
     if np.count_nonzero(there) < _LEAST_BINS:
         return None
     h, found = centre[there], gamma[there]
-    ranges = RANGES * h.max()
+    greatest = centre[-1] + 0.5 * (centre[-1] - centre[-2])
+    ranges = RANGES * float(greatest)
     for _ in range(_REFINEMENTS):
         best = int(np.argmin(_lines(h, found, ranges)[2]))
         ranges = np.geomspace(ranges[max(best - 1, 0)], ranges[min(best + 1, len(ranges) - 1)], len(ranges))

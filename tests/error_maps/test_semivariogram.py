@@ -48,7 +48,8 @@ def test_no_other_gaussian_model_has_a_smaller_sum_of_squares_over_the_bins_with
     found = semivariogram(pdist(points), np.sin(2.0 * points[:, 0]) + rng.normal(0.0, 0.2, 40))
     there = found.pairs > 0
     h, gamma = found.centre[there], found.gamma[there]
-    limits = ([0.0, 0.0, RANGES[0] * h.max()], [10.0, 50.0, RANGES[-1] * h.max()])
+    greatest = pdist(points).max()
+    limits = ([0.0, 0.0, RANGES[0] * greatest], [10.0, 50.0, RANGES[-1] * greatest])
     others = [least_squares(lambda x: gaussian(h, *x) - gamma, [0.1, 1.0, start], bounds=limits) for start in (1, 2, 4)]
     assert len(h) * found.model.rms**2 <= min(2.0 * other.cost for other in others) * (1.0 + 1e-6)
 
