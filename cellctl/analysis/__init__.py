@@ -2,14 +2,14 @@
 
 from cellctl.analysis.correlation import Correlation, mantel
 from cellctl.analysis.errors import ErrorSet, UnsuitableRows
-from cellctl.analysis.semivariogram import GaussianModel, Semivariogram, fit_gaussian, semivariogram
 from cellctl.analysis.similarity import Similarity, similarity
+from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, GaussianSemivariogram, fit_gaussian, semivariogram
 
 __all__ = [
     "Correlation",
+    "EmpiricalSemivariogram",
     "ErrorSet",
-    "GaussianModel",
-    "Semivariogram",
+    "GaussianSemivariogram",
     "Similarity",
     "UnsuitableRows",
     "fit_gaussian",

@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist
 
 from cellctl.analysis.correlation import Correlation, mantel
 from cellctl.analysis.errors import ErrorSet
-from cellctl.analysis.semivariogram import Semivariogram, semivariogram
+from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, semivariogram
 from cellctl.kinematics import Floats
 
 COMPONENTS = ("x", "y", "z")
@@ -35,9 +35,9 @@ class Similarity:
     """
 
     correlation: dict[str, dict[str, Correlation]]
-    overall: dict[str, Semivariogram]
-    by_joint: dict[str, dict[int, Semivariogram]]
-    by_joint_near: dict[str, dict[int, Semivariogram]]
+    overall: dict[str, EmpiricalSemivariogram]
+    by_joint: dict[str, dict[int, EmpiricalSemivariogram]]
+    by_joint_near: dict[str, dict[int, EmpiricalSemivariogram]]
     dq: Floats
     dp: Floats
     de: Floats

@@ -19,7 +19,7 @@ class ErrorMapMethod(Protocol):
     """A way to make an error map from measured errors."""
 
     def fit(self, q: Floats, errors: Floats) -> ErrorMap:
-        """The map of errors (N, 3), mm, measured at model angles q (N, n), rad. Raises ValueError with the cure for
-        rows that make no map.
+        """The map of errors (N, 3), mm, measured at model angles q (N, n), rad. Raises UnusableSamples, a
+        ValueError with the cure, for rows that make no map.
         """
         ...

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from cellctl.calibration.residuals.axis_process import AxisProcess, Priors, squared_distances
-from cellctl.error_maps.measured_errors import LEAST_MM, LEAST_RAD, checked
+from cellctl.error_maps.samples import LEAST_SCATTER, checked
 from cellctl.kinematics import Bools, Floats
 
 
@@ -27,11 +27,11 @@ class AnisotropicField:
     def fit(self, q: Floats, errors: Floats) -> FieldMap:
         """The map of errors (N, 3), mm, actual − nominal, at model angles q (N, n), rad.
 
-        All hyper-parameters by marginal likelihood. Raises ValueError for rows that make no map
-        (`measured_errors.checked`). A joint that never moved has no influence. A constant error is predicted as such.
+        All hyper-parameters by marginal likelihood. Raises UnusableSamples (`samples.checked`). A joint that
+        never moved has no influence. A constant error is predicted as such.
         """
         q, errors = checked(q, errors)
-        moved = np.ptp(q, axis=0) >= LEAST_RAD
+        moved = np.ptp(q, axis=0) >= LEAST_SCATTER
         axes = [_AxisMap.of(q[:, moved], own, self.priors) for own in errors.T]
         return FieldMap.of(moved, q[:, moved], axes)
 
@@ -49,9 +49,9 @@ class _AxisMap:
     @classmethod
     def of(cls, q: Floats, errors: Floats, priors: Priors) -> Self:
         mean, scatter = float(errors.mean()), float(errors.std())
-        if scatter < LEAST_MM:
-            nothing = AxisProcess(np.ones(q.shape[1]), 0.0, LEAST_MM, 0.0)
-            return cls(mean, nothing, LEAST_MM * np.eye(len(q)), np.zeros(len(q)))
+        if scatter < LEAST_SCATTER:
+            nothing = AxisProcess(np.ones(q.shape[1]), 0.0, LEAST_SCATTER, 0.0)
+            return cls(mean, nothing, LEAST_SCATTER * np.eye(len(q)), np.zeros(len(q)))
         process = AxisProcess.fitted(q, errors - mean, priors.of_errors(scatter))
         scaled = q / process.lengths
         kernel = process.amplitude**2 * np.exp(-0.5 * squared_distances(scaled, scaled))

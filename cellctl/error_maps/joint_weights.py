@@ -13,7 +13,7 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cellctl.error_maps.kriging import INITIAL_WEIGHTS, REGULARISATION, AxisMap
-from cellctl.error_maps.measured_errors import LEAST_MM, LEAST_RAD, Scale, checked
+from cellctl.error_maps.samples import Scale, checked
 from cellctl.kinematics import Floats
 
 Error: TypeAlias = Callable[[Floats], float]
@@ -54,13 +54,13 @@ class ParticleFilter:
         """The weights (3, n) with the least mean error on the test set, for `Kriging(weights)`.
 
         q (N, n), rad, errors (N, 3), mm: rows of the map. q_test (M, n), errors_test (M, 3): rows of the test set.
-        Raises ValueError as `Kriging.fit` does, also for rows of the test set.
+        Raises as `Kriging.fit` does, also for rows of the test set.
         """
         q, errors = checked(q, errors)
         q_test, errors_test = checked(q_test, errors_test)
         if self.initial.shape != (3, q.shape[1]) or q_test.shape[1] != q.shape[1]:
             raise ValueError(f"initial weights {self.initial.shape} and rows of {q.shape[1]} joints do not match")
-        joints, scale = Scale.of(q, LEAST_RAD), Scale.of(errors, LEAST_MM)
+        joints, scale = Scale.of(q), Scale.of(errors)
         own, test = joints.standardised(q), joints.standardised(q_test)
         of_own, of_test = scale.standardised(errors), scale.standardised(errors_test)
         found = []

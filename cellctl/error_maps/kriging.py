@@ -14,13 +14,16 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist, pdist
 
-from cellctl.error_maps.measured_errors import LEAST_MM, LEAST_RAD, Scale, checked
-from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, GaussianSemivariogram
+from cellctl.error_maps.samples import Scale, checked
+from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, semivariogram
 from cellctl.kinematics import Floats
 
 REGULARISATION = 1e-3
 """λ, a share of the variance of the errors. The paper has no value. This one is noise of 3 % of their scatter: 0.03 mm
 where the errors of a large arm scatter by 1 mm."""
+
+UNRELATED = 1e-3
+"""Range where the semivariogram does not rise, or has no model: each error counts at its own posture alone."""
 
 INITIAL_WEIGHTS = np.array(
     [
@@ -45,14 +48,14 @@ class Kriging:
     def fit(self, q: Floats, errors: Floats) -> KrigingMap:
         """The map of errors (N, 3), mm, actual − nominal, at model angles q (N, n), rad.
 
-        Raises ValueError for rows that make no map (`measured_errors.checked`), and for joint weights of another robot.
-        A joint that never moved has no influence. An error that is constant is predicted as that constant.
+        Raises UnusableSamples (`samples.checked`), and ValueError for joint weights of another robot. A joint that
+        never moved has no influence. An error that is constant is predicted as that constant.
         """
         q, errors = checked(q, errors)
         weights = np.ones((3, q.shape[1])) if self.joint_weights is None else np.asarray(self.joint_weights, float)
         if weights.shape != (3, q.shape[1]):
             raise ValueError(f"joint weights {weights.shape} for {q.shape[1]} joints: give (3, {q.shape[1]})")
-        joints, scale = Scale.of(q, LEAST_RAD), Scale.of(errors, LEAST_MM)
+        joints, scale = Scale.of(q), Scale.of(errors)
         standard, of_errors = joints.standardised(q), scale.standardised(errors)
         axes = [
             AxisMap.of(standard * own, error, self.regularisation)
@@ -65,25 +68,25 @@ class Kriging:
 @dataclass(frozen=True, eq=False)
 class AxisMap:
     """The map of one standardised component. points (N, n): weighted standardised angles; semivariogram of their
-    errors; pull (N,): (C + λI)⁻¹ e.
+    errors; range: C_r, of its model; pull (N,): (C + λI)⁻¹ e.
     """
 
     points: Floats
-    empirical: EmpiricalSemivariogram
-    semivariogram: GaussianSemivariogram
+    semivariogram: EmpiricalSemivariogram
+    range: float
     pull: Floats = field(repr=False)
 
     @classmethod
     def of(cls, points: Floats, error: Floats, regularisation: float) -> Self:
         """From weighted standardised angles (N, n) and standardised errors (N,)."""
-        empirical = EmpiricalSemivariogram.of(pdist(points), pdist(error[:, None]))
-        semivariogram = GaussianSemivariogram.fitted(empirical)
-        square = _covariance(points, points, semivariogram.range) + regularisation * np.eye(len(points))
-        return cls(points, empirical, semivariogram, cho_solve(cho_factor(square, lower=True), error))
+        found = semivariogram(pdist(points), error)
+        reach = found.model.range if found.model and found.model.sill > 0.0 else UNRELATED
+        square = _covariance(points, points, reach) + regularisation * np.eye(len(points))
+        return cls(points, found, reach, cho_solve(cho_factor(square, lower=True), error))
 
     def predicted(self, points: Floats) -> Floats:
         """wᵀe (M,) with w = (C + λI)⁻¹ c at weighted standardised angles (M, n)."""
-        return np.asarray(_covariance(points, self.points, self.semivariogram.range) @ self.pull)
+        return np.asarray(_covariance(points, self.points, self.range) @ self.pull)
 
 
 @final
@@ -100,7 +103,7 @@ class KrigingMap:
         """Error of the TCP (N, 3), mm, actual − nominal, at model angles q (N, n), rad: μ + σ wᵀe of each component."""
         standard = self.joints.standardised(np.asarray(q, float))
         own = [axis.predicted(standard * weights) for axis, weights in zip(self.axes, self.joint_weights, strict=True)]
-        return np.asarray(self.scale.mean + self.scale.deviation * np.stack(own, axis=-1))
+        return self.scale.restored(np.stack(own, axis=-1))
 
 
 def _covariance(a: Floats, b: Floats, reach: float) -> Floats:

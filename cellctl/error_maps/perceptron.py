@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.error_maps.samples import Method
+from cellctl.error_maps.samples import Method, Scale
 from cellctl.error_maps.tuned import Tuned
 from cellctl.kinematics import Floats
 
@@ -29,32 +29,11 @@ class LibraryMissing(ImportError):
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Scale:
-    """Centre and 1 σ of each column; a column that never changes has scale 1."""
-
-    centre: Floats
-    size: Floats
-
-    @classmethod
-    def of(cls, values: Floats) -> _Scale:
-        size = values.std(axis=0)
-        constant = np.ptp(values, axis=0) == 0.0
-        return cls(values.mean(axis=0), np.where(constant, 1.0, size))
-
-    def standardised(self, values: Floats) -> Floats:
-        return (values - self.centre) / self.size
-
-    def restored(self, values: Floats) -> Floats:
-        return values * self.size + self.centre
-
-
-@final
-@dataclass(frozen=True, eq=False)
 class PerceptronMap:
     """A trained perceptron: weights (k, h), (h, m) and offsets (h,), (m,) between standardised inputs and outputs."""
 
-    inputs: _Scale
-    outputs: _Scale
+    inputs: Scale
+    outputs: Scale
     weights: tuple[Floats, Floats]
     offsets: tuple[Floats, Floats]
 
@@ -82,11 +61,9 @@ class Perceptron(Method):
 
     def fit_checked(self, inputs: Floats, errors: Floats) -> PerceptronMap:
         """The map of errors (N, m) sampled at inputs (N, k). Raises LibraryMissing."""
-        of_inputs, of_outputs = _Scale.of(inputs), _Scale.of(errors)
+        of_inputs, of_outputs = Scale.of(inputs), Scale.of(errors)
         trained = self._trained(of_inputs.standardised(inputs), of_outputs.standardised(errors))
-        varies = np.ptp(errors, axis=0) > 0.0  # a constant output is its constant, not nearly
-        (first, second), (shift, last) = trained.coefs_, trained.intercepts_
-        return PerceptronMap(of_inputs, of_outputs, (first, second * varies), (shift, last * varies))
+        return PerceptronMap(of_inputs, of_outputs, tuple(trained.coefs_), tuple(trained.intercepts_))
 
     def _trained(self, inputs: Floats, outputs: Floats) -> Any:
         network, unfinished = _library()

@@ -1,10 +1,11 @@
-"""Samples of an error: what a map is fitted to, and the folds that tune it."""
+"""Samples of an error: checked, standardised, and the folds that tune a map."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import final
+from dataclasses import dataclass
+from typing import Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +16,16 @@ from cellctl.kinematics import Bools, Floats
 LEAST = 10
 """Fewer samples fit no map."""
 
+LEAST_SCATTER = 1e-6
+"""mm or rad. Values that scatter less are constant: the rest is rounding."""
+
 FAR = 20.0
-"""A sample this many times further from the median than half of all samples is an outlier."""
+"""An outlier is this many robust standard deviations from the median."""
+
+USUAL_SHARE, USUAL_SIGMAS = 0.8, 1.2816
+"""The robust standard deviation is the distance from the median that 80 % of the samples do not exceed, divided by that
+of a normal distribution. Not the usual half of the samples: joint errors of friction are at one of two values, so half
+of them may be close together."""
 
 
 class Method(ABC):
@@ -39,11 +48,36 @@ class UnusableSamples(ValueError):
     """No map can be fitted to these samples; the text states which sample, and the cure."""
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Mean and standard deviation (k,) of columns. A constant column has deviation 0, and standardised values of 0."""
+
+    mean: Floats
+    deviation: Floats
+
+    @classmethod
+    def of(cls, values: Floats) -> Self:
+        """Of values (N, k)."""
+        deviation = values.std(axis=0)
+        return cls(values.mean(axis=0), np.where(deviation < LEAST_SCATTER, 0.0, deviation))
+
+    def standardised(self, values: Floats) -> Floats:
+        """Values (..., k) without a unit."""
+        away = values - self.mean
+        return np.asarray(np.divide(away, self.deviation, out=np.zeros_like(away), where=self.deviation > 0.0))
+
+    def restored(self, values: Floats) -> Floats:
+        """Standardised values (..., k) with their unit."""
+        return np.asarray(self.mean + self.deviation * values)
+
+
 def checked(inputs: ArrayLike, errors: ArrayLike) -> tuple[Floats, Floats]:
-    """Samples as arrays (N, k), (N, m). All k inputs have one unit, and all m errors.
+    """Samples as arrays (N, k), (N, m). All k inputs have one unit. Repeated inputs and constant errors are no mistake.
 
     Raises UnusableSamples for arrays that do not fit together, numbers that are not finite, fewer than `LEAST`
-    samples, inputs that are all equal, and for an outlier.
+    samples, inputs that are all equal, and for an outlier: a sample whose inputs, or one component of its errors, are
+    more than `FAR` robust standard deviations from the median. A map would spread its error over all inputs near it.
     """
     at, found = np.asarray(inputs, float), np.asarray(errors, float)
     if at.ndim != 2 or found.ndim != 2 or len(at) != len(found):
@@ -53,19 +87,21 @@ def checked(inputs: ArrayLike, errors: ArrayLike) -> tuple[Floats, Floats]:
         raise UnusableSamples(f"sample {bad[0] + 1} has a number that is not finite: leave that sample out")
     if len(at) < LEAST:
         raise UnusableSamples(f"{len(at)} samples: an error map needs at least {LEAST}; measure more points")
-    if not np.ptp(at, axis=0).any():
+    if (np.ptp(at, axis=0) < LEAST_SCATTER).all():
         raise UnusableSamples("all samples have the same inputs: measure at different postures")
-    for what, values in (("inputs", at), ("error", found)):
-        _refuse_outliers(what, values)
+    _refuse_outlier("the inputs", at)
+    for component, values in enumerate(found.T, 1):
+        _refuse_outlier(f"component {component} of the error", values[:, None])
     return at, found
 
 
-def _refuse_outliers(what: str, values: Floats) -> None:
+def _refuse_outlier(what: str, values: Floats) -> None:
+    """Distance of values (N, k) from their median; without a rule where `USUAL_SHARE` of them are equal."""
     away = np.linalg.norm(values - np.median(values, axis=0), axis=1)
-    usual, worst = float(np.median(away)), int(np.argmax(away))
-    if 0.0 < FAR * usual < away[worst]:
-        times = f"{away[worst] / usual:.0f} times as far from the median as half of the samples"
-        raise UnusableSamples(f"the {what} of sample {worst + 1}: {times}; correct that sample or leave it out")
+    sigma, worst = float(np.quantile(away, USUAL_SHARE)) / USUAL_SIGMAS, int(np.argmax(away))
+    if sigma >= LEAST_SCATTER and away[worst] > FAR * sigma:
+        far = f"{away[worst] / sigma:.0f} robust standard deviations from the median of all samples"
+        raise UnusableSamples(f"{what} of sample {worst + 1}: {far}; measure that sample again or leave it out")
 
 
 def grouped_folds(inputs: Floats, folds: int, seed: int) -> list[Bools]:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cellctl.analysis import Correlation, Semivariogram, Similarity
+    from cellctl.analysis import Correlation, EmpiricalSemivariogram, Similarity
     from cellctl.formats.robot_errors import RobotErrors
 
 SIGNIFICANT = 0.05
@@ -88,7 +88,7 @@ def _plain(each: Correlation) -> dict[str, Any]:
     return {name: _number(value) for name, value in asdict(each).items()}
 
 
-def _variogram(each: Semivariogram) -> dict[str, Any]:
+def _variogram(each: EmpiricalSemivariogram) -> dict[str, Any]:
     bins = {name: [_number(value) for value in getattr(each, name).tolist()] for name in ("centre", "gamma")}
     model = {name: _number(value) for name, value in asdict(each.model).items()} if each.model else None
     return {**bins, "pairs": [int(count) for count in each.pairs.tolist()], "model": model}

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cellctl import __version__
-from cellctl.analysis import Semivariogram, Similarity
+from cellctl.analysis import EmpiricalSemivariogram, Similarity
 from cellctl.files import write_atomically
 from cellctl.formats.similarity_report import p_text, result_sentences
 from cellctl.kinematics import Floats
@@ -67,7 +67,7 @@ def _line(part: str, space: str, each: dict[str, Any]) -> dict[str, str]:
     return {"part": part, "space": space, "r": fixed(each["r"]), "p": p_text(each["p"]), "ends": ends, "wrong": wrong}
 
 
-def _model_line(name: str, each: Semivariogram) -> dict[str, str]:
+def _model_line(name: str, each: EmpiricalSemivariogram) -> dict[str, str]:
     model = each.model
     numbers = (model.nugget, model.sill, model.range, model.rms) if model else (None,) * 4
     return dict(zip(("name", "nugget", "sill", "range", "rms"), (name, *map(fixed, numbers)), strict=True))
@@ -132,7 +132,7 @@ def _by_joint(found: Similarity, joints: Sequence[int]) -> str:
     return svg_of(draw, "by-joint", 1.2 * len(found.by_joint) + 0.4, "Semivariograms over the distance of each joint")
 
 
-def _curve(axes: Axes, each: Semivariogram, colour: str, label: str = "", *, dashed: bool = False) -> None:
+def _curve(axes: Axes, each: EmpiricalSemivariogram, colour: str, label: str = "", *, dashed: bool = False) -> None:
     there = each.pairs >= _LEAST_PAIRS
     axes.plot(each.centre[there], each.gamma[there], "o", color=colour, markersize=1.8 if dashed else 2.5, label=label)
     if each.model is not None and there.any():

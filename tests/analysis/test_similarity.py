@@ -1,4 +1,4 @@
-"""Correlation of distances, Mantel test and semivariograms against independent computations and known fields."""
+"""Correlation of distances and Mantel test against independent computations and known fields."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, pearsonr
 
-from cellctl.analysis import ErrorSet, UnsuitableRows, fit_gaussian, mantel, semivariogram, similarity
+from cellctl.analysis import ErrorSet, UnsuitableRows, mantel, similarity
 
 RNG = np.random.default_rng(3)
 READINGS = RNG.uniform(-40.0, 40.0, (50, 6))
@@ -62,38 +62,6 @@ def test_the_permuted_correlations_are_about_zero_and_the_same_seed_gives_the_sa
     first, again, other = (similarity(rows, 199, seed).correlation["3-D"]["Dp"] for seed in (1, 1, 2))
     assert first == again != other
     assert first.low_95 < 0.0 < first.high_95
-
-
-def test_a_semivariogram_is_the_mean_of_half_the_squares_in_each_of_twenty_bins():
-    values, points = RNG.normal(size=40), RNG.normal(size=(40, 2))
-    h = in_pairs(points)
-    found = semivariogram(h, values)
-    halves = np.array([(values[i] - values[j]) ** 2 / 2 for i, j in combinations(range(40), 2)])
-    edges = np.linspace(h.min(), h.max(), 21)
-    for number in range(20):
-        mine = (h >= edges[number]) & ((h < edges[number + 1]) | (number == 19))
-        assert found.pairs[number] == mine.sum()
-        if mine.any():
-            assert found.gamma[number] == pytest.approx(halves[mine].mean())
-        assert found.centre[number] == pytest.approx(edges[number : number + 2].mean())
-    assert found.pairs.sum() == 780
-
-
-@pytest.mark.parametrize(("nugget", "sill", "length"), [(0.1, 0.9, 1.5), (0.0, 1.2, 3.0), (0.5, 0.5, 0.8)])
-def test_the_gaussian_model_is_found_from_its_own_semivariogram(nugget, sill, length):
-    h = np.linspace(0.1, 4.0, 20)
-    gamma = nugget + sill * (1.0 - np.exp(-3.0 * h**2 / length**2))
-    found = fit_gaussian(h, gamma, np.arange(1.0, 21.0))
-    assert (found.nugget, found.sill, found.range) == pytest.approx((nugget, sill, length), abs=2e-3)
-    assert found.rms < 1e-4
-    assert found.at(h) == pytest.approx(gamma, abs=1e-3)
-
-
-def test_a_semivariogram_that_does_not_rise_has_no_sill_and_no_range():
-    found = fit_gaussian(np.linspace(0.1, 4.0, 20), np.linspace(1.2, 0.8, 20), np.ones(20))
-    assert found.sill == 0.0
-    assert np.isnan(found.range)
-    assert found.at(np.array([1.0])) == pytest.approx(1.0)
 
 
 def test_joints_that_the_errors_depend_on_rise_and_the_others_do_not():

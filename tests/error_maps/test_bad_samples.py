@@ -91,6 +91,25 @@ def test_one_far_outlier_is_refused_with_its_number(places, method):
         method.fit(places, errors)
 
 
+def test_errors_that_are_at_one_of_two_values_are_no_outliers(places, rng):
+    """As joint errors by friction in the motor currents: half of them are closer together than the scatter."""
+    friction = np.where(np.arange(len(places)) % 20 < 11, 0.3, -0.3)[:, None] + rng.normal(0.0, 1e-3, (len(places), 1))
+    assert np.isfinite(METHODS[1].fit(places, friction).errors(places)).all()
+
+
+def test_inputs_that_move_one_joint_after_the_other_are_no_outliers(rng):
+    turned = np.concatenate([np.outer(rng.uniform(-1.0, 1.0, 20), axis) for axis in np.eye(6)])
+    errors = np.sin(turned @ rng.uniform(-1.0, 1.0, (6, 3)))
+    assert np.isfinite(METHODS[0].fit(turned + rng.normal(0.0, 1e-5, turned.shape), errors).errors(turned)).all()
+
+
+def test_one_far_outlier_among_ten_points_is_refused(places):
+    errors = error_at(places[:10])
+    errors[4, 1] -= 25.0
+    with pytest.raises(UnusableSamples, match="component 2 of the error of sample 5"):
+        METHODS[0].fit(places[:10], errors)
+
+
 def test_a_place_in_other_units_is_refused_with_its_number(places):
     places[3] *= 57.3
     with pytest.raises(UnusableSamples, match="inputs of sample 4"):

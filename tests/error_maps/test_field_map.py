@@ -6,6 +6,7 @@ import pytest
 from cellctl.error_maps.field import AnisotropicField
 from cellctl.error_maps.joint_weights import ParticleFilter
 from cellctl.error_maps.kriging import Kriging
+from cellctl.error_maps.samples import UnusableSamples
 
 
 def mean_error(made, q, errors):
@@ -66,8 +67,8 @@ def test_repeated_postures_ten_rows_constant_errors_and_a_still_joint_have_sound
     np.testing.assert_array_equal(still.errors(q), still.errors(elsewhere))
 
 
-def test_a_far_outlier_is_refused_with_its_row(measured):
+def test_a_far_outlier_is_refused_with_its_number(measured):
     q, errors = measured(40, 43)
     errors[7, 2] -= 200.0
-    with pytest.raises(ValueError, match=r"row 8: its z error .* measure it again"):
+    with pytest.raises(UnusableSamples, match=r"component 3 of the error of sample 8: .*; measure that sample again"):
         AnisotropicField().fit(q, errors)

@@ -7,6 +7,7 @@ import pytest
 
 from cellctl.error_maps.joint_weights import ParticleFilter
 from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
+from cellctl.error_maps.samples import UnusableSamples
 
 SHORT = dataclasses.replace(ParticleFilter.published(), particles=30, rounds=6)
 
@@ -44,5 +45,5 @@ def test_a_test_set_with_an_outlier_is_refused(rows):
     q, errors, there, actual = rows
     actual = actual.copy()
     actual[3, 0] += 100.0
-    with pytest.raises(ValueError, match="row 4: its x error"):
+    with pytest.raises(UnusableSamples, match="component 1 of the error of sample 4"):
         SHORT.weights(q, errors, there, actual)
