@@ -133,12 +133,21 @@ def test_far_from_the_rows_its_whole_size_is_open():
     assert field.variance(Postures(q)).mean() < 0.02 * size
 
 
-def test_rows_that_measure_no_point_leave_no_errors_to_fit():
+@pytest.mark.parametrize(
+    ("shifts", "of_instrument", "points"),
+    [
+        (np.ones((5, 1, 3)), [False] * 5, 0),  # touches
+        (np.tile(np.eye(3), (5, 1, 1)), [False] * 5, 0),  # sockets
+        (np.tile(np.eye(3), (5, 1, 1)), [True] * 3 + [False] * 2, 3),
+    ],
+)
+def test_only_points_that_an_instrument_measured_show_a_field(shifts, of_instrument, points):
     from types import SimpleNamespace
 
-    linear = SimpleNamespace(away=np.zeros((5, 1)), columns=np.zeros((5, 1, 2)))
-    left = remainder(np.zeros((5, 4)), linear, [0, 1], (np.eye(2), np.zeros(2)), np.ones((5, 1, 3)))
-    assert len(left.q) == 0
+    rows = SimpleNamespace(q=np.zeros((5, 4)), of_instrument=np.array(of_instrument))
+    linear = SimpleNamespace(away=np.zeros(shifts.shape[:2]), columns=np.zeros((*shifts.shape[:2], 2)))
+    left = remainder(rows, linear, [0, 1], (np.eye(2), np.zeros(2)), shifts)
+    assert len(left.q) == points
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured
-from cellctl.kinematics import Floats
+from cellctl.kinematics import Bools, Floats
 
 
 @final
@@ -45,6 +45,11 @@ class RowBlocks:
     def q(self) -> Floats:
         """Model angles (M, n), rad."""
         return np.concatenate([block.q for block in self.blocks])
+
+    @property
+    def of_instrument(self) -> Bools:
+        """Which rows (M,) are measured in an instrument's own frame."""
+        return np.concatenate([np.full(len(block), block.of_instrument) for block in self.blocks])
 
     @property
     def numbers(self) -> Any:

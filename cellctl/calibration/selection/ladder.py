@@ -157,7 +157,7 @@ class _Ladder:
         kept = self._columns(best.groups)
         prior = replace(self.folded.system.restricted(kept), numbers={}).posterior(best.logs)
         shifts = shifts_of_tcp(self.task, self.rows)
-        fitted = effect.fitted_to(remainder(self.rows.q, self.folded.linear, np.flatnonzero(kept), prior, shifts))
+        fitted = effect.fitted_to(remainder(self.rows, self.folded.linear, np.flatnonzero(kept), prior, shifts))
         return None if fitted is None else _Ladder.of(self.task, (*self.candidates, fitted), self.rows)
 
     def tried(self, groups: tuple[Group, ...], begin: Mapping[Factor, float]) -> _Model:

@@ -57,18 +57,20 @@ def shifts_of_tcp(task: Task, rows: RowBlocks) -> Floats:
     return Linear.about(only, np.zeros(len(only.names)), rows, ()).columns
 
 
-def remainder(q: Floats, linear: Linear, at: Any, prior: tuple[Floats, Floats], shifts: Floats) -> Remainder:
-    """Of rows at q (N, n), rad, for the model of the unknowns `at` (indices into those of `linear`).
+def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Floats], shifts: Floats) -> Remainder:
+    """Of N rows, for the model of the unknowns `at` (indices into those of `linear`).
 
     prior: inverse covariance (F, F) of these unknowns without the rows, and gradient (F,). shifts: see `shifts_of_tcp`.
-    Rows that measure no point (touches) are left out.
+    Rows in which no instrument measures a point (touches, sockets) are left out: the places of their own points take up
+    a part of each smooth error.
     """
     singular = np.linalg.svd(shifts, compute_uv=False)
-    points = np.flatnonzero(singular[:, -1] > ALONG * singular[:, 0]) if shifts.shape[1] >= 3 else np.zeros(0, int)
+    whole = rows.of_instrument & (singular[:, -1] > ALONG * singular[:, 0])
+    points = np.flatnonzero(whole) if shifts.shape[1] >= 3 else np.zeros(0, int)
     points = np.sort(np.random.default_rng(len(points)).permutation(points)[:ROWS])
     to_mm = np.linalg.pinv(shifts[points])
     columns = to_mm @ linear.columns[points][..., at]
     covariance = np.linalg.inv(prior[0])
     away = linear.away[points] - linear.columns[points][..., at] @ (covariance @ prior[1])
     errors = -np.einsum("nak,nk->na", to_mm, away)
-    return Remainder(q[points], errors, np.einsum("naf,fg,mag->anm", columns, covariance, columns, optimize=True))
+    return Remainder(rows.q[points], errors, np.einsum("naf,fg,mag->anm", columns, covariance, columns, optimize=True))
