@@ -37,9 +37,9 @@ def farthest(robot: RobotFile, postures: int = 2000) -> float:
 
 @pytest.mark.parametrize("file", sorted(ROBOTS.glob("*.yaml")), ids=lambda file: file.stem)
 def test_no_posture_of_a_shipped_robot_is_beyond_its_reach(file: Path) -> None:
-    reach = reach_of(file)
+    reach, true = reach_of(file), farthest(RobotFile.load(file))
     assert reach is not None
-    assert farthest(RobotFile.load(file)) <= reach <= 2500
+    assert true <= reach <= 2.0 * true  # beyond that, speeds would be limited to less than half without need
 
 
 def test_the_reach_of_a_robot_given_by_axes_is_the_way_along_them(tmp_path: Path) -> None:
