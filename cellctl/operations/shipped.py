@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
 from cellctl.files import InputError, Problem
-from cellctl.robots import library, near
+from cellctl.robots import near, shipped
 
 Kind = Literal["procedure", "cell", "robot"]
 
-_PACKAGE = "procedures"
-_FOLDERS: dict[Literal["procedure", "cell"], tuple[str, ...]] = {
+_FOLDERS: dict[Kind, tuple[str, ...]] = {
     "procedure": (".", "papers"),
     "cell": ("cells", "papers/cells"),
+    "robot": ("robots",),
 }
 
 
@@ -37,9 +36,4 @@ def shipped_file(kind: Kind, given: Path) -> Path:
 
 def shipped_names(kind: Kind) -> dict[str, Path]:
     """Name → file of all shipped files of that kind, sorted by name in each folder."""
-    if kind == "robot":
-        return library()
-    spec = find_spec(_PACKAGE)
-    places = [Path(place) for place in (spec.submodule_search_locations or ())] if spec else []
-    folders = [place / folder for folder in _FOLDERS[kind] for place in places]
-    return {file.stem: file for folder in folders for file in sorted(folder.glob("*.yaml"))}
+    return {name: file for folder in _FOLDERS[kind] for name, file in shipped(folder).items()}

@@ -10,14 +10,19 @@ import difflib
 from importlib.util import find_spec
 from pathlib import Path
 
-_PACKAGE, _FOLDER = "procedures", "robots"
+_PACKAGE = "procedures"
 
 
 def library() -> dict[str, Path]:
     """Name → robot file, sorted by name."""
+    return shipped("robots")
+
+
+def shipped(folder: str) -> dict[str, Path]:
+    """Name → YAML file in a folder of the package `procedures`, sorted by name."""
     spec = find_spec(_PACKAGE)
     places = (spec.submodule_search_locations or ()) if spec else ()
-    return {file.stem: file for place in places for file in sorted((Path(place) / _FOLDER).glob("*.yaml"))}
+    return {file.stem: file for place in places for file in sorted((Path(place) / folder).glob("*.yaml"))}
 
 
 def robot_file(model: str, folder: Path) -> Path:
