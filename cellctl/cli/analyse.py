@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.arguments import shown_name
 
 if TYPE_CHECKING:
     from cellctl.formats import Measurements
@@ -50,7 +50,11 @@ def analyse(
     if page:
         from cellctl.report.similarity import write_similarity_page
 
-        sources = {"robot file": _name(robot), "data set": _name(data), "model": _name(model) if model else "nominal"}
+        sources = {
+            "robot file": shown_name(robot),
+            "data set": shown_name(data),
+            "model": shown_name(model) if model else "nominal",
+        }
         with unwritten.noted():
             write_similarity_page(page, found, report, measured.robot.name, sources)
     with unwritten.noted():
@@ -110,8 +114,3 @@ def _model_words(what: str, name: str, model: dict[str, Any] | None) -> str:
 
 def _fixed(value: float | None) -> str:
     return "–" if value is None else f"{value:.3f}"
-
-
-def _name(path: Path) -> str:
-    """A file's name as text, for any bytes in it."""
-    return os.fsencode(path.name).decode(errors="replace")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -56,3 +57,8 @@ Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs."
 Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
 Out = Annotated[Path | None, typer.Option("-o", "--out", help="Output file. Default: stdout.")]
 Seed = Annotated[int | None, typer.Option(help="Seed of the simulated robot's errors.", min=0)]
+
+
+def shown_name(path: Path) -> str:
+    """A file's name as text, for any bytes in it."""
+    return os.fsencode(path.name).decode(errors="replace")

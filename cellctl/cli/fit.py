@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, final
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.arguments import shown_name
 from cellctl.cli.ends import Exit
 from cellctl.cli.fit_options import Asked, Judging
 from cellctl.cli.outputs import Unwritten, refuse_outputs
@@ -100,7 +100,10 @@ def fit(
     if page:
         from cellctl.report.fit import FitStory, write_fit_page
 
-        sources = {"robot file": _name(robot), "data set": f"{_name(data)}, SHA-256 {files.data.sha256[:12]}…"}
+        sources = {
+            "robot file": shown_name(robot),
+            "data set": f"{shown_name(data)}, SHA-256 {files.data.sha256[:12]}…",
+        }
         with unwritten.noted():
             write_fit_page(page, FitStory.of(measured, result, split, report, sources))
     with unwritten.noted():
@@ -166,11 +169,6 @@ def _is_robot(path: Path) -> bool:
     except InputError:
         return False
     return isinstance(content, dict) and {"convention", "joints"} <= content.keys()
-
-
-def _name(path: Path) -> str:
-    """A file's name as text, for any bytes in it."""
-    return os.fsencode(path.name).decode(errors="replace")
 
 
 def _measured(files: _Files, asked: Asked) -> Measurements:

@@ -71,7 +71,7 @@ class Asked:
             self._add("acceptance", "is an angle about the reflector's direction", "--facing x,y,z too")
         if self.near is not None and self.joints is not None:
             self._add("near", "joint ranges have one posture for each target", "leave --near out")
-        self._raise()
+        self.raise_all()
 
     def region(self, robot: RobotFile) -> TaskWorkspace | JointRanges | None:
         """The region; None where its text has an error, which is then noted."""
@@ -107,7 +107,8 @@ class Asked:
 
     def raise_all(self) -> None:
         """Raise InputError with every error noted."""
-        self._raise()
+        if self.problems:
+            raise InputError(self.problems)
 
     def _sight(self, robot: RobotFile) -> Sight | None:
         import numpy as np
@@ -152,10 +153,6 @@ class Asked:
 
     def _add(self, name: str, what: str, cure: str) -> None:
         self.problems.append(option(name, what, cure))
-
-    def _raise(self) -> None:
-        if self.problems:
-            raise InputError(self.problems)
 
 
 def _number(text: str) -> float | None:
