@@ -10,6 +10,7 @@ from scipy.spatial.distance import pdist
 
 from cellctl.analysis.correlation import Correlation, mantel
 from cellctl.analysis.errors import ErrorSet
+from cellctl.error_maps.samples import Scale
 from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, semivariogram
 from cellctl.kinematics import Floats
 
@@ -52,8 +53,9 @@ def similarity(rows: ErrorSet, permutations: int = 999, seed: int = 0) -> Simila
         name: mantel(part, spaces, permutations, np.random.default_rng([seed, 31])) for name, part in parts.items()
     }
     joints = [joint for joint, moves in enumerate(rows.moving) if moves]
-    q = _standardised(rows.readings[:, joints])
-    of = {name: _standardised(part)[:, 0] for name, part in parts.items() if name != "3-D"}
+    readings = rows.readings[:, joints]
+    q = Scale.of(readings).standardised(readings)
+    of = {name: Scale.of(part).standardised(part)[:, 0] for name, part in parts.items() if name != "3-D"}
     alone = {joint + 1: pdist(q[:, [column]]) for column, joint in enumerate(joints)}
     near = {joint + 1: _near_in_others(q, column) for column, joint in enumerate(joints)}
     return Similarity(
@@ -68,10 +70,6 @@ def similarity(rows: ErrorSet, permutations: int = 999, seed: int = 0) -> Simila
         pdist(rows.places),
         pdist(rows.errors),
     )
-
-
-def _standardised(values: Floats) -> Floats:
-    return np.asarray((values - values.mean(axis=0)) / values.std(axis=0))
 
 
 def _near_in_others(q: Floats, column: int) -> Floats:

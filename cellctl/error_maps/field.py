@@ -12,7 +12,7 @@ from typing import Self, final
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from cellctl.calibration.residuals.axis_process import AxisProcess, Priors, squared_distances
+from cellctl.calibration.residuals.axis_process import AxisProcess, Priors
 from cellctl.error_maps.samples import LEAST_SCATTER, checked
 from cellctl.kinematics import Bools, Floats
 
@@ -53,9 +53,7 @@ class _AxisMap:
             nothing = AxisProcess(np.ones(q.shape[1]), 0.0, LEAST_SCATTER, 0.0)
             return cls(mean, nothing, LEAST_SCATTER * np.eye(len(q)), np.zeros(len(q)))
         process = AxisProcess.fitted(q, errors - mean, priors.of_errors(scatter))
-        scaled = q / process.lengths
-        kernel = process.amplitude**2 * np.exp(-0.5 * squared_distances(scaled, scaled))
-        root = cholesky(kernel + process.nugget**2 * np.eye(len(q)), lower=True)
+        root = cholesky(process.kernel(q, q) + process.nugget**2 * np.eye(len(q)), lower=True)
         return cls(mean, process, root, cho_solve((root, True), errors - mean))
 
 
@@ -97,7 +95,7 @@ class FieldMap:
     def errors(self, q: Floats) -> Floats:
         """Error of the TCP (N, 3), mm, actual − nominal, at model angles q (N, n), rad."""
         at = np.asarray(q, float)[:, self.moved]
-        return np.stack([axis.mean + self._kernel(axis, at) @ axis.pull for axis in self.axes], axis=-1)
+        return np.stack([axis.mean + axis.process.kernel(at, self.q) @ axis.pull for axis in self.axes], axis=-1)
 
     def sigma(self, q: Floats) -> Floats:
         """1 σ of each axis (N, 3), mm, of the error at q (N, n), rad, without the nugget, the scatter of a measurement.
@@ -107,10 +105,6 @@ class FieldMap:
         at = np.asarray(q, float)[:, self.moved]
         open_ = []
         for axis in self.axes:
-            known = solve_triangular(axis.root, self._kernel(axis, at).T, lower=True, check_finite=False)
+            known = solve_triangular(axis.root, axis.process.kernel(at, self.q).T, lower=True, check_finite=False)
             open_.append(axis.process.amplitude**2 - np.sum(known**2, axis=0))
         return np.asarray(np.sqrt(np.maximum(np.stack(open_, axis=-1), 0.0)), float)
-
-    def _kernel(self, axis: _AxisMap, at: Floats) -> Floats:
-        lengths = axis.process.lengths
-        return np.asarray(axis.process.amplitude**2 * np.exp(-0.5 * squared_distances(at / lengths, self.q / lengths)))

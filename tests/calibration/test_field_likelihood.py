@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
-from cellctl.calibration.residuals.axis_process import AxisProcess, LogNormal, Priors, likelihood, squared_distances
+from cellctl.calibration.residuals.axis_process import AxisProcess, LogNormal, Priors, likelihood
 
 LENGTHS, AMPLITUDE, NUGGET = np.array([0.6, 1.5, 4.0]), 0.3, 0.02
 
@@ -11,7 +12,7 @@ LENGTHS, AMPLITUDE, NUGGET = np.array([0.6, 1.5, 4.0]), 0.3, 0.02
 def rows(count=120, seed=1):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1.5, 1.5, (count, 3))
-    square = AMPLITUDE**2 * np.exp(-0.5 * squared_distances(q / LENGTHS, q / LENGTHS)) + NUGGET**2 * np.eye(count)
+    square = AMPLITUDE**2 * np.exp(-0.5 * cdist(q / LENGTHS, q / LENGTHS, "sqeuclidean")) + NUGGET**2 * np.eye(count)
     return q, np.linalg.cholesky(square) @ rng.standard_normal(count)
 
 

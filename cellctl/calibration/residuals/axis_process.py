@@ -109,6 +109,10 @@ class AxisProcess:
         best = likelihood(found.x, q, errors, known)[0]
         return cls(values[:-2], float(values[-2]), float(values[-1]), best)
 
+    def kernel(self, a: Floats, b: Floats) -> Floats:
+        """Covariance (A, B), mm², of the process between postures a (A, n) and b (B, n), rad; without the nugget."""
+        return np.asarray(self.amplitude**2 * np.exp(-0.5 * _squared_distances(a / self.lengths, b / self.lengths)))
+
     def gain(self, q: Floats, errors: Floats, known: Floats | None = None) -> float:
         """Rise of the logarithm of the marginal likelihood by the process, compared with the best nugget alone."""
         lengths = np.log(self.lengths)
@@ -123,7 +127,7 @@ def likelihood(logs: Floats, q: Floats, errors: Floats, known: Floats | None = N
     """
     count = len(q)
     scaled = q * np.exp(-logs[:-2])
-    kernel = np.exp(2.0 * logs[-2]) * np.exp(-0.5 * squared_distances(scaled, scaled))
+    kernel = np.exp(2.0 * logs[-2]) * np.exp(-0.5 * _squared_distances(scaled, scaled))
     covariance = kernel if known is None else kernel + known
     covariance = covariance + (np.exp(2.0 * logs[-1]) + 1e-12 * np.exp(2.0 * logs[-2])) * np.eye(count)
     root, failed = dpotrf(covariance.T, lower=1, overwrite_a=1)
@@ -141,7 +145,7 @@ def likelihood(logs: Floats, q: Floats, errors: Floats, known: Floats | None = N
     return value, np.array([*of_lengths, float(weight.sum()), of_nugget])
 
 
-def squared_distances(a: Floats, b: Floats) -> Floats:
+def _squared_distances(a: Floats, b: Floats) -> Floats:
     """‖a_i − b_j‖² (A, B) of points (A, n) and (B, n)."""
     squares = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * (a @ b.T)
     return np.asarray(np.maximum(squares, 0.0))

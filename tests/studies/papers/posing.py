@@ -58,13 +58,11 @@ class PoseCell:
     @classmethod
     def load(cls, file: Path) -> Self:
         """From the cell file."""
-        model = yaml.safe_load(file.read_text(encoding="utf-8"))["model"]
-        return cls(file, RobotFile.load(robot_file(model, file.parent)))
+        return cls(file, RobotFile.load(_robot_file(file)))
 
     def planned(self, fit_count: int, held_out: int, seed: int) -> Planned:
         """The poses that a campaign of this seed plans, before it knows better where the instrument is."""
-        model = yaml.safe_load(self.file.read_text(encoding="utf-8"))["model"]
-        context = CellFiles(load_yaml(self.file), robot_file(model, self.file.parent), seed)
+        context = CellFiles(load_yaml(self.file), _robot_file(self.file), seed)
         poses = [pose for each in planned_rounds(context, Wanted(fit_count, held_out), None) for pose in each.poses]
         return Planned(
             np.array([pose.joints for pose in poses]),
@@ -140,3 +138,8 @@ def comprehensive(deviations: Floats) -> tuple[float, float]:
     """The paper's E_p (mm) and E_a (deg) of deviations (N, 6): root of the summed squares of the axes' mean errors."""
     means = np.abs(deviations).mean(axis=0)
     return float(np.linalg.norm(means[:3])), float(np.linalg.norm(means[3:]))
+
+
+def _robot_file(cell: Path) -> Path:
+    """The robot file of a cell file."""
+    return robot_file(yaml.safe_load(cell.read_text(encoding="utf-8"))["model"], cell.parent)
