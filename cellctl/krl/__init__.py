@@ -1,0 +1,68 @@
+"""KRL, the language of KUKA controllers: files read without loss, points understood, values written."""
+
+from cellctl.krl.expressions import (
+    Aggregate,
+    Call,
+    Expression,
+    Field,
+    Literal,
+    Number,
+    Operation,
+    Reference,
+    references,
+)
+from cellctl.krl.krl_file import KrlFile
+from cellctl.krl.points import CARTESIAN, FrameData, Point, point_of
+from cellctl.krl.statements import (
+    Assignment,
+    Begin,
+    Comment,
+    Control,
+    Declaration,
+    Declared,
+    End,
+    EndFold,
+    Fold,
+    Header,
+    InlineForm,
+    Invocation,
+    Motion,
+    Spline,
+    Statement,
+    Unknown,
+)
+from cellctl.krl.tokens import Span
+
+__all__ = [
+    "CARTESIAN",
+    "Aggregate",
+    "Assignment",
+    "Begin",
+    "Call",
+    "Comment",
+    "Control",
+    "Declaration",
+    "Declared",
+    "End",
+    "EndFold",
+    "Expression",
+    "Field",
+    "Fold",
+    "FrameData",
+    "Header",
+    "InlineForm",
+    "Invocation",
+    "KrlFile",
+    "Literal",
+    "Motion",
+    "Number",
+    "Operation",
+    "Point",
+    "Reference",
+    "Span",
+    "Spline",
+    "Statement",
+    "Unknown",
+    "point_of",
+    "references",
+]
