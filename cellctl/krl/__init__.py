@@ -11,6 +11,7 @@ from cellctl.krl.expressions import (
     Reference,
     references,
 )
+from cellctl.krl.frames import FrameChoice, MotionFrames, frame_values, motion_frames
 from cellctl.krl.krl_file import KrlFile
 from cellctl.krl.points import CARTESIAN, FrameData, Point, point_of
 from cellctl.krl.statements import (
@@ -48,6 +49,7 @@ __all__ = [
     "Expression",
     "Field",
     "Fold",
+    "FrameChoice",
     "FrameData",
     "Header",
     "InlineForm",
@@ -55,6 +57,7 @@ __all__ = [
     "KrlFile",
     "Literal",
     "Motion",
+    "MotionFrames",
     "Number",
     "Operation",
     "Point",
@@ -63,6 +66,8 @@ __all__ = [
     "Spline",
     "Statement",
     "Unknown",
+    "frame_values",
+    "motion_frames",
     "point_of",
     "references",
 ]
