@@ -12,8 +12,9 @@ from cellctl.krl.expressions import (
     references,
 )
 from cellctl.krl.frames import FrameChoice, MotionFrames, frame_values, motion_frames
+from cellctl.krl.grammar import aggregate_in, statements
 from cellctl.krl.krl_file import KrlFile
-from cellctl.krl.points import CARTESIAN, FrameData, Point, point_of
+from cellctl.krl.points import CARTESIAN, FrameData, Point, point_of, points_of
 from cellctl.krl.statements import (
     Assignment,
     Begin,
@@ -66,8 +67,11 @@ __all__ = [
     "Spline",
     "Statement",
     "Unknown",
+    "aggregate_in",
     "frame_values",
     "motion_frames",
     "point_of",
+    "points_of",
     "references",
+    "statements",
 ]

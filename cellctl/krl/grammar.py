@@ -34,7 +34,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeGuard, get_args
 
-from cellctl.krl.expressions import Call, Expression
+from cellctl.krl.expressions import Aggregate, Call, Expression
 from cellctl.krl.inline_forms import comment_statement
 from cellctl.krl.reader import NotUnderstood, Reader
 from cellctl.krl.statements import (
@@ -78,6 +78,16 @@ def statements(text: str) -> tuple[Statement, ...]:
                 in_spline = statement.keyword != "ENDSPLINE"
             found.append(statement)
     return tuple(found)
+
+
+def aggregate_in(text: str, place: Span) -> Aggregate | None:
+    """The first structure `{…}` at a place of a text, for lines that are no statements; None where there is none."""
+    start = text.find("{", place.start, place.end)
+    found = tokens(Line(0, Span(start, place.end), text[start : place.end])) if start >= 0 else []
+    try:
+        return Reader([token for token in found if token.kind != "comment"]).aggregate()
+    except NotUnderstood:
+        return None
 
 
 def _line(line: Line, in_spline: bool) -> list[Statement]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
-from cellctl.krl.expressions import Aggregate, Expression, Number
+from cellctl.krl.expressions import Aggregate, Expression, Number, Reference
 from cellctl.krl.expressions import Literal as Constant
 from cellctl.krl.statements import Assignment, Begin, Declaration, End, Motion, Statement
 from cellctl.krl.tokens import Span
@@ -120,7 +120,7 @@ def point_of(value: Aggregate, line: int, name: str = "", type_: str = "", decla
     faults = ["the index is not a number"] if "?" in name else []
     for field in value.fields:
         if not isinstance(field.value, Number):
-            faults.append(f"{field.label} is no number")
+            faults.append(f"{field.label} {_shown(field.value)}")
         elif field.label in numbers:
             faults.append(f"{field.label} is given twice")
         elif not _belongs(field.label, kind):
@@ -128,6 +128,16 @@ def point_of(value: Aggregate, line: int, name: str = "", type_: str = "", decla
         else:
             numbers[field.label] = field.value
     return Point(line, value.span, name, kind, numbers, declared, "; ".join(faults))
+
+
+def _shown(value: Expression) -> str:
+    match value:
+        case Reference():
+            return f"'{value.written}' is not a number"
+        case Constant():
+            return f"'{value.text}' is not a decimal number"
+        case _:
+            return "is computed"
 
 
 def _type_by(labels: set[str]) -> str:

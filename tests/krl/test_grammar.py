@@ -92,7 +92,7 @@ def test_numbers_are_read_in_every_way_of_writing_and_with_their_place():
     point = file.points[0]
     assert [point.values[label] for label in "XYZABC"] == [0.001, -90, 5, 0.5, -20, 0]
     assert file.source(point.numbers["Y"].span) == "-90"
-    assert point.fault == "S is no number"
+    assert point.fault == "S ''H2'' is not a decimal number"
 
 
 @pytest.mark.parametrize(
