@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -98,8 +99,7 @@ class KrlFile:
 
     def point(self, name: str) -> Point | None:
         """The point `name` of a data list or declaration; None if there is none, or if it is given twice."""
-        found = [point for point in self.points if point.declared and point.key == name.upper()]
-        return found[0] if len(found) == 1 else None
+        return _only([point for point in self._points_by_name.get(name.upper(), ()) if point.declared])
 
     def frame_data(self, name: str) -> FrameData | None:
         """The FDAT `name`: TOOL_NO, BASE_NO; None where it is not declared with its values."""
@@ -107,16 +107,28 @@ class KrlFile:
 
     def frame(self, name: str) -> Point | None:
         """The one value of `BASE_DATA[2]`, `TOOL_DATA[1]` or another FRAME, declared or assigned (`$config.dat`)."""
-        found = [point for point in self.points if point.key == name.upper()]
-        return found[0] if len(found) == 1 else None
+        return _only(self._points_by_name.get(name.upper(), []))
+
+    @cached_property
+    def _points_by_name(self) -> Mapping[str, list[Point]]:
+        found = defaultdict[str, list[Point]](list)
+        for point in self.points:
+            found[point.key].append(point)
+        return dict(found)
 
     def changes(self, name: str) -> tuple[Statement, ...]:
         """Statements that change the variable `name`, or may change it: assignments to it or a part of it, calls with
         it as an argument, control flow and lines not understood that name it. The values of a data list are none.
         """
-        wanted = name.upper()
-        rows = with_data(self.statements)
-        return tuple(statement for statement, in_data in rows if not in_data and _may_change(statement, wanted))
+        return tuple(self._changes.get(variable_of(name), ()))
+
+    @cached_property
+    def _changes(self) -> Mapping[str, list[Statement]]:
+        found = defaultdict[str, list[Statement]](list)
+        for statement, in_data in with_data(self.statements):
+            for variable in () if in_data else _changed_by(statement):
+                found[variable].append(statement)
+        return dict(found)
 
     def source(self, span: Span) -> str:
         """The text at a place."""
@@ -140,27 +152,29 @@ class KrlFile:
         return next(found.span for found in lines(self.text) if found.number == line)
 
 
-def _may_change(statement: Statement, name: str) -> bool:
+def _only(found: list[Point]) -> Point | None:
+    return found[0] if len(found) == 1 else None
+
+
+def _changed_by(statement: Statement) -> set[str]:
+    """The variables, upper case, that a statement changes or may change: arguments of a call may be OUT parameters."""
     match statement:
         case Assignment():
-            return statement.target.name.upper() == variable_of(name) or _called_with(statement.value, name)
+            return {statement.target.name.upper()} | _arguments(statement.value)
         case Invocation():
-            return any(_names(argument, name) for argument in statement.call.arguments)
-        case Control() | Unknown():
-            return variable_of(name) in statement.names
+            return _arguments(statement.call)
         case Motion():
-            return _called_with(statement.target, name)
+            return _arguments(statement.target) | _arguments(statement.auxiliary)
+        case Control() | Unknown():
+            return set(statement.names)
         case _:
-            return False
+            return set()
 
 
-def _names(expression: Expression | None, name: str) -> bool:
-    return any(reference.name.upper() == variable_of(name) for reference in references(expression))
-
-
-def _called_with(expression: Expression | None, name: str) -> bool:
-    """Whether a call in the expression has the variable as an argument: it may change there (OUT)."""
-    return any(_names(argument, name) for call in _calls(expression) for argument in call.arguments)
+def _arguments(expression: Expression | None) -> set[str]:
+    """The variables in the arguments of all calls of an expression, upper case."""
+    arguments = (argument for call in _calls(expression) for argument in call.arguments)
+    return {reference.name.upper() for argument in arguments for reference in references(argument)}
 
 
 def _calls(expression: Expression | None) -> Iterable[Call]:
