@@ -12,7 +12,7 @@ from cellctl.krl.tokens import Span
 @final
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number with its sign: `-90`, `+5`, `.5`, `1.0E-3`. `span` covers the sign."""
+    """A number with its sign: `-90`, `+5`, `.5`, `1.0E-3`, `'B100011'`, `'H23'`. `span` covers the sign."""
 
     span: Span
     value: float
@@ -21,7 +21,7 @@ class Number:
 @final
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """A constant that is not a decimal number: `"text"`, `#BASE`, `'HFF'`, `TRUE`. text: as written."""
+    """A constant that is not a number: `"text"`, `#BASE`, `TRUE`. text: as written."""
 
     span: Span
     text: str

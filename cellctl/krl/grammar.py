@@ -19,7 +19,7 @@ terminal. The rules of expressions are in `reader`.
     label       = name ":"
     control     = keyword { any token }                       brackets match; read, not interpreted
     expression  = operand { operator operand }
-    operand     = { "+" | "-" | NOT | B_NOT } ( number | text | "#" name | "'" digits "'" | TRUE | FALSE
+    operand     = { "+" | "-" | NOT | B_NOT } ( number | text | "#" name | "'B101'" | "'HFF'" | TRUE | FALSE
                 | "(" expression ")" | aggregate | call | reference )
     aggregate   = "{" [ name ":" ] [ name [ "[" "]" ] expression { "," … } ] "}"
     call        = name "(" [ [ expression ] { "," [ expression ] } ] ")"

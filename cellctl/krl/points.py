@@ -15,6 +15,7 @@ from cellctl.krl.tokens import Span
 PointType: TypeAlias = Literal["FRAME", "POS", "E6POS", "AXIS", "E6AXIS"]
 
 CARTESIAN = ("X", "Y", "Z", "A", "B", "C")
+JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
 _CARTESIAN_TYPES = ("FRAME", "POS", "E6POS", "E3POS")
 _JOINT_TYPES = ("AXIS", "E6AXIS", "E3AXIS")
 _JOINT = re.compile(r"A[1-9]")
@@ -58,8 +59,8 @@ class Point:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Components X…C that a position does not give; the controller takes them from the point before."""
-        return () if self.is_joints else tuple(label for label in CARTESIAN if label not in self.numbers)
+        """Components X…C, or A1…A6, that it does not give; the controller takes them from the point before."""
+        return tuple(label for label in (JOINTS if self.is_joints else CARTESIAN) if label not in self.numbers)
 
     def spans(self) -> dict[str, Span]:
         """Place of each number in the file, with its sign."""
@@ -135,7 +136,7 @@ def _shown(value: Expression) -> str:
         case Reference():
             return f"'{value.written}' is not a number"
         case Constant():
-            return f"'{value.text}' is not a decimal number"
+            return f"'{value.text}' is not a number"
         case _:
             return "is computed"
 
