@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -122,6 +123,8 @@ def point_of(value: Aggregate, line: int, name: str = "", type_: str = "", decla
     for field in value.fields:
         if not isinstance(field.value, Number):
             faults.append(f"{field.label} {_shown(field.value)}")
+        elif not math.isfinite(field.value.value):
+            faults.append(f"{field.label} is too large")
         elif field.label in numbers:
             faults.append(f"{field.label} is given twice")
         elif not _belongs(field.label, kind):

@@ -51,7 +51,7 @@ _TOKEN = re.compile(
     |(?P<bad>".*|.)""",
     re.VERBOSE | re.DOTALL,
 )
-_SPACE = re.compile(r"[ \t\f\v\ufeff]*")
+_SPACE = re.compile(r"[ \t\f\v\x1a\ufeff]*")  # old editors end a file with 1A
 _LINE = re.compile(r"([^\r\n]*)(\r\n|\r|\n|\Z)")
 _UTF8_MARK = "\xef\xbb\xbf"
 

@@ -166,6 +166,8 @@ def test_frame_data_gives_tool_and_base():
 def test_what_may_change_a_point_is_named():
     text = "XP1.Z=XP1.Z+10\nXP2=XP1\nHOLE(XP1)\nXP3=MITTE(XP1,XP2)\nPTP XP1\nWAIT FOR XP1.X>5\n"
     assert [statement.line for statement in read(text).changes("xp1")] == [1, 3, 4, 6]
+    called = "DEF GO(P:IN,Q:OUT)\nEND\nDEF MAIN( )\nGO(XP1,XP2)\nXP3=INV_POS(XP4)\nEND\n"
+    assert [len(read(called).changes(name)) for name in ("XP1", "XP2", "XP3", "XP4")] == [0, 1, 1, 0]
     assert read("DEFDAT T\nXP1={X 1}\nENDDAT\nDEF T( )\nPTP XP1\nEND").changes("XP1") == ()
 
 
