@@ -100,7 +100,8 @@ class KrlFile:
             else:
                 pairs = [(statement.target, statement.value)] if in_data and isinstance(statement, Assignment) else []
             for target, value in pairs:
-                found.setdefault(target.written.upper(), value)
+                name = target.written if value is not None else target.name  # P[3] without a value: an array of three
+                found.setdefault(name.upper(), value)
         return found
 
     def point(self, name: str) -> Point | None:
@@ -131,7 +132,7 @@ class KrlFile:
     @cached_property
     def _changes(self) -> Mapping[str, list[Statement]]:
         found = defaultdict[str, list[Statement]](list)
-        inputs = dict.fromkeys(_FUNCTIONS_OF_VALUES, (True, True))
+        inputs: dict[str, tuple[bool, ...]] = dict.fromkeys(_FUNCTIONS_OF_VALUES, (True, True))
         inputs |= {begin.name.upper(): begin.inputs for begin in self.of(Begin)}
         for statement, in_data in with_data(self.statements):
             for variable in () if in_data else _changed_by(statement, inputs):
