@@ -83,7 +83,7 @@ class _Follower:
                     self._spline = statement.settings
                 case Begin():
                     self._state = FrameState.uncertain(f"{statement.name} does not set it before")
-                    self._blocks = []
+                    self._blocks, self._spline = [], ()
                 case Assignment():
                     self._state = self._reader.assigned(self._state, statement)
                 case Invocation():
