@@ -69,9 +69,8 @@ def import_data(
     refuse_json_on_stdout(json_, out, "the target file" if targets else "the data set")
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
     given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation, "j3": j3}
-    _refuse_without_meaning(
-        targets, {"POSITIONS": positions, "--robot": robot, "--angles": angles, "--pair": pair, "--j3": j3}, frame
-    )
+    of_joints = {"POSITIONS": positions, "--robot": robot, "--angles": angles, "--pair": pair, "--j3": j3}
+    _refuse_without_meaning(targets, {**of_joints, "--repeats": repeats or None}, frame)
     answers = choices(given, columns or (), repeats=repeats, coverage=coverage, group=group, frame=frame)
     if targets:
         result = imported_targets(joints, answers)

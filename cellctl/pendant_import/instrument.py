@@ -21,7 +21,9 @@ SIGMAS = ("sX", "sY", "sZ")
 UNCERTAINTIES = ("UX", "UY", "UZ")
 _UNIT = re.compile(r"\b(?:units?|einheit(?:en)?)\b(?P<rest>.*)", re.IGNORECASE)
 _FRAME = re.compile(r"\b(?:frame|coordinate system|koordinatensystem|working)\b", re.IGNORECASE)
-_NOT_CARTESIAN = re.compile(r"\b(?:cylindric(?:al)?|spherical|polar|zylindrisch|sphärisch)\b", re.IGNORECASE)
+_SYSTEM = re.compile(r"coord|koord|ax[ei]s|achsen|system", re.IGNORECASE)
+_NOT_CARTESIAN = re.compile(r"\b(?:cylindric(?:al)?|spherical|polar|zylindrisch|sphärisch)", re.IGNORECASE)
+_UNKNOWN_UNIT = re.compile(r"\b(?:feet|foot|ft|yards?)\b", re.IGNORECASE)
 _OFFSET = re.compile(r"offset|reflector|probe|versatz|reflektor", re.IGNORECASE)
 
 
@@ -35,14 +37,10 @@ def preface(table: Cells, head: Headed) -> list[tuple[int, str]]:
 def described(raw: RawList, table: Cells, head: Headed) -> RawList:
     """The list with the unit that a line above the rows states, and what such lines say of the frame.
 
-    Raises InputError where they say that the coordinates are not Cartesian.
+    Raises InputError where they say that the coordinates are not Cartesian, or in a unit that is not known.
     """
     lines = [(line, text) for line, text in preface(table, head) if line != head.line]
-    polar = [(line, text) for line, text in lines if _NOT_CARTESIAN.search(text)]
-    if polar and not re.search("cartesian|kartesisch", polar[0][1], re.IGNORECASE):
-        line, text = polar[0]
-        what = f"the coordinates may not be Cartesian: '{text[:60]}'"
-        raise InputError(Problem(raw.file, line, 0, what, "export X, Y, Z, or delete that line if they are"))
+    _refuse_unknown(raw.file, lines)
     framed = tuple(f"line {line} says '{text[:80]}'" for line, text in lines if _FRAME.search(text))
     offsets = [heading for heading in head.headings if heading and _OFFSET.search(heading)]
     if offsets:
@@ -57,10 +55,25 @@ def described(raw: RawList, table: Cells, head: Headed) -> RawList:
     return replace(raw, units=units, stated_by=by, decided=(*raw.decided, *framed))
 
 
+def _refuse_unknown(file: str, lines: Sequence[tuple[int, str]]) -> None:
+    problems = [
+        Problem(file, line, 0, f"the coordinates may not be Cartesian: '{text[:60]}'", "export them as X, Y, Z")
+        for line, text in lines
+        if _SYSTEM.search(text) and _NOT_CARTESIAN.search(text)
+    ]
+    problems += [
+        Problem(file, line, 0, f"the unit is not known: '{text[:60]}'", "export in mm, cm, m, µm or inches")
+        for line, text in lines
+        if (stated := _UNIT.search(text)) and _UNKNOWN_UNIT.search(stated["rest"])
+    ]
+    if problems:
+        raise InputError(problems)
+
+
 def _unit(text: str) -> str:
     """The unit of length in `Units: Millimeters`, empty where there is none, or more than one."""
     found = _UNIT.search(text)
-    words = re.findall(r"[a-zµμ\"]+", found["rest"].casefold()) if found else []
+    words = re.findall(r"[a-zµμ]+", re.sub(r"\bin\s+(?=\w)", "", found["rest"].casefold())) if found else []
     units = {LENGTHS[each] for word in words for each in (word, word.removesuffix("s")) if each in LENGTHS}
     return next(iter(units)) if len(units) == 1 else ""
 

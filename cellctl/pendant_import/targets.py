@@ -19,6 +19,8 @@ from cellctl.pendant_import.text import read_text
 from cellctl.pendant_import.values import in_mm, read_values
 
 _MOST_NAMED = 10
+_OF_TABLES = ("orientation", "unit", "decimal", "columns", "group", "coverage")
+"""Choices that no program leaves open."""
 
 
 def imported_targets(path: Path, choices: Choices) -> Imported:
@@ -40,10 +42,10 @@ def imported_targets(path: Path, choices: Choices) -> Imported:
 
 
 def _of_program(found: Targets, choices: Choices) -> PointList:
-    if choices.orientation or choices.unit:
-        option = "--orientation" if choices.orientation else "--unit"
-        what = f"is a robot program: the language says what its numbers mean, {option} cannot"
-        raise InputError(Problem(found.raw.file, 0, 0, what, f"leave {option} out"))
+    given = [name for name in _OF_TABLES if getattr(choices, name)]
+    if given:
+        what = "is a robot program: the language says what its numbers mean"
+        raise InputError(Problem(found.raw.file, 0, 0, what, f"leave --{', --'.join(given)} out"))
     read = read_values(found.raw, [*XYZ, *COLUMNS[found.orientation], *found.postures], None)
     points = tuple(_in_mm(point, found.length) for point in read.points)
     return oriented(replace(read, points=points), found.orientation, {})

@@ -117,6 +117,20 @@ def test_coordinates_that_are_not_cartesian_are_refused(word):
         read(text)
 
 
+def test_a_unit_that_is_not_known_is_refused_whatever_the_spread():
+    with pytest.raises(InputError, match="the unit is not known: 'Cartesian, units: Feet'"):
+        read(SA.replace("Millimeters", "Feet"))
+
+
+@pytest.mark.parametrize("words", ["Units: mm, degrees", "Einheiten in mm", "Length unit: Millimetres", 'unit="mm"'])
+def test_a_unit_in_the_preface_is_read_in_many_words(words):
+    assert "positions in mm, as line 1 says" in said(read(f"{words}\nName;X;Y;Z\nP1;1,5;2;3\n"))
+
+
+def test_comments_on_spherical_reflectors_are_no_statement_on_the_coordinates():
+    assert rows(read("// 1.5 inch spherical reflector\n" + SA), "X")[0] == ("P1", 1203.451234)
+
+
 def test_a_unit_in_the_preface_against_the_users_is_refused():
     with pytest.raises(InputError, match="line 3 says mm, --unit says m"):
         read(SA, unit="m")

@@ -151,7 +151,7 @@ def test_a_table_of_targets_needs_the_meaning_of_its_orientation(folder):
     )
 
 
-@pytest.mark.parametrize("answers", [{"orientation": "abc"}, {"unit": "mm"}])
+@pytest.mark.parametrize("answers", [{"orientation": "abc"}, {"unit": "mm"}, {"decimal": "comma"}, {"group": "A"}])
 def test_options_that_a_language_answers_itself_are_refused(folder, answers):
     with pytest.raises(InputError, match="is a robot program"):
         targets(folder, rapid((1, 2, 3), Rotation.identity()), **answers)
