@@ -166,3 +166,14 @@ def test_a_rotation_vector_in_degrees_or_radians_is_the_same_orientation():
     degrees = read(heading.format("deg") + "F1,1000.5,2,3,0,0,90\n", orientation="rotation-vector")
     radians = read(heading.format("rad") + f"F1,1000.5,2,3,0,0,{np.pi / 2}\n", orientation="rotation-vector")
     assert rows(degrees, *"ABC") == rows(radians, *"ABC") == [("F1", 90, 0, 0)]
+
+
+def test_a_b_c_in_radians_become_degrees():
+    text = f"Name,X [mm],Y [mm],Z [mm],A [rad],B [rad],C [rad]\nF1,1000.5,2,3,{np.pi / 2},0,0\n"
+    assert rows(read(text, orientation="abc"), *"ABC") == [("F1", 90, 0, 0)]
+
+
+def test_a_quaternion_under_other_headings_is_named_by_the_user():
+    text = "Name,X [mm],Y [mm],Z [mm],q0,q1,q2,q3\nF1,1000.5,2,3,1,0,0,0\n"
+    names = dict(zip(("QW", "QX", "QY", "QZ"), ("q0", "q1", "q2", "q3"), strict=True))
+    assert rows(read(text, orientation="quaternion", columns=names), "QW", "QZ") == [("F1", 1, 0)]
