@@ -68,7 +68,7 @@ def _point(line: int, name: str, match: re.Match[str]) -> Taught:
 def _first_group(body: str) -> str:
     """The text of motion group 1, or all where no group is named."""
     starts = [*_GROUP.finditer(body)]
-    ends = [*(start.start() for start in starts[1:]), len(body)]
+    ends = [start.start() for start in starts][1:] + [len(body)] * bool(starts)
     groups = [body[start.end() : end] for start, end in zip(starts, ends, strict=True) if start["number"] == "1"]
     return groups[0] if groups else "" if starts else body
 
