@@ -149,6 +149,31 @@ def rollback(
     _show(json_, result, state_words(result))
 
 
+@app.command()
+def export(
+    table: _Table,
+    krl: Annotated[bool, typer.Option("--krl", help="A KRL module: .dat and .src, to load by hand.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="CSV: targets, joints, predicted errors.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder for --krl (default: this one), file for --csv.")
+    ] = None,
+    json_: arguments.Json = None,
+) -> None:
+    """Write a table's joints as a KRL module or as CSV.
+
+    A table that was changed after it was made is refused.
+
+    Example: cellctl table export table.json --krl -o krc
+    """
+    from cellctl.cli.table_export import export_csv, export_krl, refuse_export
+    from cellctl.formats import TableFile
+
+    refuse_export(table, krl, csv, out, json_)
+    file = TableFile.load(table)
+    result, words = export_krl(file, out or Path()) if krl else export_csv(file, out)
+    _show(json_, result, words)
+
+
 def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) -> Result:
     """The result of `work` on the connected table store of the cell and its identity."""
     import asyncio
@@ -170,6 +195,6 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 def _show(json_: str | None, result: dict[str, Any], words: str) -> None:
     from cellctl.cli.outputs import write_json
 
-    if json_ != "-":  # first: the table is active even if writing the file fails
+    if json_ != "-" and words:  # first: the table is active even if writing the file fails
         typer.echo(words)
     write_json(result, json_)

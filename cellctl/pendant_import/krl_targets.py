@@ -1,46 +1,48 @@
-"""Cartesian points of a KRL file: E6POS and POS of a data list or of a motion, X, Y, Z in mm, A, B, C in degrees."""
+"""Cartesian points of a KRL file: E6POS and POS, declared, assigned or in a motion; mm and degrees."""
 
 from __future__ import annotations
 
 import re
 
+from cellctl.krl import CARTESIAN, KrlFile, Point, motion_frames
 from cellctl.pendant_import.points import Taught
-from cellctl.pendant_import.text import lines_of
 
-_AGGREGATE = re.compile(
-    r"(?:\b(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?:(?P<name>\$?[A-Za-z_][\w$]*(?:\s*\[[\d\s,]*\])?)\s*=\s*)?"
-    r"\{\s*(?:(?P<typed>\w+)\s*:)?(?P<body>[^{}]*)\}",
-    re.IGNORECASE,
+_DATA = ("$", "BASE_DATA", "TOOL_DATA")
+_PROGRAM = re.compile(
+    r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF\s+\w+\s*\([^)\n]*\)\s*(?:;.*)?$)|\{\s*(?:\w+\s*:)?\s*X\s+[-+.\d]",
+    re.IGNORECASE | re.MULTILINE,
 )
-_MOTION = re.compile(r"\s*(?:S?PTP|S?LIN|S?CIRC)\b", re.IGNORECASE)
-_BASE = re.compile(r"\bF(?P<name>\w+)\s*=\s*\{[^}]*\bBASE_NO\s+(?P<base>\d+)", re.IGNORECASE)
-_POSE = ("X", "Y", "Z", "A", "B", "C")
+
+
+def is_krl_program(text: str) -> bool:
+    """Whether `text` is a KRL program, or holds a pose; `is_krl` tells data lists and joints."""
+    return _PROGRAM.search(text) is not None
 
 
 def krl_targets(text: str) -> list[Taught]:
     """The points in the order of the file. One that is not complete, or not a motion's point, carries the reason.
 
-    The frame of `XP1` is the base of `FP1`, where the file has it.
+    The frame of `XP1` is the base of `FP1`, that of a point in a motion the motion's, where the file has it. Bases and
+    tools are no points.
     """
-    lines = [written.partition(";")[0] for written in lines_of(text)]
-    bases = {found["name"].upper(): found["base"] for line in lines for found in _BASE.finditer(line)}
-    found = [(number, code, match) for number, code in enumerate(lines, 1) for match in _AGGREGATE.finditer(code)]
-    points = [_point(number, match, _MOTION.match(code) is not None, bases) for number, code, match in found]
-    return [point for point in points if point]
+    file = KrlFile.parse(text.encode("latin-1", "replace"), "")
+    bases = {moved.motion.line: moved.base.number for moved in motion_frames(file) if not moved.base.reason}
+    points = [point for point in file.points if not point.key.startswith(_DATA)]
+    return [_point(point, _base(file, point) if point.name else bases.get(point.line)) for point in points]
 
 
-def _point(line: int, match: re.Match[str], moved: bool, bases: dict[str, str]) -> Taught | None:
-    kind = (match["typed"] or match["type"] or "").upper()
-    name = re.sub(r"\s+", "", match["name"] or "")
-    fields = dict(re.findall(r"(?:^|,)\s*([A-Za-z]\w*)\s+([^,\s]+)", match["body"]))
-    fields = {label.upper(): value for label, value in fields.items()}
-    if kind in ("E6AXIS", "AXIS") or "A1" in fields:
-        return Taught(line, name, kind or "an aggregate", fields)
-    if not (kind in ("E6POS", "POS") or moved) or not fields.keys() & {*_POSE}:
-        return None
-    missing = [label for label in _POSE if label not in fields]
-    if missing:
-        return Taught(line, name, kind, fault=f"{', '.join(missing)} missing: not a whole pose")
-    base = bases.get(name[1:].upper() if name[:1] in "Xx" else name.upper())
-    frame = {"frame": f"BASE {base}"} if base else {}
-    return Taught(line, name, kind or "an aggregate", pose={label: fields[label] for label in _POSE} | frame)
+def _base(file: KrlFile, point: Point) -> int | None:
+    data = file.frame_data(f"F{point.key.removeprefix('X')}")
+    return data.base_no if data else None
+
+
+def _point(point: Point, base: int | None) -> Taught:
+    texts = {label: repr(value) for label, value in point.values.items()}
+    if point.is_joints:
+        return Taught(point.line, point.name, point.type, texts, fault=point.fault)
+    missing = f"{', '.join(point.missing)} missing: not a whole pose" if point.missing else ""
+    framed = "FRAME is no point of a motion" if point.type == "FRAME" and point.name else ""
+    if fault := point.fault or framed or missing:
+        return Taught(point.line, point.name, point.type, fault=fault)
+    pose = {label: texts[label] for label in CARTESIAN} | ({} if base is None else {"frame": f"BASE {base}"})
+    return Taught(point.line, point.name, point.type, pose=pose)

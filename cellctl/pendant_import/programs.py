@@ -9,7 +9,7 @@ from typing import final
 from cellctl.pendant_import.choices import Length, Orientation
 from cellctl.pendant_import.fanuc import fanuc_points, is_fanuc
 from cellctl.pendant_import.krl import axis_listing, is_axis_listing, is_krl, krl_points
-from cellctl.pendant_import.krl_targets import krl_targets
+from cellctl.pendant_import.krl_targets import is_krl_program, krl_targets
 from cellctl.pendant_import.points import Raw, RawList, Source, Taught
 from cellctl.pendant_import.rapid import is_rapid, rapid_points
 from cellctl.pendant_import.script import is_number_lists, script_points
@@ -54,7 +54,7 @@ def program_targets(text: str, file: str) -> Targets | None:
     if is_rapid(text):
         words = ["RAPID, mm and quaternions, decimal point"]
         return Targets(_targets(file, "rapid", rapid_points(text), words), "quaternion")
-    if is_krl(text):
+    if is_krl(text) or is_krl_program(text):
         return Targets(_targets(file, "krl", krl_targets(text), ["KRL, mm and degrees, decimal point"]), "abc")
     if is_number_lists(text):
         points = script_points(text, None)

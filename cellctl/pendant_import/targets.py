@@ -37,7 +37,8 @@ def imported_targets(path: Path, choices: Choices) -> Imported:
     records = tuple(_record(point) for point in chosen.points if not point.fault)
     if not records:
         some = [Problem(file, row.line, 0, row.reason) for row in left[:_MOST_NAMED]]
-        raise InputError([Problem(file, 0, 0, "holds no Cartesian point that can be used"), *some])
+        cure = "give the file with the numbers of the points (of a KRL program: its .dat)"
+        raise InputError([Problem(file, 0, 0, "holds no Cartesian point that can be used", cure), *some])
     return Imported(records, left, (f"{file}: {'; '.join(part for part in chosen.decided if part)}",))
 
 

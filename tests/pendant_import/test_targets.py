@@ -99,6 +99,19 @@ def test_tool_and_base_data_of_a_krl_file_are_no_targets(folder):
     base = "BASE_DATA[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\nDECL FRAME F1={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\n"
     found = targets(folder, base + krl((1, 2, 3), Rotation.identity()))
     assert [record["name"] for record in found.records] == ["XP1"]
+    assert [(row.name, row.reason) for row in found.left_out] == [("F1", "FRAME is no point of a motion")]
+
+
+def test_a_pose_in_a_krl_motion_is_a_target_in_the_base_of_the_motion(folder):
+    motion = "DEF P()\n$BASE=BASE_DATA[3]\nLIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 90.0,C 0.0} C_DIS\nEND\n"
+    found = targets(folder, motion)
+    assert [record["B"] for record in found.records] == [90.0]
+    assert "BASE 3, which has to be the model's frame" in found.decided[0]
+
+
+def test_a_krl_program_whose_points_are_in_its_data_list_says_so(folder):
+    with pytest.raises(InputError, match=r"of a KRL program: its \.dat"):
+        targets(folder, "&ACCESS RVP\nDEF PART( )\nPTP XP1\nEND\n")
 
 
 def test_a_krl_motion_to_a_part_of_a_pose_is_named(folder):
