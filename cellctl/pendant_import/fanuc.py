@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 from cellctl.pendant_import.points import Taught
 
@@ -28,7 +29,8 @@ def is_fanuc(text: str) -> bool:
 def fanuc_points(text: str) -> tuple[list[Taught], list[str]]:
     """The points in the order of the file, and what was decided. Of each point the first motion group is taken.
 
-    A point is named by its comment, where all points have one and all are different, else `P[n]`.
+    A point is named by its comment, where all points have one and all are different, else `P[n]`, and the comment is
+    its remark.
     """
     found = [
         (match, 1 + text[: section.start("body") + match.start()].replace("\r\n", "\n").count("\n"))
@@ -38,7 +40,9 @@ def fanuc_points(text: str) -> tuple[list[Taught], list[str]]:
     names = [match["name"] or "" for match, _ in found]
     commented = bool(names) and all(names) and len(set(names)) == len(names)
     points = [
-        _point(line, name.strip() if commented else f"P[{match['number']}]", match)
+        _point(line, name.strip(), match)
+        if commented
+        else replace(_point(line, f"P[{match['number']}]", match), remark=name.strip())
         for (match, line), name in zip(found, names, strict=True)
     ]
     groups = sorted({number for match, _ in found for number in _GROUP.findall(match["body"])} - {"1"})

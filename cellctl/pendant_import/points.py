@@ -78,7 +78,7 @@ class Taught:
     """A point of a program before its numbers are read: joints (`A1…`, `J1…`, `q1…`) or a Cartesian pose, as text.
 
     pose: X, Y, Z, the angles of the format, and its `frame`, where the program names it. kind: the type in the
-    program. fault: why it is neither.
+    program. fault: why it is neither. remark: its comment.
     """
 
     line: int
@@ -87,13 +87,14 @@ class Taught:
     joints: Mapping[str, str] = field(default_factory=dict)
     pose: Mapping[str, str] = field(default_factory=dict)
     fault: str = ""
+    remark: str = ""
 
     def posture(self) -> Raw:
         """The point of a joint list; a Cartesian one has a fault."""
         what = f"{self.kind} is Cartesian: joint readings are needed" if self.pose else ""
-        return Raw(self.line, self.name, self.joints, self.fault or what)
+        return Raw(self.line, self.name, self.joints, self.fault or what, self.remark)
 
     def target(self) -> Raw:
         """The point of a target list; one of joints has a fault."""
         what = f"{self.kind} holds joints: a target is Cartesian" if self.joints else ""
-        return Raw(self.line, self.name, self.pose, self.fault or what)
+        return Raw(self.line, self.name, self.pose, self.fault or what, self.remark)

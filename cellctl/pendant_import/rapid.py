@@ -14,7 +14,9 @@ from cellctl.pendant_import.points import Taught
 
 _Tree: TypeAlias = "str | list[_Tree]"
 
-_RAPID = re.compile(r"\b(?:jointtarget|robtarget)\b|\bMoveAbsJ\b", re.IGNORECASE)
+_RAPID = re.compile(
+    r"\b(?:CONST|PERS|VAR)\s+(?:jointtarget|robtarget)\b|\bMoveAbsJ\b|^\s*MODULE\s+\w+", re.IGNORECASE | re.MULTILINE
+)
 _HIDDEN = re.compile(r'"(?:[^"\n]|"")*"|![^\n]*')
 _DECLARED = re.compile(
     r"\b(?:CONST|PERS|VAR)\s+(?P<type>jointtarget|robtarget)\s+(?P<name>\w+)\s*(?:\{[\d\s,]*\})?\s*"

@@ -137,6 +137,20 @@ def test_a_named_column_that_no_file_has_is_refused(cellctl, files, typed, colum
     assert not (files / "data.csv").exists()
 
 
+def test_one_file_of_an_instrument_may_hold_joints_groups_uncertainties_and_times(cellctl, files):
+    text = (
+        "Collection,Group,Point,A1 [deg],A2 [deg],A3 [deg],X [mm],Y [mm],Z [mm],Ux,Uy,Uz,Date,Time\n"
+        "A,Main,P1,1,2,31,1203.45,2.5,3.5,0.01,0.02,0.03,2026-11-21,10:00\n"
+    )
+    (files / "one.csv").write_text(text)
+    assert cellctl("import", "one.csv", "--coverage", "2", "-o", "data.csv") == 0
+    data = DataSet.load(files / "data.csv")
+    assert dict(zip(data.columns, data.cells[0], strict=True)) == {
+        **{"name": "P1", "A1": "1.0", "A2": "2.0", "A3": "31.0", "X": "1203.45", "Y": "2.5", "Z": "3.5"},
+        **{"time": "2026-11-21 10:00", "sX": "0.005", "sY": "0.01", "sZ": "0.015"},
+    }
+
+
 MODULE = """MODULE M
   CONST robtarget p10:=[[568,190,300],[0,0.707107,-0.707107,0],[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
   CONST jointtarget p20:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]];

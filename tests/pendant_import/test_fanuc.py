@@ -62,7 +62,10 @@ def test_points_are_named_by_their_comments_only_if_each_has_its_own():
     both = joints(1, [1] * 6).replace("P[1]", 'P[1:"left"]') + joints(2, [2] * 6).replace("P[2]", 'P[2:"right"]')
     assert [point.name for point in read(HEAD + both, j3="arm").points] == ["left", "right"]
     same = both.replace("right", "left")
-    assert [point.name for point in read(HEAD + same, j3="arm").points] == ["P[1]", "P[2]"]
+    assert [(point.name, point.remark) for point in read(HEAD + same, j3="arm").points] == [
+        ("P[1]", "left"),
+        ("P[2]", "left"),
+    ]
 
 
 def test_cartesian_positions_are_targets_in_their_user_frame_with_w_p_r_as_c_b_a():

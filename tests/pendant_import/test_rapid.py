@@ -112,4 +112,9 @@ def test_jointtargets_come_back_as_they_were_written(rows, form, comma, newline,
 
 @given(st.text(alphabet='[]{},;:="!\\ \n1.5eE+-pCONSTjointarge', max_size=200))
 def test_any_text_with_a_point_type_in_it_is_read_without_an_exception(text):
-    program_targets(f"jointtarget {text}", "m.mod")
+    assert program_targets(f"CONST jointtarget {text}", "m.mod") is not None
+
+
+def test_a_krl_file_that_speaks_of_robtargets_in_a_comment_stays_krl():
+    text = "; converted from a robtarget\nDECL E6AXIS XP1={A1 1.0,A2 20.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}\n"
+    assert read(text).source == "krl"
