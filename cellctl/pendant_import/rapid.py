@@ -23,6 +23,7 @@ _DECLARED = re.compile(
     r"(?P<value>:=.*)?\Z",
     re.IGNORECASE | re.DOTALL,
 )
+_TYPED = re.compile(r"\b(?:CONST|PERS|VAR)\s+(?P<type>\w+)\s+(?P<name>\w+)", re.IGNORECASE)
 _ASSIGNED = re.compile(r"(?P<name>\w+)\s*:=\s*\Z")
 _MOVED = re.compile(r"\bMove\w*\b", re.IGNORECASE)
 _WORK_OBJECT = re.compile(r"\\\s*WObj\s*:=\s*(?P<name>\w+)", re.IGNORECASE)
@@ -42,10 +43,11 @@ def rapid_points(text: str) -> list[Taught]:
     """The points in the order of the module. One that is computed, or has no value, carries the reason."""
     code = _HIDDEN.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text.replace("\r\n", "\n").replace("\r", "\n"))
     frames = _work_objects(code)
+    others = {found["name"].casefold() for found in _TYPED.finditer(code) if found["type"].lower() not in _SHAPES}
     points: list[Taught] = []
     start = 0
     for statement in code.split(";"):
-        points += _points_of(statement, 1 + code.count("\n", 0, start), frames)
+        points += _points_of(statement, 1 + code.count("\n", 0, start), frames, others)
         start += len(statement) + 1
     return points
 
@@ -61,16 +63,17 @@ def _work_objects(code: str) -> dict[str, str]:
     return {point: " and ".join(sorted(names)) for point, names in used.items()}
 
 
-def _points_of(statement: str, line: int, frames: dict[str, str]) -> Iterator[Taught]:
+def _points_of(statement: str, line: int, frames: dict[str, str], others: set[str]) -> Iterator[Taught]:
+    """The points of one statement. others: variables of other types, whose lists of numbers are no points."""
     declared = _DECLARED.search(statement)
     if declared:
         yield from _declared(declared, line + statement.count("\n", 0, declared.start()), frames)
         return
     for place, tree in _literals(statement):
+        named = _ASSIGNED.search(re.sub(r"\{[^{}]*\}", "", statement[:place]))
+        name = named["name"] if named else ""
         kind = next((kind for kind in _SHAPES if _is(tree, kind)), None)
-        if kind:
-            named = _ASSIGNED.search(statement[:place])
-            name = named["name"] if named else ""
+        if kind and name.casefold() not in others:
             frame = frames.get(name.casefold(), "") if named else _own_frame(statement)
             yield _point(tree, kind, name, line + statement.count("\n", 0, place), frame)
 
@@ -140,5 +143,7 @@ def _point(tree: _Tree, kind: str, name: str, line: int, frame: str) -> Taught:
     if kind == "jointtarget":
         joints = {f"A{place}": text for place, text in enumerate(parts[0], 1)}
         return Taught(line, name, kind, joints | extra)
+    if " and " in frame:
+        return Taught(line, name, kind, fault=f"robtarget of moves in several work objects: {frame}")
     pose = dict(zip(("X", "Y", "Z", "QW", "QX", "QY", "QZ"), [*parts[0], *parts[1]], strict=True))
     return Taught(line, name, kind, pose=pose | ({"frame": frame} if frame else {}))

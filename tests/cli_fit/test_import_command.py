@@ -146,8 +146,17 @@ def test_one_file_of_an_instrument_may_hold_joints_groups_uncertainties_and_time
     assert cellctl("import", "one.csv", "--coverage", "2", "-o", "data.csv") == 0
     data = DataSet.load(files / "data.csv")
     assert dict(zip(data.columns, data.cells[0], strict=True)) == {
-        **{"name": "P1", "A1": "1.0", "A2": "2.0", "A3": "31.0", "X": "1203.45", "Y": "2.5", "Z": "3.5"},
-        **{"time": "2026-11-21 10:00", "sX": "0.005", "sY": "0.01", "sZ": "0.015"},
+        "name": "P1",
+        "A1": "1.0",
+        "A2": "2.0",
+        "A3": "31.0",
+        "X": "1203.45",
+        "Y": "2.5",
+        "Z": "3.5",
+        "time": "2026-11-21 10:00",
+        "sX": "0.005",
+        "sY": "0.01",
+        "sZ": "0.015",
     }
 
 

@@ -77,6 +77,12 @@ def test_robtargets_are_targets_in_the_work_object_of_the_instruction_that_moves
     }
 
 
+def test_a_robtarget_that_is_used_in_two_work_objects_is_no_target():
+    text = MODULE.replace("MoveJ r2,", "MoveJ r1,")
+    faults = {point.name: point.fault for point in program_targets(text, "m.mod").raw.points if point.fault}
+    assert faults["r1"] == "robtarget of moves in several work objects: fixture and wobj0"
+
+
 def test_an_additional_axis_that_moves_is_kept_and_one_that_is_absent_is_not():
     rows = "".join(f"CONST jointtarget p{n}:=[[1,20,3,4,5,6],[{n}00,9E9,5,9E9,9E9,9E9]];\n" for n in (1, 2))
     points = read(rows)
@@ -113,6 +119,12 @@ def test_jointtargets_come_back_as_they_were_written(rows, form, comma, newline,
 @given(st.text(alphabet='[]{},;:="!\\ \n1.5eE+-pCONSTjointarge', max_size=200))
 def test_any_text_with_a_point_type_in_it_is_read_without_an_exception(text):
     assert program_targets(f"CONST jointtarget {text}", "m.mod") is not None
+
+
+def test_other_data_with_as_many_numbers_as_a_posture_is_none():
+    text = "VAR num m{2,6};\nPERS num n{2,6}:=[[1,2,3,4,5,66],[1,2,3,4,5,6]];\nm:=[[1,2,3,4,5,66],[1,2,3,4,5,6]];\n"
+    points = read(f"{text}n{{1}}:=[[1,2,3,4,5,66],[1,2,3,4,5,6]];\nCONST jointtarget p2:=[[1,20,3,4,5,6],{NONE}];\n")
+    assert good(points) == {"p2": [1, 20, 3, 4, 5, 6]}
 
 
 def test_a_krl_file_that_speaks_of_robtargets_in_a_comment_stays_krl():
