@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from cellctl.pendant_import.points import Taught
+from cellctl.pendant_import.text import unified
 
 _LS = re.compile(r"^\s*/(?:PROG|POS)\b", re.MULTILINE)
 _SECTION = re.compile(r"^\s*/POS\b(?P<body>.*?)(?:^\s*/END\b|\Z)", re.MULTILINE | re.DOTALL)
@@ -32,9 +33,10 @@ def fanuc_points(text: str) -> tuple[list[Taught], list[str]]:
     A point is named by its comment, where all points have one and all are different, else `P[n]`, and the comment is
     its remark.
     """
+    code = unified(text)
     found = [
-        (match, 1 + text[: section.start("body") + match.start()].replace("\r\n", "\n").count("\n"))
-        for section in _SECTION.finditer(text)
+        (match, 1 + code.count("\n", 0, section.start("body") + match.start()))
+        for section in _SECTION.finditer(code)
         for match in _POINT.finditer(section["body"])
     ]
     names = [match["name"] or "" for match, _ in found]

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import TypeAlias
 
 from cellctl.pendant_import.points import Taught
+from cellctl.pendant_import.text import unified
 
 _Tree: TypeAlias = "str | list[_Tree]"
 
@@ -41,7 +42,7 @@ def is_rapid(text: str) -> bool:
 
 def rapid_points(text: str) -> list[Taught]:
     """The points in the order of the module. One that is computed, or has no value, carries the reason."""
-    code = _HIDDEN.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text.replace("\r\n", "\n").replace("\r", "\n"))
+    code = _HIDDEN.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), unified(text))
     frames = _work_objects(code)
     others = {found["name"].casefold() for found in _TYPED.finditer(code) if found["type"].lower() not in _SHAPES}
     points: list[Taught] = []

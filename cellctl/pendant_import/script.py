@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 
 from cellctl.pendant_import.points import Taught
+from cellctl.pendant_import.text import unified
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _ITEM = rf"\s*(?:d2r\(\s*{_NUMBER}\s*\)|{_NUMBER})\s*"
@@ -30,14 +31,14 @@ def script_points(text: str, joints: int | None) -> list[Taught]:
 
     Lists in other calls than moves (payload, tool, speeds) are passed over.
     """
-    code = re.sub(r"#[^\n\r]*", lambda comment: " " * len(comment[0]), text)
+    code = re.sub(r"#[^\n]*", lambda comment: " " * len(comment[0]), unified(text))
     points: list[Taught] = []
     for found in _LIST.finditer(code):
-        before = code[max(code.rfind("\n", 0, found.start()), code.rfind("\r", 0, found.start())) + 1 : found.start()]
+        before = code[code.rfind("\n", 0, found.start()) + 1 : found.start()]
         call = _CALL.search(before)
         if call and call["name"] not in _MOVES:
             continue
-        line = len(re.findall(r"\r\n|\n|\r", code[: found.start()])) + 1
+        line = 1 + code.count("\n", 0, found.start())
         points.append(_point(line, _NAMED.match(before), found["pose"] is not None, found["body"].split(","), joints))
     return points
 
