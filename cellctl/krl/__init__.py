@@ -11,10 +11,11 @@ from cellctl.krl.expressions import (
     Reference,
     references,
 )
-from cellctl.krl.frames import FrameChoice, MotionFrames, frame_values, motion_frames
+from cellctl.krl.frame_state import FrameChoice
+from cellctl.krl.frames import MotionFrames, frame_values, motion_frames
 from cellctl.krl.grammar import aggregate_in, statements
 from cellctl.krl.krl_file import KrlFile
-from cellctl.krl.points import CARTESIAN, FrameData, Point, point_of, points_of
+from cellctl.krl.points import CARTESIAN, JOINTS, FrameData, Point, point_of, points_of
 from cellctl.krl.statements import (
     Assignment,
     Begin,
@@ -37,6 +38,7 @@ from cellctl.krl.tokens import Span
 
 __all__ = [
     "CARTESIAN",
+    "JOINTS",
     "Aggregate",
     "Assignment",
     "Begin",

@@ -12,7 +12,7 @@ from cellctl.krl.tokens import Span
 @final
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number with its sign: `-90`, `+5`, `.5`, `1.0E-3`. `span` covers the sign."""
+    """A number with its sign: `-90`, `+5`, `.5`, `1.0E-3`, `'B100011'`, `'H23'`. `span` covers the sign."""
 
     span: Span
     value: float
@@ -21,7 +21,7 @@ class Number:
 @final
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """A constant that is not a decimal number: `"text"`, `#BASE`, `'HFF'`, `TRUE`. text: as written."""
+    """A constant that is not a number: `"text"`, `#BASE`, `TRUE`. text: as written."""
 
     span: Span
     text: str
@@ -109,18 +109,29 @@ def _indices(items: tuple[Expression | None, ...]) -> str:
 
 def references(expression: Expression | None) -> Iterator[Reference]:
     """All variables in an expression, also those of indices and arguments."""
+    if isinstance(expression, Reference):
+        yield expression
+    for part in _parts(expression):
+        yield from references(part)
+
+
+def calls(expression: Expression | None) -> Iterator[Call]:
+    """All calls in an expression, also those in arguments."""
+    if isinstance(expression, Call):
+        yield expression
+    for part in _parts(expression):
+        yield from calls(part)
+
+
+def _parts(expression: Expression | None) -> list[Expression | None]:
     match expression:
         case Reference():
-            yield expression
-            for part in expression.path:
-                for item in part if isinstance(part, tuple) else ():
-                    yield from references(item)
+            return [item for part in expression.path if isinstance(part, tuple) for item in part]
         case Aggregate():
-            for field in expression.fields:
-                yield from references(field.value)
+            return [field.value for field in expression.fields]
         case Call():
-            for argument in expression.arguments:
-                yield from references(argument)
+            return list(expression.arguments)
         case Operation():
-            for operand in expression.operands:
-                yield from references(operand)
+            return list(expression.operands)
+        case _:
+            return []

@@ -6,7 +6,9 @@ terminal. The rules of expressions are in `reader`.
     line        = [ statement ] [ comment ] | "&" text
     comment     = ";" text                                    folds and inline forms: `inline_forms`
     statement   = begin | end | declaration | assignment | motion | spline | call | label | control
-    begin       = [ GLOBAL ] ( DEF name "(" … ")" | DEFFCT name name "(" … ")" | DEFDAT name [ PUBLIC ] )
+    begin       = [ GLOBAL ] ( DEF name "(" parameters ")" | DEFFCT name name "(" parameters ")"
+                | DEFDAT name [ PUBLIC ] )
+    parameters  = [ reference ":" ( IN | OUT ) { "," … } ]
     end         = END | ENDFCT | ENDDAT
     declaration = { GLOBAL | DECL | CONST } name variable { "," variable }       without DECL too: INT I
     variable    = reference [ "=" expression ]
@@ -19,7 +21,7 @@ terminal. The rules of expressions are in `reader`.
     label       = name ":"
     control     = keyword { any token }                       brackets match; read, not interpreted
     expression  = operand { operator operand }
-    operand     = { "+" | "-" | NOT | B_NOT } ( number | text | "#" name | "'" digits "'" | TRUE | FALSE
+    operand     = { "+" | "-" | NOT | B_NOT } ( number | text | "#" name | "'B101'" | "'HFF'" | TRUE | FALSE
                 | "(" expression ")" | aggregate | call | reference )
     aggregate   = "{" [ name ":" ] [ name [ "[" "]" ] expression { "," … } ] "}"
     call        = name "(" [ [ expression ] { "," [ expression ] } ] ")"
@@ -176,11 +178,14 @@ class _Rules:
         name = reader.name().text
         if keyword == "DEFDAT":
             reader.accept("PUBLIC")
-        elif reader.word != "(":
-            raise NotUnderstood(f"'(' is missing after {keyword} {name}")
-        else:
-            reader.rest()
-        return Begin(self._line, self._span, keyword, name, is_global)
+            return Begin(self._line, self._span, keyword, name, is_global)
+        reader.expect("(")
+        inputs = () if reader.accept(")") else reader.listed(self._parameter, ")")
+        return Begin(self._line, self._span, keyword, name, is_global, inputs)
+
+    def _parameter(self) -> bool:
+        self._reader.reference()
+        return self._reader.accept(":") and self._reader.name().word == "IN"
 
     def _variable(self) -> Declared:
         target = self._reader.reference()

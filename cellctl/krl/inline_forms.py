@@ -31,11 +31,13 @@ def comment_statement(line: int, comment: Token) -> Comment | Fold | EndFold:
 
 
 def inline_form(title: str) -> InlineForm | None:
-    """The motion that a fold's title shows; None where it shows none."""
+    """The motion that a title shows; None without velocity, motion data and frame: `PTP to the table`."""
     found = _FORM.fullmatch(title)
     if found is None:
         return None
     frames = {frame["what"].upper(): frame for frame in _FRAMES.finditer(found["rest"])}
+    if not (found["velocity"] or frames or "DAT" in (found["data"] or "").upper()):
+        return None
     tool, base = frames.get("TOOL"), frames.get("BASE")
     return InlineForm(
         kind=found["kind"].upper(),

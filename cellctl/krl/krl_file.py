@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
-from typing import TypeVar, final
+from typing import TypeAlias, TypeVar, final
 
-from cellctl.krl.expressions import Call, Expression, Reference, references
+from cellctl.krl.expressions import Expression, calls, references
 from cellctl.krl.grammar import statements
 from cellctl.krl.points import FrameData, Point, points_of, variable_of, with_data
 from cellctl.krl.statements import (
     Assignment,
+    Begin,
     Control,
     Declaration,
     Invocation,
@@ -25,7 +27,11 @@ from cellctl.krl.tokens import Span, lines
 
 Kind = TypeVar("Kind")
 
+_Inputs: TypeAlias = Mapping[str, tuple[bool, ...]]
+"""For each parameter of a routine, by its name in upper case, whether it is `:IN`."""
+
 _ENCODING = "latin-1"
+_FUNCTIONS_OF_VALUES = ("INV_POS", "ABS", "SQRT", "SIN", "COS", "ACOS", "TAN", "ATAN2")
 
 
 @final
@@ -94,7 +100,8 @@ class KrlFile:
             else:
                 pairs = [(statement.target, statement.value)] if in_data and isinstance(statement, Assignment) else []
             for target, value in pairs:
-                found.setdefault(target.written.upper(), value)
+                name = target.written if value is not None else target.name  # P[3] without a value: an array of three
+                found.setdefault(name.upper(), value)
         return found
 
     def point(self, name: str) -> Point | None:
@@ -125,8 +132,10 @@ class KrlFile:
     @cached_property
     def _changes(self) -> Mapping[str, list[Statement]]:
         found = defaultdict[str, list[Statement]](list)
+        inputs: dict[str, tuple[bool, ...]] = dict.fromkeys(_FUNCTIONS_OF_VALUES, (True, True))
+        inputs |= {begin.name.upper(): begin.inputs for begin in self.of(Begin)}
         for statement, in_data in with_data(self.statements):
-            for variable in () if in_data else _changed_by(statement):
+            for variable in () if in_data else _changed_by(statement, inputs):
                 found[variable].append(statement)
         return dict(found)
 
@@ -156,37 +165,27 @@ def _only(found: list[Point]) -> Point | None:
     return found[0] if len(found) == 1 else None
 
 
-def _changed_by(statement: Statement) -> set[str]:
+def _changed_by(statement: Statement, inputs: _Inputs) -> set[str]:
     """The variables, upper case, that a statement changes or may change: arguments of a call may be OUT parameters."""
     match statement:
         case Assignment():
-            return {statement.target.name.upper()} | _arguments(statement.value)
+            return {statement.target.name.upper()} | _arguments(statement.value, inputs)
         case Invocation():
-            return _arguments(statement.call)
+            return _arguments(statement.call, inputs)
         case Motion():
-            return _arguments(statement.target) | _arguments(statement.auxiliary)
+            return _arguments(statement.target, inputs) | _arguments(statement.auxiliary, inputs)
         case Control() | Unknown():
             return set(statement.names)
         case _:
             return set()
 
 
-def _arguments(expression: Expression | None) -> set[str]:
-    """The variables in the arguments of all calls of an expression, upper case."""
-    arguments = (argument for call in _calls(expression) for argument in call.arguments)
+def _arguments(expression: Expression | None, inputs: _Inputs) -> set[str]:
+    """The variables, upper case, in the arguments of all calls of an expression, except arguments that are `:IN`."""
+    arguments = [
+        argument
+        for call in calls(expression)
+        for argument, is_input in zip_longest(call.arguments, inputs.get(call.name.upper(), ()))
+        if not is_input
+    ]
     return {reference.name.upper() for argument in arguments for reference in references(argument)}
-
-
-def _calls(expression: Expression | None) -> Iterable[Call]:
-    match expression:
-        case Call():
-            yield expression
-            for argument in expression.arguments:
-                yield from _calls(argument)
-        case Reference():
-            for part in expression.path:
-                for item in part if isinstance(part, tuple) else ():
-                    yield from _calls(item)
-        case _:
-            for inner in getattr(expression, "operands", ()):
-                yield from _calls(inner)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from cellctl.krl.tokens import Span
 PointType: TypeAlias = Literal["FRAME", "POS", "E6POS", "AXIS", "E6AXIS"]
 
 CARTESIAN = ("X", "Y", "Z", "A", "B", "C")
+JOINTS = ("A1", "A2", "A3", "A4", "A5", "A6")
 _CARTESIAN_TYPES = ("FRAME", "POS", "E6POS", "E3POS")
 _JOINT_TYPES = ("AXIS", "E6AXIS", "E3AXIS")
 _JOINT = re.compile(r"A[1-9]")
@@ -58,8 +60,8 @@ class Point:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Components X…C that a position does not give; the controller takes them from the point before."""
-        return () if self.is_joints else tuple(label for label in CARTESIAN if label not in self.numbers)
+        """Components X…C, or A1…A6, that it does not give; the controller takes them from the point before."""
+        return tuple(label for label in (JOINTS if self.is_joints else CARTESIAN) if label not in self.numbers)
 
     def spans(self) -> dict[str, Span]:
         """Place of each number in the file, with its sign."""
@@ -121,6 +123,8 @@ def point_of(value: Aggregate, line: int, name: str = "", type_: str = "", decla
     for field in value.fields:
         if not isinstance(field.value, Number):
             faults.append(f"{field.label} {_shown(field.value)}")
+        elif not math.isfinite(field.value.value):
+            faults.append(f"{field.label} is too large")
         elif field.label in numbers:
             faults.append(f"{field.label} is given twice")
         elif not _belongs(field.label, kind):
@@ -135,7 +139,7 @@ def _shown(value: Expression) -> str:
         case Reference():
             return f"'{value.written}' is not a number"
         case Constant():
-            return f"'{value.text}' is not a decimal number"
+            return f"'{value.text}' is not a number"
         case _:
             return "is computed"
 

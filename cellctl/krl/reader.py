@@ -140,7 +140,9 @@ class Reader:
         match token.kind, token.text:
             case "number", _:
                 return Number(self.take().span, float(token.text))
-            case "string" | "enum" | "bits", _:
+            case "bits", _:
+                return Number(self.take().span, _bits(token.text))
+            case "string" | "enum", _:
                 return Literal(self.take().span, token.text)
             case "name", _:
                 return self._named()
@@ -199,3 +201,12 @@ class Reader:
             raise NotUnderstood(f"'{label.name}' has no value")
         value = self.expression()
         return Field(self.span_from(label.span.start), label.written.upper(), value)
+
+
+def _bits(text: str) -> float:
+    """The value of `'B100011'` or `'HFF'`; as a float, infinite where it has none."""
+    digits = "".join(text.strip("'").split())
+    try:
+        return float(int(digits[1:], 2 if digits[0] in "Bb" else 16))
+    except OverflowError:
+        return float("inf")

@@ -77,13 +77,17 @@ class EndFold:
 @final
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """`DEF`, `DEFFCT` or `DEFDAT` with the name of the program, function or data list."""
+    """`DEF`, `DEFFCT` or `DEFDAT` with the name of the program, function or data list.
+
+    inputs: for each parameter whether it is `:IN`, which leaves the caller's variable unchanged.
+    """
 
     line: int
     span: Span
     keyword: str
     name: str
     is_global: bool
+    inputs: tuple[bool, ...] = ()
 
 
 @final

@@ -43,7 +43,7 @@ class Line(NamedTuple):
 _TOKEN = re.compile(
     r"""(?P<comment>;.*)
     |(?P<string>"[^"]*")
-    |(?P<bits>'[HhBb][0-9A-Fa-f]+')
+    |(?P<bits>'[ \t]*(?:[Bb][ \t]*[01]+|[Hh][ \t]*[0-9A-Fa-f]+)[ \t]*')
     |(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)
     |(?P<enum>\#[ \t]*[^\W\d][\w$]*)
     |(?P<name>(?:[^\W\d]|\$)[\w$]*)
@@ -51,7 +51,7 @@ _TOKEN = re.compile(
     |(?P<bad>".*|.)""",
     re.VERBOSE | re.DOTALL,
 )
-_SPACE = re.compile(r"[ \t\f\v\ufeff]*")
+_SPACE = re.compile(r"[ \t\f\v\x1a\ufeff]*")  # old editors end a file with 1A
 _LINE = re.compile(r"([^\r\n]*)(\r\n|\r|\n|\Z)")
 _UTF8_MARK = "\xef\xbb\xbf"
 

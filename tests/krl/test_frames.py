@@ -103,3 +103,25 @@ def test_a_frame_written_out_and_a_numbered_one_have_their_values():
 def test_a_missing_fdat_is_named():
     (found,) = frames(OLD_FORM.format("HOME"))
     assert "FHOME" in found.tool.reason
+
+
+def test_a_program_that_changes_an_fdat_or_the_frames_themselves_has_uncertain_frames():
+    (fdat,) = frames("FP1.TOOL_NO=2\n" + OLD_FORM.format("P1"))
+    assert "line 1 may change FP1" in fdat.tool.reason
+    (array,) = frames("$BASE=BASE_DATA[2]\nBASE_DATA[2].Z=5\nLIN XP1\n")
+    assert "line 2 may change BASE_DATA" in array.base.reason
+
+
+@pytest.mark.parametrize(
+    ("body", "base"), [("$OUT[1]=TRUE\nLIN XP9", 1), ("GRIP( )", 1), ("$BASE=BASE_DATA[2]", None), ("OTHER( )", None)]
+)
+def test_a_subprogram_of_the_same_file_leaves_the_frames_if_it_sets_none(body, base):
+    program = f"DEF MAIN( )\n$BASE=BASE_DATA[1]\nGRIP( )\nLIN XP1\nEND\nDEF GRIP( )\n{body}\nEND\n"
+    assert frames(program)[0].base.number == base
+
+
+def test_points_of_an_array_have_their_own_fdat():
+    data = "DEFDAT T\nDECL FDAT FP[2]\nFP[1]={TOOL_NO 1,BASE_NO 2}\nFP[2]={TOOL_NO 3,BASE_NO 4}\nENDDAT\n"
+    program = "SLIN P[2] WITH $TOOL=STOOL2(FP[2]), $BASE=SBASE(FP[2].BASE_NO)\n"
+    (found,) = frames(program, data=data)
+    assert (found.tool.number, found.base.number) == (3, 4)

@@ -88,11 +88,11 @@ def test_relative_motions_have_a_distance_and_no_point():
 
 
 def test_numbers_are_read_in_every_way_of_writing_and_with_their_place():
-    file = read("DECL E6POS XP1={X 1.0E-3,Y -90,Z +5,A .5,B -2.E1,C 0,S 'H2',T 35}")
+    file = read("DECL E6POS XP1={X 1.0E-3,Y -90,Z +5,A .5,B -2.E1,C #ZERO,S 'H2',T 'B 100011'}")
     point = file.points[0]
-    assert [point.values[label] for label in "XYZABC"] == [0.001, -90, 5, 0.5, -20, 0]
+    assert list(point.values.values()) == [0.001, -90, 5, 0.5, -20, 2, 35]
     assert file.source(point.numbers["Y"].span) == "-90"
-    assert point.fault == "S ''H2'' is not a decimal number"
+    assert point.fault == "C '#ZERO' is not a number"
 
 
 @pytest.mark.parametrize(
@@ -154,6 +154,7 @@ def test_an_inline_form_is_read_from_its_fold():
     assert (form.tool, form.tool_name, form.base, form.base_name) == (1, "EOAT 1", 3, "Tisch")
     assert only(";FOLD PTP HOME  Vel= 100 % DEFAULT;%{PE}").form.points == ("HOME",)
     assert only(";FOLD Parameters ;%{h}").form is None
+    assert only(";FOLD PTP to the table").form is None
 
 
 def test_frame_data_gives_tool_and_base():
@@ -165,6 +166,8 @@ def test_frame_data_gives_tool_and_base():
 def test_what_may_change_a_point_is_named():
     text = "XP1.Z=XP1.Z+10\nXP2=XP1\nHOLE(XP1)\nXP3=MITTE(XP1,XP2)\nPTP XP1\nWAIT FOR XP1.X>5\n"
     assert [statement.line for statement in read(text).changes("xp1")] == [1, 3, 4, 6]
+    called = "DEF GO(P:IN,Q:OUT)\nEND\nDEF MAIN( )\nGO(XP1,XP2)\nXP3=INV_POS(XP4)\nEND\n"
+    assert [len(read(called).changes(name)) for name in ("XP1", "XP2", "XP3", "XP4")] == [0, 1, 1, 0]
     assert read("DEFDAT T\nXP1={X 1}\nENDDAT\nDEF T( )\nPTP XP1\nEND").changes("XP1") == ()
 
 
