@@ -95,24 +95,25 @@ def show(
 
 @app.command()
 def verify(
-    table: _Table,
+    table: Annotated[Path, typer.Argument(help="Table file, or the id (or its beginning) of a table in the history.")],
     cell: arguments.CellOption,
     seed: arguments.Seed = None,
     state: State = None,
+    runs: Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """Compare the active table with a file, digit by digit.
+    """Compare the active table with a file or a table of the history, digit by digit.
 
     Reads every row from the controller. Exit code 0: the same; 1: different.
 
     Example: cellctl table verify table.json --cell sphere_cell
     """
-    from cellctl.formats import TableFile
     from cellctl.operations.table import controller_table, differences
     from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table_history import table_named
 
     refuse_outputs({"--json": json_}, [table, cell, state])
-    wanted = controller_table(TableFile.load(table))
+    wanted = controller_table(table_named(table, runs))
 
     async def work(store: TableStore, identity: Any) -> dict[str, Any]:
         found = differences(wanted, identity.serial, await store.read_table())

@@ -39,14 +39,12 @@ def history(
     refuse_outputs({"--json": json_}, [cell, state])
     reported = _reported(cell, serial, seed, state) if cell else None
     wanted = reported["serial"] if reported else serial
-    found = [one for one in histories(runs) if wanted in (None, one.serial)]
-    if wanted and not found:
-        found = [TableHistory(runs, wanted)]
-    shown = [_one(each, reported, quiet=json_ == "-") for each in found]
-    if not found:
-        typer.echo(
-            f"No table is recorded in {runs}. `cellctl table push` and campaigns record those they push.", err=True
-        )
+    known = histories(runs)
+    shown = [_one(each, reported, quiet=json_ == "-") for each in ([TableHistory(runs, wanted)] if wanted else known)]
+    if not known:
+        typer.echo(f"No table is recorded in {runs}: `cellctl table push` and campaigns record theirs.", err=True)
+    elif wanted not in (None, *(each.serial for each in known)):
+        typer.echo(f"Recorded in {runs}: controllers {', '.join(each.serial for each in known)}.", err=True)
     write_json({"runs": str(runs), "controllers": shown}, json_)
     if any(each["difference"] for each in shown):
         raise typer.Exit(Exit.NOT_BETTER)
@@ -60,7 +58,10 @@ def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | No
     async def work(store: Any, identity: Any) -> dict[str, Any]:
         return {"serial": identity.serial, "state": await store.table_state()}
 
-    found = TableCell.load(cell, seed, state).carry_out(work)
+    place = TableCell.load(cell, seed, state)
+    found = place.carry_out(work)
+    if place.cell.simulated and state is None:
+        typer.echo("cellctl: a simulated controller starts without tables: --state FILE is its memory", err=True)
     if serial not in (None, found["serial"]):
         what = f"is not the serial of this cell's controller, '{found['serial']}'"
         raise InputError(Problem(f"--serial {serial}", 0, 0, what, "leave out --serial or --cell"))

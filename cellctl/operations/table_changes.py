@@ -163,11 +163,15 @@ def _end_each(entries: list[Entry]) -> None:
         old.until = new.begin.time
 
 
+_WORDS: dict[Action, str] = {"push": "push of", "rollback": "rollback to", "withdrawal": "withdrawal, back to"}
+
+
 def _why_out(new: Entry) -> str:
     begin = new.begin
-    by = f"{begin.action} by run {begin.run}" if begin.run else begin.action
+    by = f" by run {begin.run}" if begin.run else ""
     certain = "" if new.result == "in force" else ", uncertain"
-    return f"{by}: {short(begin.table)}{certain}" + (f" ({begin.reason})" if begin.reason else "")
+    reason = f": {begin.reason}" if begin.reason else ""
+    return f"{_WORDS[begin.action]} {short(begin.table)}{by}{certain}{reason}"
 
 
 def difference_from_controller(entries: list[Entry], state: TableState) -> str:

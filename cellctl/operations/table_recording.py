@@ -20,7 +20,7 @@ from cellctl.devices import DeviceError, DeviceLost, DeviceRefused, DeviceUncert
 from cellctl.files import write_atomically
 from cellctl.files.append import append_line
 from cellctl.formats import TableFile
-from cellctl.operations.table_changes import Action, Begin, End, Result, Seen
+from cellctl.operations.table_changes import Action, Begin, End, Result, Seen, TableFacts
 from cellctl.operations.table_history import TableHistory
 
 
@@ -52,10 +52,8 @@ class TableRecorder:
 
         table: to be in force afterwards, a file or the id of one that the controller has; replaced: the id before it.
         """
-        if isinstance(table, TableFile):
-            self._write(self.history.copy_of(table.id), table.text())
+        table_id, facts = self._kept(table)
         name, change = secrets.token_hex(8), Change()
-        table_id = table.id if isinstance(table, TableFile) else table
         begin = Begin(
             change=name,
             time=calendar_time(),
@@ -66,7 +64,7 @@ class TableRecorder:
             table=table_id,
             replaced=replaced,
             reason=reason,
-            facts=self.history.facts(table_id),
+            facts=facts,
         )
         self._append(begin)
         try:
@@ -85,6 +83,13 @@ class TableRecorder:
             return
         if entries and entries[-1].result == "uncertain":
             self._append(Seen(time=calendar_time(), active=active))
+
+    def _kept(self, table: TableFile | str | None) -> tuple[str | None, TableFacts | None]:
+        """The id and the facts of a table; the copy of a file is written."""
+        if not isinstance(table, TableFile):
+            return table, self.history.facts(table)
+        self._write(self.history.copy_of(table.id), table.text())
+        return table.id, TableFacts.of(table)
 
     def _end(self, change: str, result: Result, reason: str) -> None:
         self._append(End(change=change, time=calendar_time(), result=result, reason=reason))

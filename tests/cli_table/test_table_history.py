@@ -58,7 +58,7 @@ def test_each_table_is_listed_newest_first_with_who_when_and_from_which_model(pu
     assert [change["table"] for change in changes] == pushed[::-1]
     assert [change["replaced"] for change in changes] == [pushed[1], pushed[0], None]
     assert [change["state"] for change in changes] == ["in force", "out of force", "out of force"]
-    assert changes[1]["out_of_force"] == f"push: {pushed[2][:12]}"
+    assert changes[1]["out_of_force"] == f"push of {pushed[2][:12]}"
     assert changes[1]["until"] == changes[0]["time"]
     file = TableFile.load(tables[2])
     newest = changes[0]
@@ -90,7 +90,7 @@ def test_a_rollback_to_the_table_before_is_recorded(cellctl, controller, pushed,
     assert cellctl("table", "rollback", "--cell", cell) == 0
     newest, before = history()["changes"][:2]
     assert (newest["action"], newest["table"], newest["rows"]) == ("rollback", pushed[1], 5)
-    assert before["out_of_force"] == f"rollback: {pushed[1][:12]}"
+    assert before["out_of_force"] == f"rollback to {pushed[1][:12]}"
 
 
 def test_a_rollback_to_no_table_is_recorded(cellctl, controller, table, cell, history):
@@ -260,6 +260,18 @@ def test_show_takes_the_id_of_a_table_of_the_history(cellctl, pushed, tables, ca
 def test_an_empty_history_says_what_makes_an_entry(cellctl, folder, capsys):
     assert cellctl("table", "history") == 0
     assert "No table is recorded in runs" in capsys.readouterr().err
+
+
+def test_a_serial_without_tables_shows_which_controllers_have_some(cellctl, pushed, capsys):
+    assert cellctl("table", "history", "--serial", "925185") == 0
+    shown = capsys.readouterr()
+    assert "Controller 925185: no table is recorded" in shown.out
+    assert "controllers SIM-4711" in shown.err
+
+
+def test_verify_takes_the_id_of_a_table_of_the_history(cellctl, controller, pushed, cell):
+    assert cellctl("table", "verify", pushed[2][:10], "--cell", cell) == 0
+    assert cellctl("table", "verify", pushed[1][:10], "--cell", cell) == 1
 
 
 def test_a_serial_that_is_not_the_cells_is_refused(cellctl, controller, pushed, cell, capsys):
