@@ -108,8 +108,7 @@ def _changes(found: TableDifference) -> list[str]:
         return lines
     most = max(found.changed, key=lambda row: row.change_deg)
     lines[0] += f": by up to {most.change_deg:.4f}° (A{most.joint})"
-    moved = [row.tcp_mm for row in found.changed if row.tcp_mm is not None]
-    lines[0] += f", the nominal TCP by up to {max(moved):.3f} mm" if moved else ""
+    lines[0] += f", the nominal TCP by up to {found.max_tcp_mm:.3f} mm" if found.max_tcp_mm is not None else ""
     for row in sorted(found.changed, key=lambda row: -row.change_deg)[:_SHOWN]:
         number = f"{row.row_a}" if row.row_a == row.row_b else f"{row.row_a} → {row.row_b}"
         tcp = "" if row.tcp_mm is None else f", TCP {row.tcp_mm:.3f} mm"

@@ -90,12 +90,23 @@ class TableDifference:
         """Whether nothing differs."""
         return not (self.facts or self.changed or self.only_a or self.only_b)
 
+    @property
+    def max_change_deg(self) -> float:
+        """The largest change of a compensated reading, deg."""
+        return max((row.change_deg for row in self.changed), default=0.0)
+
+    @property
+    def max_tcp_mm(self) -> float | None:
+        """The largest change of a nominal TCP, mm; None without a robot file."""
+        return max((row.tcp_mm for row in self.changed if row.tcp_mm is not None), default=None)
+
     def to_json(self) -> dict[str, Any]:
         """As `cellctl table diff --json` shows it."""
         named = {key: {"name": one.name, "id": one.id} for key, one in (("a", self.a), ("b", self.b))}
         facts = {name: {"a": a, "b": b} for name, (a, b) in self.facts.items()}
         changed = [asdict(row) for row in self.changed]
-        rows = {"matched": self.matched, "changed": changed, "only_a": self.only_a, "only_b": self.only_b}
+        most = {"max_change_deg": self.max_change_deg, "max_tcp_mm": self.max_tcp_mm}
+        rows = {"matched": self.matched, **most, "changed": changed, "only_a": self.only_a, "only_b": self.only_b}
         return {**named, "same": self.same, "facts": facts, **rows}
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import final
 
 from cellctl.clock import calendar_time
-from cellctl.devices import DeviceError, DeviceLost, DeviceRefused, DeviceUncertain
+from cellctl.devices import DeviceError, DeviceLost, DeviceRefused, DeviceUncertain, LimitExceeded
 from cellctl.files import write_atomically
 from cellctl.files.append import append_line
 from cellctl.formats import TableFile
@@ -128,7 +128,7 @@ def _words(error: BaseException) -> str:
 
 def _result(change: Change, error: BaseException) -> Result:
     """Whether the new table is in force after `error`; a device that is lost before the activation kept the old one."""
-    certain = isinstance(error, DeviceLost | DeviceRefused) and not isinstance(error, DeviceUncertain)
+    certain = isinstance(error, DeviceLost | DeviceRefused | LimitExceeded) and not isinstance(error, DeviceUncertain)
     if not certain:
         return "uncertain"
     return "in force" if change.activated else "not in force"

@@ -69,7 +69,9 @@ def test_a_changed_row_is_found_at_another_place_by_its_target(table, other, dif
 def test_the_change_of_the_tcp_is_that_of_the_nominal_robot_with_the_tables_tool(table, other, difference):
     rows = TableFile.load(table).rows
     changed = other(rows=[turned(rows[0]), *rows[1:]])
-    [row] = difference(table, "other.json", "--robot", "kr5_r1400")["changed"]
+    found = difference(table, "other.json", "--robot", "kr5_r1400")
+    [row] = found["changed"]
+    assert (found["max_change_deg"], found["max_tcp_mm"]) == (row["change_deg"], row["tcp_mm"])
     robot = kr5_model().robot
     a, b = (
         robot.chain().forward(robot.joint_map().model(np.array(joints)))[:3, 3]

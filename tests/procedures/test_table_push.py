@@ -325,6 +325,23 @@ def test_a_push_that_was_cut_off_is_uncertain_until_the_clean_up_has_asked_the_c
     assert [change["state"] for change in history_of(tmp_path)] == ["not in force"]
 
 
+def test_a_push_that_was_cut_off_after_its_activation_is_in_force_once_a_resumed_run_has_seen_it(
+    tmp_path: Path,
+) -> None:
+    table_id, controller = table_in(tmp_path), controller_with(OLD, None)
+    push_table = controller.push_table
+
+    async def cut_off(table: ControllerTable) -> TableState:
+        await push_table(table)
+        raise DeviceUncertain("robot", "uncertain which table is in force")
+
+    controller.push_table = cut_off  # type: ignore[method-assign]
+    with pytest.raises(DeviceUncertain):
+        pushed(tmp_path, table_id, controller)
+    pushed(tmp_path, table_id, controller)
+    assert [change["state"] for change in history_of(tmp_path)] == ["in force"]
+
+
 def test_a_history_that_cannot_be_written_is_reported_and_the_table_is_pushed(tmp_path: Path) -> None:
     (tmp_path.parent / "tables").write_text("no folder")
     table_id, robot = table_in(tmp_path), Controller()
