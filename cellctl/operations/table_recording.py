@@ -76,41 +76,41 @@ class TableRecorder:
 
     def seen(self, active: str | None) -> None:
         """Record which table the controller reports, if the end of the last change is uncertain."""
-        try:
+        with self._failures(self.history.file):
             entries, _ = self.history.read()
-        except OSError as error:
-            self._fail(error)
-            return
-        if entries and entries[-1].result == "uncertain":
-            self._append(Seen(time=calendar_time(), active=active))
+            if entries and entries[-1].result == "uncertain":
+                self._append(Seen(time=calendar_time(), active=active))
 
     def _kept(self, table: TableFile | str | None) -> tuple[str | None, TableFacts | None]:
         """The id and the facts of a table; the copy of a file is written."""
         if not isinstance(table, TableFile):
             return table, self.history.facts(table)
-        self._write(self.history.copy_of(table.id), table.text())
+        self._copy(table)
         return table.id, TableFacts.of(table)
 
     def _end(self, change: str, result: Result, reason: str) -> None:
         self._append(End(change=change, time=calendar_time(), result=result, reason=reason))
 
     def _append(self, line: Begin | End | Seen) -> None:
-        try:
+        with self._failures(self.history.file):
             self.history.folder.mkdir(parents=True, exist_ok=True)
             append_line(self.history.file, line.model_dump_json())
-        except OSError as error:
-            self._fail(error)
 
-    def _write(self, file: Path, text: str) -> None:
+    def _copy(self, table: TableFile) -> None:
+        file, text = self.history.copy_of(table.id), table.text()
+        with self._failures(file):
+            self.history.folder.mkdir(parents=True, exist_ok=True)
+            if not file.exists() or file.read_bytes() != text.encode():
+                write_atomically(file, text)
+
+    @contextmanager
+    def _failures(self, file: Path) -> Iterator[None]:
+        """Keeps an OSError instead of raising it."""
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(file, text)
+            yield
         except OSError as error:
-            self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        cure = "free some space or allow writing there: the table itself is not affected"
-        self.failure = f"{self.history.folder}: the history was not written: {error.strerror or error}\n    {cure}"
+            cure = "free some space, or allow writing there; what happens on the controller does not depend on it"
+            self.failure = f"{file}: the history of tables was not written: {error.strerror or error}\n    {cure}"
 
 
 def _user() -> str:

@@ -222,7 +222,7 @@ def test_a_full_disk_does_not_keep_a_table_from_the_controller(
     assert cellctl("table", "push", table, "--cell", cell, "--json", "pushed.json") == 0
     shown = capsys.readouterr()
     assert "is in force on SIM-4711" in shown.out
-    assert "the history was not written: No space left on device" in shown.err
+    assert "the history of tables was not written: No space left on device" in shown.err
     assert json.loads((folder / "pushed.json").read_text())["recorded"] is False
     assert controller.active.id == TableFile.load(table).id
 
@@ -232,7 +232,7 @@ def test_a_folder_of_runs_that_cannot_be_made_does_not_keep_a_table_from_the_con
 ):
     (folder / "runs").write_text("a file")
     assert cellctl("table", "push", table, "--cell", cell) == 0
-    assert "the history was not written" in capsys.readouterr().err
+    assert "the history of tables was not written" in capsys.readouterr().err
     assert controller.active.id == TableFile.load(table).id
 
 

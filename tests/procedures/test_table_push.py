@@ -349,4 +349,4 @@ def test_a_history_that_cannot_be_written_is_reported_and_the_table_is_pushed(tm
     asyncio.run(push(context, PushInputs(table=table_id)))
     assert robot.table is not None
     assert robot.table.id == table_id
-    assert any("the history was not written" in text for text in context.said)
+    assert any("the history of tables was not written" in text for text in context.said)
