@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from cellctl.files import sha256_of
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
-from cellctl.formats.table import JOINT_DECIMALS, TableFile, TableRegion, TableRobot, TableSource, table_rows
+from cellctl.formats.table import JOINT_DECIMALS, Row, TableFile, TableRegion, TableRobot, TableSource, table_rows
 
 if TYPE_CHECKING:
     from cellctl.compensation import Compensated
@@ -84,6 +84,23 @@ def sigma_among_rows(model: ModelFile, table: TableFile) -> float | None:
     return sigma_among(model.robot_model(), np.array(model.covariance), q)
 
 
+def target_rows(model: ModelFile, targets: Floats, found: Compensated) -> list[Row]:
+    """Rows of a table for `targets` (N, 4, 4), mm, as `found` by `compensated_targets`.
+
+    The predicted errors are those of the joints as rounded for the controller.
+    """
+    import numpy as np
+
+    from cellctl.kinematics import abc_from_rotation
+
+    joints, identified = model.robot.joint_map(), model.robot_model()
+    nominal, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
+    places = targets[:, :3, 3]
+    before, after = (np.linalg.norm(identified.tcp(joints.model(at)) - places, axis=1) for at in (nominal, commanded))
+    poses = np.hstack([places, abc_from_rotation(targets[:, :3, :3])])
+    return table_rows(poses, nominal, commanded, before, after, target_sigma(model, commanded))
+
+
 def table_of(
     model: ModelFile,
     targets: Floats,
@@ -97,23 +114,15 @@ def table_of(
 ) -> TableFile:
     """The table that sends controller `serial` to `targets` (N, 4, 4), mm, as `found` by `compensated_targets`.
 
-    The predicted errors are those of the joints as rounded for the controller. Raises ValueError where a target was not
-    reached: leave it out before.
+    Raises ValueError where a target was not reached: leave it out before.
     """
     import numpy as np
-
-    from cellctl.kinematics import abc_from_rotation
 
     if not found.converged.all():
         rows = ", ".join(str(row + 1) for row in np.flatnonzero(~found.converged))
         raise ValueError(f"targets out of reach: {rows}")
-    joints, identified = model.robot.joint_map(), model.robot_model()
-    nominal, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
-    places = targets[:, :3, 3]
-    before, after = (np.linalg.norm(identified.tcp(joints.model(at)) - places, axis=1) for at in (nominal, commanded))
-    said = np.hstack([places, abc_from_rotation(targets[:, :3, :3])])
     return TableFile.of(
-        table_rows(said, nominal, commanded, before, after, target_sigma(model, commanded)),
+        target_rows(model, targets, found),
         robot=TableRobot(serial=serial, name=model.robot.name),
         simulated=simulated,
         tool=model.robot.tool,

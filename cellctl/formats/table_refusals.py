@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from cellctl.formats.robot import RobotFile
-from cellctl.formats.table import Row, TableFile
+from cellctl.formats.table import Row, TableFile, TableRegion
 
 _SAME = 1e-6
 """Largest difference of equal lengths, angles or masses in two files, mm, deg, kg."""
@@ -54,17 +54,19 @@ def _tool(numbers: list[float]) -> str:
     return f"({xyz}) mm, ({abc})°, {numbers[6]:g} kg"
 
 
-def row_problems(table: TableFile, robot: RobotFile, correction_deg: float = math.inf) -> list[list[str]]:
+def row_problems(
+    rows: list[Row], joint_region: TableRegion, robot: RobotFile, correction_deg: float = math.inf
+) -> list[list[str]]:
     """For each row the errors of its joints: limits of `robot`, the model's region, corrections, deg."""
     limits = [(joint.min, joint.max) for joint in robot.joints]
-    region = list(zip(table.joint_region.min, table.joint_region.max, strict=True))
-    return [_row(row, limits, region, correction_deg) for row in table.rows]
+    region = list(zip(joint_region.min, joint_region.max, strict=True))
+    return [_row(row, limits, region, correction_deg) for row in rows]
 
 
 def _rows(table: TableFile, robot: RobotFile, correction_deg: float) -> list[str]:
     if len(table.joint_region.min) != robot.n:
         return [f"its rows have {len(table.joint_region.min)} joints, the cell's robot has {robot.n}"]
-    problems = row_problems(table, robot, correction_deg)
+    problems = row_problems(table.rows, table.joint_region, robot, correction_deg)
     return [f"row {number}: {what}" for number, reasons in enumerate(problems, 1) for what in reasons]
 
 
