@@ -9,9 +9,11 @@ import pytest
 from kr5_model import ERRORS, ROBOT, kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.compensation import METHODS
-from cellctl.formats import ModelFile, RobotFile, TableFile
+from cellctl.formats import DataSet, ModelFile, RobotFile, TableFile
 from cellctl.formats.table_making import nominal_chain
+from cellctl.formats.targets import read_targets
 from cellctl.kinematics import abc_from_rotation
+from cellctl.operations.compensating import compensate_targets
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 
@@ -198,3 +200,16 @@ def test_a_large_correction_is_named_where_no_cell_limits_it(cellctl, folder, ca
     kr5_model(errors={**ERRORS, "theta2": 0.05}).save(folder / "model.json")
     assert cellctl("compensate", "model.json", "targets.csv", "-o", "joints.csv") == 0
     assert "targets.csv:2: a joint is corrected by 2." in capsys.readouterr().err
+
+
+def test_an_error_map_takes_the_place_of_the_model_also_in_the_predicted_errors(folder):
+    """An error of 0.5 mm along X everywhere: the nominal robot is sent 0.5 mm to the other side."""
+    model = ModelFile.load(folder / "model.json")
+    wanted = read_targets(DataSet.load(folder / "targets.csv"), model.robot)
+    found = compensate_targets(
+        model, wanted, "targets.csv", method="cyclic-search", errors=lambda q: np.tile([0.5, 0.0, 0.0], (len(q), 1))
+    )
+    places = nominal_chain(model).forward(found.found.compensated_q)[:, :3, 3]
+    np.testing.assert_allclose(places, wanted.poses[:, :3, 3] - [0.5, 0.0, 0.0], atol=2e-6)
+    np.testing.assert_allclose([row.predicted_before_mm for row in found.rows], 0.5, atol=1e-4)
+    assert max(row.predicted_after_mm for row in found.rows) < 1e-4
