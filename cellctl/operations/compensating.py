@@ -173,7 +173,7 @@ def refuse_other_cell(model: ModelFile, file: str, cell: CellRobot) -> None:
         cure = "identify the new tool: `cellctl fit … --prior MODEL --free tool`" if tool else "give this robot's model"
         found.append(Problem(file, 0, 0, what + (": the model is older than the tool" if tool else ""), cure))
     if not found and _kinematics(model.robot) != _kinematics(cell.robot):
-        what = "the links, joints or base of the cell's robot file were changed after the model was identified"
+        what = "links, joints or mounting of the cell's robot file were changed after the model was identified"
         found.append(Problem(file, 0, 0, what, "identify again with this robot file"))
     if found:
         raise InputError(found)
@@ -181,4 +181,4 @@ def refuse_other_cell(model: ModelFile, file: str, cell: CellRobot) -> None:
 
 def _kinematics(robot: RobotFile) -> object:
     joints = [(joint.sign, joint.offset) for joint in robot.joints]
-    return robot.convention, robot.links, robot.screws, robot.home, joints, robot.base, robot.mounting
+    return robot.convention, robot.links, robot.screws, robot.home, joints, robot.mounting
