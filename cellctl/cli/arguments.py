@@ -40,6 +40,10 @@ ShownCell = Annotated[
 ComparedCell = Annotated[
     Path | None, typer.Option("--cell", help="Cell file or shipped name: ask its controller too.", callback=_cell)
 ]
+CheckedCell = Annotated[
+    Path | None,
+    typer.Option("--cell", help="Cell file or shipped name: checks robot, tool, largest correction.", callback=_cell),
+]
 Robot = Annotated[
     Path, typer.Argument(help="Robot file (link table, joints, base, tool), or a shipped name.", callback=_robot)
 ]
