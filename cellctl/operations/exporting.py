@@ -94,22 +94,22 @@ def exported(source: Source, form: str, options: ExportOptions) -> Exported:
     if form in JOINT_ZEROS:
         return _of_joint_zeros(source, form, options, mounting)
     content, notes, figures = _geometry(source, form, options)
-    left_out, cost = mounting, None
-    if source.model is not None:
-        from cellctl.formats.exports import cost_of, effects_left_out
+    if source.model is None:
+        return Exported(content, tuple(mounting), None, tuple(notes), figures)
+    from cellctl.formats.exports import cost_of
 
-        effects = effects_left_out(source.model)
-        left_out, cost = [*mounting, *effects], cost_of(source.model, _tcp_of(source.robot)) if effects else None
-    return Exported(content, tuple(left_out), cost, tuple(notes), figures)
+    effects, assumed = _effects(source.model)
+    cost = cost_of(source.model, source.robot.chain) if effects else None
+    return Exported(content, (*mounting, *effects), cost, (*notes, *assumed), figures)
 
 
-def _tcp_of(robot: RobotDescription) -> Any:
-    joints = robot.joint_map()
+def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
+    """Titles of the effects, which no form has a place for, and which of them the distance from the model lacks."""
+    from cellctl.formats.exports import effects_left_out
 
-    def tcp(readings: Floats) -> Floats:
-        return robot.chain.forward(joints.model(readings))[:, :3, 3]
-
-    return tcp
+    found = effects_left_out(model)
+    uncounted = [title for title, counted in found.items() if not counted]
+    return list(found), [f"{title} is not in this distance: its conditions are unknown" for title in uncounted]
 
 
 def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | bytes, list[str], dict[str, Any]]:
@@ -150,7 +150,7 @@ def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[s
 
 
 def _of_joint_zeros(source: Source, form: str, options: ExportOptions, mounting: list[str]) -> Exported:
-    from cellctl.formats.exports import abb_text, effects_left_out, fanuc_text, joint_zeros, kuka_text
+    from cellctl.formats.exports import abb_text, fanuc_text, joint_zeros, kuka_text
 
     if source.model is None:
         what = f"is no model: it has no identified joint zeros for --to {form}"
@@ -162,8 +162,9 @@ def _of_joint_zeros(source: Source, form: str, options: ExportOptions, mounting:
     else:
         content = abb_text(zeros) if form == "abb" else fanuc_text(zeros)
         notes.append(f"the offsets go with the tool {_words(zeros.tool)} and the base {_words(zeros.base)}")
-    left_out = (*mounting, "lengths and axes of the links", *effects_left_out(source.model))
-    return Exported(content, left_out, zeros.after, tuple(notes), _figures(zeros))
+    effects, assumed = _effects(source.model)
+    left_out = (*mounting, "lengths and axes of the links", *effects)
+    return Exported(content, left_out, zeros.after, (*notes, *assumed), _figures(zeros))
 
 
 def _figures(zeros: JointZeros) -> dict[str, Any]:

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 import yaml
 from own_kinematics import X, Y, Z, assert_same_pose, slide, turn
-from perturbed_models import library_robot, perturbed
+from perturbed_models import by_axes, library_robot, perturbed
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
-from cellctl.files import InputError, parse_yaml
-from cellctl.formats import RobotFile
+from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
 from cellctl.formats.exports import hash_of, ur_calibration
-from cellctl.formats.robot_text import robot_text
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]
 LINKS = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
@@ -37,11 +35,6 @@ def tool0(text, readings_deg):
     return here
 
 
-def poe(robot):
-    """The same robot by its axes."""
-    return RobotFile.from_document(parse_yaml(robot_text(RobotDescription.of(robot), "poe", "ur"), "ur.yaml"))
-
-
 @pytest.mark.parametrize("name", URS)
 @pytest.mark.parametrize("tilt", [0.0, 1e-6, 1e-4, 1e-2])
 def test_almost_parallel_axes_keep_every_number_near_the_makers_and_the_tcp_exact(name, tilt):
@@ -59,7 +52,7 @@ def test_almost_parallel_axes_keep_every_number_near_the_makers_and_the_tcp_exac
 
 
 def test_a_model_by_axes_gives_the_same_robot_as_one_by_links():
-    robot = poe(library_robot("ur5e"))
+    robot = by_axes(library_robot("ur5e"))
     model = perturbed(robot, 5, 2e-3, 0.7)
     made = exported(model)
     for readings in np.random.default_rng(2).uniform(-180.0, 180.0, (5, 6)):
@@ -93,7 +86,7 @@ def test_another_makers_robot_is_refused(name, words):
 
 def test_a_robot_file_in_the_frame_base_link_is_refused():
     """It is turned by half a turn against the controller's base; the whole robot would point backwards."""
-    robot = poe(library_robot("ur10"))
+    robot = by_axes(library_robot("ur10"))
     screws = [
         {"axis": [-s.axis[0], -s.axis[1], s.axis[2]], "point": [-s.point[0], -s.point[1], s.point[2]]}
         for s in robot.screws

@@ -22,7 +22,9 @@ KR5 = """\
   <link name="world"/>
   <link name="base_link"><visual><origin xyz="0 0 0.1"/><geometry><mesh filename="base.stl"/></geometry></visual></link>
   <link name="link_1">
-    <inertial><origin xyz="0.1 0 0"/><mass value="30"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+    <inertial>
+      <origin xyz="0.1 0 0"/><mass value="30"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+    </inertial>
   </link>
   <link name="link_2"/> <link name="link_3"/> <link name="link_4"/> <link name="link_5"/> <link name="link_6"/>
   <link name="flange"/> <link name="tool0"/> <link name="camera"/>
@@ -161,7 +163,7 @@ def test_the_urdf_of_another_robot_is_refused_and_the_joint_is_named(old, new, w
 
 
 def test_the_last_link_is_asked_for_where_links_branch(file):
-    with pytest.raises(InputError, match="--tip: .*tool0"):
+    with pytest.raises(InputError, match=r"--tip: .*tool0"):
         written(perturbed(library_robot("kr5_r1400"), 4, 1e-3, 0.6), file, None)
 
 

@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from cellctl.calibration import settings_of
+from cellctl.files import parse_yaml
 from cellctl.formats import ModelFile, RobotFile
+from cellctl.formats.description import RobotDescription
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import JointRegion, Parameter
+from cellctl.formats.robot_text import robot_text
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 BASE = [[0.8, -0.6, 0.0, 1200.0], [0.6, 0.8, 0.0, -300.0], [0.0, 0.0, 1.0, 150.0], [0.0, 0.0, 0.0, 1.0]]
@@ -18,6 +21,11 @@ TOOL = [[1.0, 0.0, 0.0, 40.0], [0.0, 0.0, -1.0, 25.0], [0.0, 1.0, 0.0, 180.0], [
 
 def library_robot(name: str) -> RobotFile:
     return RobotFile.load(ROBOTS / f"{name}.yaml")
+
+
+def by_axes(robot: RobotFile) -> RobotFile:
+    """The same robot by its joints' axes (poe)."""
+    return RobotFile.from_document(parse_yaml(robot_text(RobotDescription.of(robot), "poe", "robot"), "robot.yaml"))
 
 
 def model_of(robot: RobotFile, values: dict[str, float], effects: tuple = (), region=None) -> ModelFile:

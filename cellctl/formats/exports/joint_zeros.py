@@ -46,8 +46,8 @@ def joint_zeros(model: ModelFile) -> JointZeros:
     from cellctl.formats.table_making import nominal_chain
 
     identified, joints = model.robot_model(), model.robot.joint_map()
-    q = joints.model(measured_postures(model))
-    goal = identified.pose(q)
+    at = measured_postures(model)
+    q, goal = at.q, identified.pose(at)
     start = nominal_chain(model).with_base(identified.chain.base_now).with_tool(identified.chain.tool_now)
     none, inner = np.zeros(joints.n, bool), np.ones(joints.n, bool)
     inner[[0, -1]] = False

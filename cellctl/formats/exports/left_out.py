@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, final
 
 if TYPE_CHECKING:
+    from cellctl.calibration import Postures
     from cellctl.formats.model import ModelFile
-    from cellctl.kinematics import Floats
+    from cellctl.kinematics import Floats, SerialChain
 
 DRAWN = 300
 """Postures drawn in the measured region of a model that keeps too few of its own."""
@@ -43,32 +43,47 @@ class Cost:
         return {"rms_mm": self.rms_mm, "max_mm": self.max_mm, "postures": self.postures}
 
 
-def measured_postures(model: ModelFile) -> Floats:
-    """Readings (N, n), deg: the model's measured postures, or drawn over its joint region where it keeps few."""
+def measured_postures(model: ModelFile) -> Postures:
+    """Its measured postures, or postures drawn over its joint region where it keeps few.
+
+    The approach of each joint is drawn, and the payload between those of the fit; temperature and currents are unknown.
+    """
     import numpy as np
 
-    region = model.joint_region
-    if region.postures and len(region.postures) >= LEAST:
-        return np.array(region.postures)
-    return np.random.default_rng(SEED).uniform(region.min, region.max, (DRAWN, model.robot.n))
+    from cellctl.calibration import Postures
+
+    region, loads, rng = model.joint_region, model.load_region, np.random.default_rng(SEED)
+    readings = np.array(region.postures or [])
+    if len(readings) < LEAST:
+        readings = rng.uniform(region.min, region.max, (DRAWN, model.robot.n))
+    approach = rng.choice([-1.0, 1.0], readings.shape)
+    payload = rng.uniform(loads.min, loads.max, len(readings)) if loads else None
+    at = np.tile(loads.at, (len(readings), 1)) if loads and loads.at else None
+    return Postures(model.robot.joint_map().model(readings), approach, payload=payload, payload_at=at)
 
 
-def effects_left_out(model: ModelFile) -> list[str]:
-    """Titles of the effects with amounts other than 0: a form that holds geometry alone lacks them."""
-    identified = model.robot_model()
-    start, found = len(identified.chain.parameters), []
+def effects_left_out(model: ModelFile) -> dict[str, bool]:
+    """Titles of the effects with amounts other than 0, which a form of geometry alone lacks.
+
+    The value is whether `cost_of` counts it: not where it needs a temperature or currents.
+    """
+    import numpy as np
+
+    identified, at = model.robot_model(), measured_postures(model)
+    chain, deviations = len(identified.chain.parameters), identified.deviations
+    start, found = chain, {}
     for effect in identified.effects:
-        amounts = identified.deviations[start : (start := start + len(effect.parameters))]
-        if amounts.any():
-            found.append(effect.title.lower())
+        end = start + len(effect.parameters)
+        if deviations[start:end].any():
+            alone = np.zeros(len(deviations))
+            alone[:chain], alone[start:end] = deviations[:chain], deviations[start:end]
+            moved = identified.with_deviations(alone).tcp(at) - identified.chain.forward(at.q)[:, :3, 3]
+            found[effect.title.lower()] = bool(np.abs(moved).max() > 1e-9)
+        start = end
     return found
 
 
-def cost_of(model: ModelFile, tcp: Callable[[Floats], Floats]) -> Cost:
-    """Cost of a form whose TCP (N, 3), mm, in the model's frame, is `tcp` of the readings (N, n), deg.
-
-    The model is that without payload, at the temperature of its lengths, with unknown approach.
-    """
-    readings = measured_postures(model)
-    found = model.robot_model().tcp(model.robot.joint_map().model(readings))
-    return Cost.of(tcp(readings) - found)
+def cost_of(model: ModelFile, chain: SerialChain) -> Cost:
+    """Cost of a form whose TCP is that of `chain`, in the model's frame."""
+    at = measured_postures(model)
+    return Cost.of(chain.forward(at.q)[:, :3, 3] - model.robot_model().tcp(at))
