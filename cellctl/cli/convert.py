@@ -53,8 +53,12 @@ def convert(
     tip: Annotated[str | None, typer.Option(help="Last link of the chain in a URDF (read, or --into).")] = None,
     table: Annotated[Table | None, typer.Option(help="Convention of the DH table read or written.")] = None,
     repeatability: Annotated[float | None, typer.Option(help="1 σ, 3-D, mm, if the source has none.")] = None,
-    tool_number: Annotated[int, typer.Option(help="n of TOOL_DATA[n], for --to kuka.", min=1, max=128)] = 1,
-    base_number: Annotated[int, typer.Option(help="n of BASE_DATA[n], for --to kuka.", min=1, max=128)] = 1,
+    tool_number: Annotated[
+        int | None, typer.Option(help="n of TOOL_DATA[n] (KUKA). Default: 1.", min=1, max=128)
+    ] = None,
+    base_number: Annotated[
+        int | None, typer.Option(help="n of BASE_DATA[n] (KUKA). Default: 1.", min=1, max=128)
+    ] = None,
     json_: arguments.Json = None,
 ) -> None:
     """Convert a robot file or model to another form.
@@ -70,11 +74,13 @@ def convert(
     from cellctl.operations.exporting import ExportOptions, exported, read_source
 
     _refuse_options(robot, to, into, tip, table)
+    if to is not Form.KUKA and (tool_number, base_number) != (None, None):
+        raise typer.BadParameter("--tool-number and --base-number are for --to kuka")
     refuse_json_on_stdout(json_, out, "the robot")
     refuse_outputs({"--out": out, "--json": json_}, [robot, into])
     convention = _TABLES[table] if table else None
     source = read_source(robot, tip if into is None else None, convention, repeatability)
-    made = exported(source, to.value, ExportOptions(convention, into, tip, tool_number, base_number))
+    made = exported(source, to.value, ExportOptions(convention, into, tip, tool_number or 1, base_number or 1))
     if out:
         write_atomically(out, made.content)
     else:
@@ -100,6 +106,6 @@ def _refuse_options(robot: Path, to: Form, into: Path | None, tip: str | None, t
 def _notes(made: Exported) -> list[str]:
     lines = list(made.notes)
     if made.left_out:
-        cost = f"; without it: {made.cost.words} from the model" if made.cost else ""
+        cost = f"; without it the TCP is off by {made.cost.words}" if made.cost else ""
         lines.insert(0, f"left out, as this form has no place for it: {', '.join(made.left_out)}{cost}")
     return lines

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 ROBOT_FILES: dict[str, Convention] = {"mdh-hayati": "mdh-hayati", "dh-craig": "dh-craig", "poe": "poe"}
 JOINT_ZEROS = ("kuka", "abb", "fanuc")
 """Forms that hold joint zeros, not the geometry of the links; they need a model."""
-_FRAMELESS = ("urdf", "dh-csv", "ur-calibration", *JOINT_ZEROS)
+_WITHOUT_MOUNTING = ("urdf", "dh-csv")
 
 
 @final
@@ -90,17 +90,20 @@ def read_source(path: Path, tip: str | None, table: str | None, repeatability: f
 
 def exported(source: Source, form: str, options: ExportOptions) -> Exported:
     """The robot in `form`. Raises InputError where the source has no such form."""
-    mounting = ["mounting"] if form in _FRAMELESS and source.robot.mounting != "floor" else []
+    mounting = ["mounting"] if form in _WITHOUT_MOUNTING and source.robot.mounting != "floor" else []
     if form in JOINT_ZEROS:
-        return _of_joint_zeros(source, form, options, mounting)
+        return _of_joint_zeros(source, form, options)
     content, notes, figures = _geometry(source, form, options)
     if source.model is None:
         return Exported(content, tuple(mounting), None, tuple(notes), figures)
-    from cellctl.formats.exports import cost_of
+    from cellctl.formats.exports import costs_of
 
     effects, assumed = _effects(source.model)
-    cost = cost_of(source.model, source.robot.chain) if effects else None
-    return Exported(content, (*mounting, *effects), cost, (*notes, *assumed), figures)
+    if not effects:
+        return Exported(content, tuple(mounting), None, tuple(notes), figures)
+    cost, registered = costs_of(source.model, source.robot.chain)
+    notes = [f"with base and tool registered anew: {registered.words}", *notes, *assumed]
+    return Exported(content, (*mounting, *effects), cost, tuple(notes), {**figures, "registered": registered.figures()})
 
 
 def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
@@ -149,7 +152,7 @@ def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[s
     return found.text, notes, {"tcp_in_tool0": found.tcp.tolist(), "base": found.base.tolist()}
 
 
-def _of_joint_zeros(source: Source, form: str, options: ExportOptions, mounting: list[str]) -> Exported:
+def _of_joint_zeros(source: Source, form: str, options: ExportOptions) -> Exported:
     from cellctl.formats.exports import abb_text, fanuc_text, joint_zeros, kuka_text
 
     if source.model is None:
@@ -163,7 +166,7 @@ def _of_joint_zeros(source: Source, form: str, options: ExportOptions, mounting:
         content = abb_text(zeros) if form == "abb" else fanuc_text(zeros)
         notes.append(f"the offsets go with the tool {_words(zeros.tool)} and the base {_words(zeros.base)}")
     effects, assumed = _effects(source.model)
-    left_out = (*mounting, "lengths and axes of the links", *effects)
+    left_out = ("lengths and axes of the links", *effects)
     return Exported(content, left_out, zeros.after, (*notes, *assumed), _figures(zeros))
 
 

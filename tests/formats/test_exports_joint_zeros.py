@@ -11,10 +11,12 @@ from own_kinematics import forward_of_robot_file, kuka_frame
 from perturbed_models import ROBOTS, by_axes, library_robot, model_of, perturbed
 
 from cellctl.calibration.effects.backlash import Backlash
+from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
-from cellctl.formats.exports import abb_text, fanuc_text, joint_zeros, kuka_text, measured_postures
+from cellctl.formats.exports import abb_text, costs_of, fanuc_text, joint_zeros, kuka_text, measured_postures
+from cellctl.formats.load_region import LoadRegion
 from cellctl.kinematics import inverse_pose
 
 ZEROS_DEG = [0.0, 0.31, -0.22, 0.4, -0.17, 0.0]
@@ -154,11 +156,18 @@ def test_the_command_says_what_mastering_cannot_hold_and_what_it_costs(tmp_path,
     words = ["convert", str(tmp_path / "m.json"), "--to", "kuka", "--json", str(tmp_path / "r.json"), "-o"]
     assert ends.exit_code_of(lambda: app([*words, str(tmp_path / "k.dat")], standalone_mode=False)) == 0
     said = capsys.readouterr().err
-    assert "left out, as this form has no place for it: lengths and axes of the links; without it: 0.000 mm RMS" in said
+    assert "left out, as this form has no place for it: lengths and axes of the links; without" in said
+    assert "the TCP is off by 0.000 mm RMS" in said
     assert "with base and tool alone" in said
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["without_offsets"]["rms_mm"] > 1.0
     assert krl_offsets((tmp_path / "k.dat").read_text()) == pytest.approx(result["offsets_deg"], abs=1e-5)
+
+
+def test_numbers_of_tool_and_base_are_refused_where_a_form_has_none(capsys):
+    words = ["convert", "kr5_r1400", "--to", "urdf", "--tool-number", "3"]
+    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
+    assert "--to kuka" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("form", ["kuka", "abb", "fanuc"])
@@ -182,7 +191,8 @@ def test_an_effect_without_a_place_is_named_and_its_distance_is_that_of_the_effe
         )
         said = capsys.readouterr().err
         found = re.search(
-            r"left out, .*: backlash; without it: (\S+) mm RMS, (\S+) mm at most, over 300 postures", said
+            r"left out, .*: backlash; without it the TCP is off by (\S+) mm RMS, (\S+) mm at most, over 300 postures",
+            said,
         )
         assert found, said
     arms = robot.chain().with_base(play.robot_model().chain.base_now).with_tool(play.robot_model().chain.tool_now)
@@ -199,3 +209,16 @@ def test_an_effect_whose_conditions_are_unknown_is_said_to_be_not_counted(tmp_pa
     words = ["convert", str(tmp_path / "m.json"), "--to", "urdf"]
     assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
     assert "thermal expansion is not in this distance: its conditions are unknown" in capsys.readouterr().err
+
+
+def test_the_distance_is_that_under_the_payloads_of_the_fit(tmp_path):
+    """A model that carried 0 to 100 kg sags by them; without payload nothing would be missing."""
+    springs = JointCompliance(6, load_known=True)
+    load = LoadRegion(min=0.0, max=100.0, at=[0.0, 0.0, 200.0])
+    amounts = dict.fromkeys(("compliance_load2", "compliance_load3"), 1e-06)
+    model = model_of(library_robot("kr300_r2500"), amounts, (springs,), REGION)
+    unloaded, loaded = (
+        costs_of(each, each.robot_model().chain)[0] for each in (model, model.model_copy(update={"load_region": load}))
+    )
+    assert unloaded.rms_mm < 1e-9
+    assert 0.5 < loaded.rms_mm < 20.0

@@ -1,6 +1,7 @@
 """`calibration.yaml` of the UR description package: the model's TCP, and numbers of the robot's size."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
 from cellctl.formats.exports import hash_of, ur_calibration
+from cellctl.kinematics import Link, SerialChain
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]
 LINKS = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
@@ -36,7 +38,7 @@ def tool0(text, readings_deg):
 
 
 @pytest.mark.parametrize("name", URS)
-@pytest.mark.parametrize("tilt", [0.0, 1e-6, 1e-4, 1e-2])
+@pytest.mark.parametrize("tilt", [1e-6, 1e-4, 1e-2])
 def test_almost_parallel_axes_keep_every_number_near_the_makers_and_the_tcp_exact(name, tilt):
     robot = library_robot(name)
     model = perturbed(robot, 3, tilt, 0.5)
@@ -49,6 +51,34 @@ def test_almost_parallel_axes_keep_every_number_near_the_makers_and_the_tcp_exac
     for readings in np.random.default_rng(1).uniform(-180.0, 180.0, (20, 6)):
         pose = model.robot_model().pose(robot.joint_map().model(readings))
         assert_same_pose(made.base @ tool0(made.text, readings) @ made.tcp, pose)
+
+
+FACTORY_DH = [
+    (-2.4147806894359e-07, 180.539811714259, 0.0212234865571206, 1.57014608044242),
+    (1.60233952386695, 439140.974079901, 19.3171326277006, 0.0013941666682559),
+    (-1.68607190752171, -446027.059806332, -569.251663611088, 0.00693818880325995),
+    (0.0837331147700119, 7060.3368964236, -0.0461409023720934, 1.56998468543761),
+    (-1.01260355871158e-07, 119.811341150314, -0.0639280053471802, -1.57038520649543),
+    (3.91986209186124e-08, 115.670917257426, 0.0, 0.0),
+]
+"""theta, d, a, alpha of a real UR10e's factory calibration, mm and rad, with links of 440 m: from the documentation of
+ur_calibration (Universal_Robots_ROS2_Driver, ur_calibration/doc/algorithm.rst)."""
+
+
+def test_a_factory_calibration_with_links_of_440_m_becomes_a_robot_of_its_size():
+    usual = RobotDescription.of(library_robot("ur10e"))
+    chain = SerialChain.from_links("mdh-hayati", [Link(theta, d, a, alpha) for theta, d, a, alpha in FACTORY_DH])
+    made = ur_calibration(usual, replace(usual, chain=chain), "ur10e", None)
+    links = yaml.safe_load(made.text)["kinematics"]
+    assert max(abs(links[link][key]) for link in LINKS for key in "xyz") < 0.62
+    for readings in np.random.default_rng(4).uniform(-180.0, 180.0, (10, 6)):
+        here = np.eye(4)
+        for (theta, d, a, alpha), reading in zip(FACTORY_DH, readings, strict=True):
+            here = here @ turn(Z, theta + math.radians(reading)) @ slide([a, 0, d]) @ turn(X, alpha)
+        found = tool0(made.text, readings) @ made.tcp
+        np.testing.assert_allclose(found[:3, 3], here[:3, 3], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(found[:3, :3], here[:3, :3], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(made.tcp, np.eye(4), atol=1e-6)  # `tool0` is the flange, as the controller has it
 
 
 def test_a_model_by_axes_gives_the_same_robot_as_one_by_links():

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, final
 
+from cellctl.formats.exports.nearest import nearest_chain
+
 if TYPE_CHECKING:
     from cellctl.calibration import Postures
     from cellctl.formats.model import ModelFile
@@ -26,11 +28,11 @@ class Cost:
     postures: int
 
     @classmethod
-    def of(cls, apart: Floats) -> Self:
-        """From the differences (N, 3), mm."""
+    def of(cls, chain: SerialChain, q: Floats, goal: Floats) -> Self:
+        """Of a chain's TCP at model angles q (N, n), rad, from that of poses `goal` (N, 4, 4), mm."""
         import numpy as np
 
-        distances = np.linalg.norm(apart, axis=1)
+        distances = np.linalg.norm((chain.forward(q) - goal)[:, :3, 3], axis=1)
         return cls(float(np.sqrt(np.mean(distances**2))), float(distances.max()), len(distances))
 
     @property
@@ -65,7 +67,7 @@ def measured_postures(model: ModelFile) -> Postures:
 def effects_left_out(model: ModelFile) -> dict[str, bool]:
     """Titles of the effects with amounts other than 0, which a form of geometry alone lacks.
 
-    The value is whether `cost_of` counts it: not where it needs a temperature or currents.
+    The value is whether `costs_of` counts it: not where it needs a temperature or currents.
     """
     import numpy as np
 
@@ -83,7 +85,11 @@ def effects_left_out(model: ModelFile) -> dict[str, bool]:
     return found
 
 
-def cost_of(model: ModelFile, chain: SerialChain) -> Cost:
-    """Cost of a form whose TCP is that of `chain`, in the model's frame."""
+def costs_of(model: ModelFile, chain: SerialChain) -> tuple[Cost, Cost]:
+    """Cost of a form whose TCP is that of `chain`, in the model's frame; and with base and tool registered anew."""
+    import numpy as np
+
     at = measured_postures(model)
-    return Cost.of(chain.forward(at.q)[:, :3, 3] - model.robot_model().tcp(at))
+    goal = model.robot_model().pose(at)
+    registered, _ = nearest_chain(chain, at.q, goal, np.zeros(chain.n, bool))
+    return Cost.of(chain, at.q, goal), Cost.of(registered, at.q, goal)
