@@ -70,6 +70,13 @@ def test_a_kuka_with_these_offsets_tool_and_base_reads_the_place_that_the_arm_is
         np.testing.assert_allclose(shown[:3, :3], arm[:3, :3], atol=1e-6)
 
 
+def test_a_name_with_other_characters_or_lines_stays_one_comment_of_krl():
+    zeros = joint_zeros(with_zeros("kr5_r1400"))
+    text = kuka_text("Zelle für\nPrüfung", zeros, 1, 1)
+    assert text.isascii()
+    assert {line[0] for line in text.splitlines()} == {";", "T", "B"}
+
+
 def test_the_stated_distance_is_that_of_a_controller_with_the_nominal_arm():
     """All parameters of the chain are off: mastering cannot hold them, and what it leaves is stated."""
     model = perturbed(library_robot("kr5_r1400"), 8, 1e-3, 0.5)

@@ -27,7 +27,8 @@ def kuka_text(name: str, zeros: JointZeros, tool: int, base: int) -> str:
         for axis, offset in enumerate(zeros.offsets.tolist(), 1)
     ]
     lines = [
-        f"; {name}: mastering offsets, tool and base. They belong together: enter all of them, or none.",
+        f"; {' '.join(name.split())}: mastering offsets, tool and base.",
+        "; They belong together: enter all of them, or none.",
         f"; Distance from the model: {zeros.before.words}, with tool and base alone;",
         f"; {zeros.after.words}, with the offsets too.",
         ";",
@@ -39,7 +40,7 @@ def kuka_text(name: str, zeros: JointZeros, tool: int, base: int) -> str:
         f"TOOL_DATA[{tool}]={_krl_frame(zeros.tool)}",
         f"BASE_DATA[{base}]={_krl_frame(inverse_pose(zeros.base))}",
     ]
-    return "".join(f"{line}\n" for line in lines)
+    return "".join(f"{line}\n" for line in lines).encode("ascii", "replace").decode()
 
 
 def abb_text(zeros: JointZeros) -> str:
