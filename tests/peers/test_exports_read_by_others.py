@@ -1,7 +1,7 @@
 """Exported robots read by programs that we did not write: the same TCP to 1e-6 mm at random postures.
 
 pytransform3d reads the URDFs. xacro reads `calibration.yaml` and expands a URDF from it; its macro is of these tests,
-written from the description package's documentation, because no package of the index carries that package's own.
+written from the description package's documentation, because that package was not found in the package index.
 """
 
 from __future__ import annotations
