@@ -18,7 +18,15 @@ class CompensateInputs(StepInputs):
     """monuments_every: targets between two visits to the monuments. method: one of `cellctl.compensation.METHODS`."""
 
     monuments_every: Annotated[int, Field(ge=5)] = 30
-    method: Literal["pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson"] = "pseudo-target"
+    method: Literal[
+        "pseudo-target",
+        "pseudo-target-matrix",
+        "veitschegger-wu",
+        "newton-raphson",
+        "cyclic-search",
+        "write-back-geometry",
+        "write-back-zeros",
+    ] = "pseudo-target"
 
 
 class Compensation(StepResult):
