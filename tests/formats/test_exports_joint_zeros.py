@@ -18,6 +18,7 @@ from cellctl.cli.verbs import app
 from cellctl.formats.exports import abb_text, costs_of, fanuc_text, joint_zeros, kuka_text, measured_postures
 from cellctl.formats.load_region import LoadRegion
 from cellctl.kinematics import inverse_pose
+from cellctl.krl.krl_file import KrlFile
 
 ZEROS_DEG = [0.0, 0.31, -0.22, 0.4, -0.17, 0.0]
 REGION = [[-60.0, -120.0, -20.0, -90.0, -80.0, -90.0], [60.0, -40.0, 100.0, 90.0, 80.0, 90.0]]
@@ -74,6 +75,7 @@ def test_a_name_with_other_characters_or_lines_stays_one_comment_of_krl():
     zeros = joint_zeros(with_zeros("kr5_r1400"))
     text = kuka_text("Zelle für\nPrüfung", zeros, 1, 1)
     assert text.isascii()
+    assert KrlFile.parse(text.encode(), "offsets.dat").unknown == ()
     assert {line[0] for line in text.splitlines()} == {";", "T", "B"}
 
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from cellctl.formats.exports.joint_zeros import JointZeros
     from cellctl.kinematics import Floats
 
-DECIMALS_DEG, DECIMALS_MM = 5, 4
+DECIMALS_DEG = 5
 
 
 def kuka_text(name: str, zeros: JointZeros, tool: int, base: int) -> str:
@@ -79,7 +79,7 @@ def _rounded(zeros: JointZeros) -> list[float]:
 
 def _krl_frame(matrix: Floats) -> str:
     from cellctl.kinematics import abc_from_rotation
+    from cellctl.krl.writing import aggregate_text
 
-    xyz = [round(value, DECIMALS_MM) + 0.0 for value in matrix[:3, 3].tolist()]
-    abc = [round(value, DECIMALS_DEG) + 0.0 for value in abc_from_rotation(matrix[:3, :3]).tolist()]
-    return "{" + ",".join(f"{name} {value}" for name, value in zip("XYZABC", [*xyz, *abc], strict=True)) + "}"
+    values = [*matrix[:3, 3].tolist(), *abc_from_rotation(matrix[:3, :3]).tolist()]
+    return aggregate_text(dict(zip("XYZABC", values, strict=True)))
