@@ -1,0 +1,119 @@
+"""Identified robots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, final
+
+from cellctl.facade.arrays import refused
+from cellctl.files import write_atomically
+from cellctl.formats import ModelFile
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from cellctl.facade.predictions import Prediction
+    from cellctl.facade.robots import Robot
+    from cellctl.facade.targets import Compensation
+    from cellctl.operations.fitting import Fitted
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Model:
+    """An identified robot.
+
+    file: the content of its model file. report: the JSON of `cellctl fit` without `seconds`; of a loaded model the
+    figures that its file holds. path: the file that it was loaded from.
+    """
+
+    file: ModelFile
+    report: Mapping[str, Any]
+    path: Path | None = None
+    _fit: Fitted | None = None
+
+    @classmethod
+    def fitted(cls, fit: Fitted) -> Self:
+        """The model of a fit."""
+        return cls(fit.model(), json.loads(json.dumps(fit.report)), None, fit)
+
+    @property
+    def robot(self) -> Robot:
+        """The nominal robot."""
+        from cellctl.facade.robots import robot
+
+        return robot(self.file.robot)
+
+    @property
+    def verdict(self) -> str:
+        """`better`, `no better` or `worse` than nominal, on held-out rows."""
+        return str(self.report.get("verdict", ""))
+
+    @property
+    def sentence(self) -> str:
+        """The verdict with its figures; of a loaded model the verdict alone."""
+        return str(self.report.get("sentence") or f"Verdict on held-out rows: {self.verdict or 'none'}.")
+
+    @property
+    def parameters(self) -> list[dict[str, Any]]:
+        """Deviations from nominal: name, unit, value, σ after (`sigma`) and before (`prior_sigma`) the measurement."""
+        return [parameter.model_dump() for parameter in self.file.parameters]
+
+    def predict(self, q: Any) -> Prediction:
+        """Predict the TCP at joint readings.
+
+        q: array (N, n) or (n,), deg; or DataFrame, mapping of arrays or path of a CSV with `A1…An` (deg) or `q1…qn`
+        (rad), and the conditions of each row (`temperature`, `payload`, `D1…Dn`) as in data sets. Raises InputError
+        with every row that cannot be used. Warns of conditions that the model needs and `q` does not state.
+        """
+        from cellctl.facade.predictions import predicted
+
+        return predicted(self.file, q)
+
+    def compensate(
+        self, targets: Any, *, postures: ArrayLike | None = None, method: str = "pseudo-target"
+    ) -> Compensation:
+        """Compute the joints that move the identified robot to targets, as `cellctl compensate` does.
+
+        targets: poses of the TCP in the model's frame: array (N, 4, 4), mm; or DataFrame, mapping of arrays or path of
+        a CSV with X, Y, Z (mm), A, B, C (deg) or QW, QX, QY, QZ, and `A1…An` (deg) of a posture nearby. postures: the
+        same postures (N, n), deg, for an array. A target without usable joints has its reason in the result. Raises
+        InputError for targets that cannot be read, and for a model that needs more data than a target has.
+        """
+        from cellctl.facade.targets import compensated
+
+        return compensated(self.file, self.path, targets, postures, method)
+
+    def save(self, path: str | Path) -> Model:
+        """Write the model file of `cellctl fit --out`; returns the model with that path. Raises OSError."""
+        self.file.save(Path(path))
+        return replace(self, path=Path(path))
+
+    def page(self, path: str | Path | None = None) -> str:
+        """The report of the fit as an HTML page, written to `path` if given. Raises InputError for a loaded model: its
+        file has no measured rows. Raises OSError.
+        """
+        if self._fit is None:
+            raise refused(str(self.path or "model"), "has no measured rows to report", "call page() after cellctl.fit")
+        given = self._fit.given
+        text = self._fit.page(given.document.file, given.data.file)
+        if path is not None:
+            write_atomically(Path(path), text)
+        return text
+
+    def __repr__(self) -> str:
+        return f"<cellctl model of {self.file.robot.name}: {self.file.model}, {self.verdict or 'not judged'}>"
+
+    def _repr_html_(self) -> str:
+        from cellctl.facade.views import model_view
+
+        return model_view(self, self._fit)
+
+
+def load(path: str | Path) -> Model:
+    """The model in a file that `Model.save`, `cellctl fit --out` or a run wrote. Raises InputError where it is none."""
+    file = ModelFile.load(Path(path))
+    return Model(file, file.figures, Path(path))
