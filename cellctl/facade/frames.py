@@ -45,7 +45,7 @@ def data_set_of(source: Any, name: str) -> DataSet:
 def by_index(error: InputError) -> InputError:
     """The same error, with rows of a data set from memory named by index: `q[3]` in place of line 5 of its CSV."""
     return InputError(
-        replace(each, file=f"{each.file}[{each.line - 2}]", line=0) if each.line > 1 else each
+        replace(each, file=f"{each.file}[{each.line - 2}]" if each.line > 1 else each.file, line=0)
         for each in error.problems
     )
 

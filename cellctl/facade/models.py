@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cellctl.facade.predictions import Prediction
     from cellctl.facade.robots import Robot
     from cellctl.facade.targets import Compensation
+    from cellctl.kinematics import Floats
     from cellctl.operations.fitting import Fitted
 
 
@@ -72,6 +73,15 @@ class Model:
         from cellctl.facade.predictions import predicted
 
         return predicted(self.file, q)
+
+    def nominal_poses(self, q: ArrayLike) -> Floats:
+        """Poses (N, 4, 4), mm, in the model's frame, that the nominal robot would reach at controller readings `q`
+        (N, n), deg: the targets of a program of joint positions. Base and tool are those from which the model counts.
+        """
+        from cellctl.facade.arrays import postures
+        from cellctl.formats.table_making import nominal_chain
+
+        return nominal_chain(self.file).forward(self.file.robot.joint_map().model(postures(q, self.file.robot.n)))
 
     def compensate(
         self, targets: Any, *, postures: ArrayLike | None = None, method: str = "pseudo-target"

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from cellctl.records.verdict import PASSED
 from cellctl.report.distributions import before_and_after
 from cellctl.report.drawing import ACCENT, BEFORE, millimetres, svg_of
 from cellctl.report.figures import fit_lines
@@ -117,7 +118,7 @@ def compensation_view(found: Compensation) -> str:
 def run_view(run: Run, content: Content) -> str:
     """A run: state, verdict, measured errors before and after."""
     parts = [_verdict(run.sentence, run.verdict or "")] if run.sentence else []
-    if run.before and run.after:
+    if run.before and run.after and None not in (run.before["mean"], run.after["mean"]):
         pairs = (("before", run.before), ("after", run.after))
         rows = [[name, *_fixed([errors[key] for key in ("mean", "rms", "max")])] for name, errors in pairs]
         parts += [_table(["measured error, mm", "mean", "RMS", "max"], rows), _bars(run.before, run.after)]
@@ -132,7 +133,7 @@ def _view(title: str, *parts: str) -> str:
 
 
 def _verdict(sentence: str | None, verdict: str) -> str:
-    bad = "" if verdict == "better" else " bad"
+    bad = "" if verdict in PASSED else " bad"
     return f'<p class="verdict{bad}">{escape(sentence or "")}</p>'
 
 

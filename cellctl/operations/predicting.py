@@ -65,6 +65,7 @@ def predict_rows(model: ModelFile, data: DataSet) -> Predicted:
     conditions = Conditions(sieve, model.robot, readings)
     if sieve.rejected():
         raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
+    _refuse_radians(model, data, readings)
     at = conditions.at(range(len(readings)))
     if refused := list(model.load_region.refused(at) if model.load_region else ()):
         raise InputError(Problem(data.file, data.lines[row], 0, reason, cure) for row, reason, cure in refused)
@@ -77,6 +78,16 @@ def predict_rows(model: ModelFile, data: DataSet) -> Predicted:
         model.inside(readings),
         _assumed(model, at),
     )
+
+
+def _refuse_radians(model: ModelFile, data: DataSet, readings: Floats) -> None:
+    """Raise InputError where all readings, deg, are outside the measured region, and all would be inside as radians."""
+    import numpy as np
+
+    if data.has("A1") and not model.inside(readings).any() and model.inside(np.rad2deg(readings)).all():
+        last = readings.shape[1]
+        what = f"A1…A{last} are radians: no row is inside the measured region as degrees, and all are as radians"
+        raise InputError(Problem(data.file, 1, 0, what, f"write degrees, or name the columns q1…q{last}"))
 
 
 def _assumed(model: ModelFile, at: Postures) -> tuple[str, ...]:
