@@ -6,15 +6,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, Literal, Self, final
 
 from cellctl.facade.arrays import refused
+from cellctl.facade.exports import Form, export, refuse_convention
 from cellctl.files import write_atomically
 from cellctl.formats import ModelFile
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from cellctl.compensation import PredictedErrors
     from cellctl.facade.predictions import Prediction
     from cellctl.facade.robots import Robot
     from cellctl.facade.targets import Compensation
@@ -84,23 +86,93 @@ class Model:
         return nominal_chain(self.file).forward(self.file.robot.joint_map().model(postures(q, self.file.robot.n)))
 
     def compensate(
-        self, targets: Any, *, postures: ArrayLike | None = None, method: str = "pseudo-target"
+        self,
+        targets: Any,
+        *,
+        postures: ArrayLike | None = None,
+        method: str = "pseudo-target",
+        passes: int | None = None,
+        cell: str | Path | None = None,
+        errors: PredictedErrors | None = None,
     ) -> Compensation:
         """Compute the joints that move the identified robot to targets, as `cellctl compensate` does.
 
         targets: poses of the TCP in the model's frame: array (N, 4, 4), mm; or DataFrame, mapping of arrays or path of
         a CSV with X, Y, Z (mm), A, B, C (deg) or QW, QX, QY, QZ, and `A1…An` (deg) of a posture nearby. postures: the
-        same postures (N, n), deg, for an array. A target without usable joints has its reason in the result. Raises
-        InputError for targets that cannot be read, and for a model that needs more data than a target has.
-        """
-        from cellctl.facade.targets import compensated
+        same postures (N, n), deg, for an array. method, passes: docs/reference/compensation.md. cell: file or name of
+        a cell; its robot and tool have to be the model's, and its limit of a correction holds. errors: another
+        predictor of position errors, for the method `cyclic-search`.
 
-        return compensated(self.file, self.path, targets, postures, method)
+        A target without usable joints has its reason in the result. Raises InputError for targets that cannot be read,
+        and for a model that needs more data than a target has.
+        """
+        from cellctl.facade.targets import asked_targets, compensated
+
+        return compensated(
+            asked_targets(self.file, self.path, targets, postures, cell, method=method, passes=passes, errors=errors)
+        )
+
+    def compare_methods(
+        self, targets: Any, *, postures: ArrayLike | None = None, cell: str | Path | None = None
+    ) -> list[dict[str, Any]]:
+        """The figures of every compensation method on the same targets, as `cellctl compensate --method all --json`.
+
+        Arguments and errors as in `compensate`.
+        """
+        from cellctl.facade.targets import asked_targets
+        from cellctl.operations.comparing_methods import compare_methods
+
+        asked = asked_targets(self.file, self.path, targets, postures, cell)
+        return [each.dump() for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]
 
     def save(self, path: str | Path) -> Model:
         """Write the model file of `cellctl fit --out`; returns the model with that path. Raises OSError."""
         self.file.save(Path(path))
         return replace(self, path=Path(path))
+
+    def to_urdf(
+        self, path: str | Path | None = None, *, into: str | Path | None = None, tip: str | None = None
+    ) -> str | bytes:
+        """The calibrated URDF, written to `path` if given. into: your own URDF; only its joint origins are replaced.
+        tip: last link of the chain in it. This and the other `to_…` warn of what the form cannot hold, with the
+        distance that this costs; they raise InputError where the model has no such form.
+        """
+        return self._export("urdf", path, into=Path(into) if into is not None else None, tip=tip)
+
+    def to_ur_calibration(self, path: str | Path | None = None, *, into: str | Path | None = None) -> str | bytes:
+        """The `calibration.yaml` of Universal Robots' ROS 2 description. into: your file, whose hash is kept."""
+        return self._export("ur-calibration", path, into=Path(into) if into is not None else None)
+
+    def to_dh(
+        self, path: str | Path | None = None, *, convention: Literal["mdh-hayati", "dh-craig"] = "mdh-hayati"
+    ) -> str | bytes:
+        """A DH table as CSV, mm and degrees."""
+        refuse_convention(convention, table=True)
+        return self._export("dh-csv", path, table=convention)
+
+    def to_robot_file(
+        self, path: str | Path | None = None, *, convention: Literal["mdh-hayati", "dh-craig", "poe"] = "mdh-hayati"
+    ) -> str | bytes:
+        """A robot file with the identified geometry."""
+        refuse_convention(convention, table=False)
+        return self._export(convention, path)
+
+    def to_kuka(self, path: str | Path | None = None, *, tool_number: int = 1, base_number: int = 1) -> str | bytes:
+        """Mastering offsets, `TOOL_DATA` and `BASE_DATA` of a KUKA controller."""
+        return self._export("kuka", path, tool=tool_number, base=base_number)
+
+    def to_abb(self, path: str | Path | None = None) -> str | bytes:
+        """Joint-zero offsets of an ABB controller."""
+        return self._export("abb", path)
+
+    def to_fanuc(self, path: str | Path | None = None) -> str | bytes:
+        """Joint-zero offsets of a FANUC controller."""
+        return self._export("fanuc", path)
+
+    def _export(self, form: Form, path: str | Path | None, **options: Any) -> str | bytes:
+        from cellctl.operations.exporting import ExportOptions
+
+        return export(self.file, str(self.path or "model"), form, path, ExportOptions(**options))
 
     def page(self, path: str | Path | None = None) -> str:
         """The report of the fit as an HTML page, written to `path` if given. Raises InputError for a loaded model: its

@@ -1,6 +1,7 @@
 """`Model.compensate`: joints for each target or the reason why not; the table is that of the command line."""
 
 import io
+import json
 
 import numpy as np
 import pytest
@@ -74,15 +75,43 @@ def far(mm):
     return shift
 
 
-def test_rows_are_written_with_empty_cells_where_a_target_has_no_joints(model, folder):
-    targets = model.compensate("targets.csv").targets.copy()
+def test_csv_is_that_of_the_command_and_refuses_as_the_table_does(model, folder):
+    assert command("compensate", "model.json", "targets.csv", "-o", "command.csv") == 0
+    found = model.compensate("targets.csv")
+    found.to_csv("python.csv")
+    assert (folder / "python.csv").read_text() == (folder / "command.csv").read_text()
+    assert [*found.to_dict()] == [*cellctl.read("command.csv").columns, "reason"]
+    np.testing.assert_array_equal(found.to_dict()["A1"], found.joints[:, 0])
+    targets = found.targets.copy()
     targets[0, :3, 3] += 9000.0
-    found = model.compensate(targets, postures=readings_near_the_middle(8))
-    found.to_csv("joints.csv")
-    read = cellctl.read("joints.csv")
-    assert read.columns == tuple(found.to_dict())
-    np.testing.assert_array_equal(read["A1"], found.joints[:, 0])
-    assert "nan" not in (folder / "joints.csv").read_text()
+    partly = model.compensate(targets, postures=readings_near_the_middle(8))
+    assert np.isnan(partly.to_dict()["pseudo_X"]).tolist() == [True] + [False] * 7
+    assert partly.to_dict()["reason"].tolist() == list(partly.reasons)
+    with pytest.raises(cellctl.InputError, match=r"targets\[0\]"):
+        partly.to_csv("python.csv")
+
+
+def test_all_methods_are_compared_as_by_the_command(model, folder):
+    assert command("compensate", "model.json", "targets.csv", "--method", "all", "--json", "all.json") == 0
+    told = json.loads((folder / "all.json").read_text())["methods"]
+    found = json.loads(json.dumps(model.compare_methods("targets.csv")))
+    for each in (*told, *found):
+        each.pop("seconds_per_target")
+    assert found == told
+
+
+def test_one_pass_leaves_more_than_all(model):
+    once, all_of_them = model.compensate("targets.csv", passes=1), model.compensate("targets.csv")
+    assert once.predicted_after_mm.max() > 10.0 * all_of_them.predicted_after_mm.max()
+
+
+def test_another_robot_than_the_cells_is_refused_as_by_the_command(model, capsys):
+    options = ("--cell", "heavy_robot_cell", "--serial", "1")
+    assert command("compensate", "model.json", "targets.csv", *options) == 2
+    printed = capsys.readouterr().err.partition("\n")[2].strip()
+    with pytest.raises(cellctl.InputError) as refused:
+        model.compensate("targets.csv", cell="heavy_robot_cell")
+    assert str(refused.value) == printed
 
 
 def test_one_pose_is_one_target(model):
@@ -126,4 +155,4 @@ def test_a_frame_of_the_result_is_a_file_for_pandas(model):
     pandas = pytest.importorskip("pandas")
     frame = model.compensate("targets.csv").to_frame()
     text = frame.to_csv(index=False)
-    assert pandas.read_csv(io.StringIO(text)).shape == frame.shape == (8, 6 + 12 + 4)
+    assert pandas.read_csv(io.StringIO(text)).shape == frame.shape == (8, 6 + 12 + 6 + 4)
