@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, final
@@ -16,7 +16,6 @@ from cellctl.formats import ModelFile
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from cellctl.compensation import PredictedErrors
     from cellctl.facade.predictions import Prediction
     from cellctl.facade.robots import Robot
     from cellctl.facade.targets import Compensation
@@ -93,7 +92,7 @@ class Model:
         method: str = "pseudo-target",
         passes: int | None = None,
         cell: str | Path | None = None,
-        errors: PredictedErrors | None = None,
+        errors: Callable[[Floats], Floats] | None = None,
     ) -> Compensation:
         """Compute the joints that move the identified robot to targets, as `cellctl compensate` does.
 
@@ -101,7 +100,8 @@ class Model:
         a CSV with X, Y, Z (mm), A, B, C (deg) or QW, QX, QY, QZ, and `A1…An` (deg) of a posture nearby. postures: the
         same postures (N, n), deg, for an array. method, passes: docs/reference/compensation.md. cell: file or name of
         a cell; its robot and tool have to be the model's, and its limit of a correction holds. errors: another
-        predictor of position errors, for the method `cyclic-search`.
+        predictor for the method `cyclic-search`: a function from readings (N, n), deg, to the errors (N, 3), mm, of the
+        nominal robot's TCP in the model's frame.
 
         A target without usable joints has its reason in the result. Raises InputError for targets that cannot be read,
         and for a model that needs more data than a target has.

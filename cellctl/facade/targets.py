@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -146,10 +146,10 @@ def asked_targets(
     *,
     method: str = "pseudo-target",
     passes: int | None = None,
-    errors: PredictedErrors | None = None,
+    errors: Callable[[Floats], Floats] | None = None,
 ) -> AskedTargets:
-    """The targets, read. Raises InputError for these, for the method, for another robot or tool than the cell's, and
-    for a model that needs more data than a target has.
+    """The targets, read. errors: takes readings (N, n), deg. Raises InputError for these, for the method, for another
+    robot or tool than the cell's, and for a model that needs more data than a target has.
     """
     from cellctl.compensation import METHODS
     from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
@@ -166,7 +166,8 @@ def asked_targets(
     refuse_model(model, file)
     limit = place.correction_deg if place else math.inf
     wanted = _wanted(model, targets, start)
-    return AskedTargets(model, path, wanted, file, memory, method, passes, errors, limit)
+    predictor = None if errors is None else _at_model_angles(errors, model)
+    return AskedTargets(model, path, wanted, file, memory, method, passes, predictor, limit)
 
 
 def compensated(asked: AskedTargets) -> Compensation:
@@ -204,6 +205,11 @@ def compensated(asked: AskedTargets) -> Compensation:
         asked,
         tuple(rows),
     )
+
+
+def _at_model_angles(errors: Callable[[Floats], Floats], model: ModelFile) -> PredictedErrors:
+    joints = model.robot.joint_map()
+    return lambda q: errors(joints.readings(q))
 
 
 def _wanted(model: ModelFile, targets: Any, start: ArrayLike | None) -> Targets:

@@ -114,6 +114,14 @@ def test_another_robot_than_the_cells_is_refused_as_by_the_command(model, capsys
     assert str(refused.value) == printed
 
 
+def test_another_predictor_of_errors_takes_readings_in_degrees(model):
+    def errors(q):
+        return model.predict(q).positions - model.nominal_poses(q)[:, :3, 3]
+
+    own = model.compensate("targets.csv", method="cyclic-search", errors=errors)
+    np.testing.assert_allclose(own.joints, model.compensate("targets.csv", method="cyclic-search").joints, atol=1e-4)
+
+
 def test_one_pose_is_one_target(model):
     pose = model.compensate("targets.csv").targets[3]
     assert len(model.compensate(pose, postures=readings_near_the_middle(8)[3])) == 1

@@ -34,6 +34,12 @@ def test_report_and_model_file_are_those_of_the_command(files, options, words):
     assert (files / "python.json").read_bytes() == model
 
 
+def test_options_may_be_numpy_scalars_and_lists_of_names(files):
+    plain = cellctl.fit("robot.yaml", "data.csv", model="zeros", holdout=0.25, seed=3, own="base,tool")
+    numpy = {"holdout": np.float64(0.25), "seed": np.int64(3), "own": ["base", "tool"]}
+    assert cellctl.fit("robot.yaml", "data.csv", model="zeros", **numpy).report == plain.report
+
+
 def test_arrays_give_the_model_of_the_file_that_to_csv_writes(files, columns):
     data = cellctl.read(columns)
     fitted = cellctl.fit(cellctl.robot("robot.yaml"), data, model="geometry")
