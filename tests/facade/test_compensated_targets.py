@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from elbow_model import cellctl as command
+from elbow_model import printed_errors
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 import cellctl
@@ -108,7 +109,7 @@ def test_one_pass_leaves_more_than_all(model):
 def test_another_robot_than_the_cells_is_refused_as_by_the_command(model, capsys):
     options = ("--cell", "heavy_robot_cell", "--serial", "1")
     assert command("compensate", "model.json", "targets.csv", *options) == 2
-    printed = capsys.readouterr().err.partition("\n")[2].strip()
+    printed = printed_errors(capsys)
     with pytest.raises(cellctl.InputError) as refused:
         model.compensate("targets.csv", cell="heavy_robot_cell")
     assert str(refused.value) == printed

@@ -4,6 +4,7 @@ import warnings
 
 import pytest
 from elbow_model import cellctl as command
+from elbow_model import printed_errors
 from kr5_model import kr5_model
 
 import cellctl
@@ -42,7 +43,7 @@ def test_the_file_and_the_notes_are_those_of_convert(model, tmp_path, capsys, fo
 
 def test_a_form_that_the_robot_does_not_have_is_refused_as_by_convert(model, capsys):
     assert command("convert", "model.json", "--to", "ur-calibration") == 2
-    printed = capsys.readouterr().err.partition("\n")[2].strip()
+    printed = printed_errors(capsys)
     with pytest.raises(cellctl.InputError) as refused:
         model.to_ur_calibration()
     assert str(refused.value).strip() == printed

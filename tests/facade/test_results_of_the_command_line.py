@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from elbow_model import cellctl as command
+from elbow_model import printed_errors
 
 import cellctl
 
@@ -104,7 +105,7 @@ WRONG = [
 @pytest.mark.parametrize(("options", "words"), WRONG, ids=lambda each: str(each)[:40])
 def test_errors_of_a_call_are_those_of_the_command(files, capsys, options, words):
     assert command("fit", "robot.yaml", "data.csv", *words) == 2
-    printed = capsys.readouterr().err.partition("\n")[2].strip()
+    printed = printed_errors(capsys)
     with pytest.raises(cellctl.InputError) as refused:
         cellctl.fit("robot.yaml", "data.csv", **options)
     assert str(refused.value) == printed
@@ -113,7 +114,7 @@ def test_errors_of_a_call_are_those_of_the_command(files, capsys, options, words
 def test_a_set_up_error_is_reported_as_by_the_command(files, capsys, columns):
     cellctl.read({**columns, "A3": -np.array(columns["A3"])}).to_csv("data.csv")
     assert command("fit", "robot.yaml", "data.csv") == 2
-    printed = capsys.readouterr().err.partition("\n")[2].strip()
+    printed = printed_errors(capsys)
     with pytest.raises(cellctl.InputError) as refused:
         cellctl.fit("robot.yaml", "data.csv")
     assert str(refused.value).strip() == printed
