@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
+import cellctl
+from cellctl.files import parse_yaml
+from cellctl.formats import RobotFile
 
-@pytest.fixture
+
+@pytest.fixture(scope="session")
 def columns():
     """Readings and measured positions, by column; forty rows to fit and twenty held out."""
     rng = np.random.default_rng(4)
@@ -21,3 +25,10 @@ def files(tmp_path, columns, monkeypatch):
     (tmp_path / "data.csv").write_text(csv_text(columns))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def model(columns):
+    """The arm's geometry, fitted once for all tests."""
+    robot = RobotFile.from_document(parse_yaml(ROBOT, "robot.yaml"))
+    return cellctl.fit(robot, columns, model="geometry")

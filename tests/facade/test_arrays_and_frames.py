@@ -9,11 +9,6 @@ from elbow_arm import ElbowArm
 import cellctl
 
 
-@pytest.fixture
-def model(files):
-    return cellctl.fit("robot.yaml", "data.csv", model="geometry")
-
-
 def test_a_robot_of_the_library_by_name_by_path_and_from_memory():
     ur10 = cellctl.robot("ur10")
     assert (ur10.name, ur10.n, ur10.limits.shape) == ("Universal Robots UR10", 6, (6, 2))

@@ -3,7 +3,6 @@
 from html.parser import HTMLParser
 
 import numpy as np
-import pytest
 
 import cellctl
 
@@ -40,12 +39,7 @@ def checked(view):
     return page
 
 
-@pytest.fixture
-def model(files):
-    return cellctl.fit("robot.yaml", "data.csv", model="geometry")
-
-
-def test_a_model_shows_verdict_errors_and_picture(model):
+def test_a_model_shows_verdict_errors_and_picture(model, files):
     page = checked(model)
     assert model.sentence in page.texts
     assert "held-out positions, identified" in page.texts
