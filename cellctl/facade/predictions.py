@@ -75,7 +75,9 @@ def predicted(model: ModelFile, q: Any) -> Prediction:
     try:
         found = predict_rows(model, _joints(model, q))
     except InputError as error:
-        raise error if isinstance(q, str | Path) else by_index(error) from error
+        if isinstance(q, str | Path):
+            raise
+        raise by_index(error) from error
     for words in found.assumed:
         warnings.warn(words, stacklevel=3)
     among = found.sigma_among_mm if found.sigma_among_mm is not None else np.full(len(found.poses), np.nan)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
-from cellctl.facade.arrays import poses, postures, refused
+from cellctl.facade.arrays import numbers, poses, postures, refused
 from cellctl.facade.frames import by_index, columns_of, data_set_of, frame_of, is_frame
 from cellctl.files import InputError, write_atomically
 from cellctl.formats import DataSet, ModelFile, TableFile
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from cellctl.formats.table import Row
     from cellctl.kinematics import Bools, Floats
     from cellctl.operations.compensating import CompensatedTargets
+
+
+MOST_PASSES = 50
+"""As the command line allows."""
 
 
 @final
@@ -134,7 +138,9 @@ class AskedTargets:
                 correction_deg=self.limit_deg,
             )
         except InputError as error:
-            raise by_index(error) if self.memory else error from error
+            if not self.memory:
+                raise
+            raise by_index(error) from error
 
 
 def asked_targets(
@@ -151,13 +157,10 @@ def asked_targets(
     """The targets, read. errors: takes readings (N, n), deg. Raises InputError for these, for the method, for another
     robot or tool than the cell's, and for a model that needs more data than a target has.
     """
-    from cellctl.compensation import METHODS
     from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
     from cellctl.operations.shipped import shipped_file
 
-    if method not in METHODS:
-        what = f"'{method}' is not known"
-        raise refused("--method", what, f"one of: {', '.join(METHODS)}; compare_methods() for all of them")
+    _refuse_method(method, passes, other_predictor=errors is not None)
     place = CellRobot.load(shipped_file("cell", Path(cell))) if cell is not None else None
     if place:
         refuse_other_cell(model, str(path or "model"), place)
@@ -207,9 +210,30 @@ def compensated(asked: AskedTargets) -> Compensation:
     )
 
 
+def _refuse_method(method: str, passes: int | None, *, other_predictor: bool) -> None:
+    from cellctl.compensation import METHODS
+
+    if method not in METHODS:
+        what = f"'{method}' is not known"
+        raise refused("--method", what, f"one of: {', '.join(METHODS)}; compare_methods() for all of them")
+    if other_predictor and not METHODS[method].position_only:
+        takes = ", ".join(name for name, each in METHODS.items() if each.position_only)
+        raise refused("errors", f"are not for the method '{method}'", f"take method={takes}")
+    if passes is not None and not 1 <= passes <= MOST_PASSES:
+        raise refused("--passes", f"{passes} is out of range", f"1 to {MOST_PASSES}, or leave it out")
+
+
 def _at_model_angles(errors: Callable[[Floats], Floats], model: ModelFile) -> PredictedErrors:
     joints = model.robot.joint_map()
-    return lambda q: errors(joints.readings(q))
+
+    def at(q: Floats) -> Floats:
+        found = numbers(errors(joints.readings(q)), "errors")
+        if found.shape != (*q.shape[:-1], 3):
+            what = f"gave the shape {found.shape} for readings of the shape {q.shape}"
+            raise refused("errors", what, "X, Y, Z of each posture, mm: (N, 3)")
+        return found
+
+    return at
 
 
 def _wanted(model: ModelFile, targets: Any, start: ArrayLike | None) -> Targets:

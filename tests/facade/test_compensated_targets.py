@@ -144,6 +144,12 @@ REFUSED = {
         "postures: has 2 rows for 3 targets",
     ),
     "postures twice": ({"targets": "targets.csv", "postures": np.zeros((8, 6))}, "postures: go with an array"),
+    "passes": ({"targets": np.eye(4), "passes": 0}, "--passes: 0 is out of range"),
+    "predictor": ({"targets": np.eye(4), "errors": np.negative}, "errors: are not for the method 'pseudo-target'"),
+    "predictor of joints": (
+        {"targets": np.eye(4), "postures": np.zeros(6), "errors": np.negative, "method": "cyclic-search"},
+        r"errors: gave the shape \(1, 6\)",
+    ),
     "method": ({"targets": np.eye(4), "method": "guess"}, "--method: 'guess' is not known"),
 }
 
