@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 _TOLERANCE_MM = 1e-4
-"""Left by the compensated joints, far below the scatter of a touch: as in older runs, which replay to the same bytes."""
+"""Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
 
 
 class Wanted(Protocol):
