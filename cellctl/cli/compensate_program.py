@@ -226,7 +226,8 @@ def _words(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: dic
     shift, turned, before, after = (
         figures[name] for name in ("correction_mm", "correction_deg", "before_mm", "after_mm")
     )
-    yield f"{found.program.src.name}: {figures['compensated']} points compensated, {len(found.left)} places left."
+    made, left = _count(figures["compensated"], "point"), _count(len(found.left), "place")
+    yield f"{found.program.src.name}: {made} compensated, {left} left unchanged."
     yield (
         f"The points shift by {shift['mean']:.3f} mm (mean; max {shift['max']:.3f}), "
         f"joints by up to {turned['max']:.3f}°.\n"
@@ -234,13 +235,13 @@ def _words(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: dic
         f"(max {after['max']:.4f}) after."
     )
     yield from _path_words(paths, figures["path_tolerance_mm"])
-    for one in found.changed.values():
-        if one.turn:
-            yield f"{one.written.name}: T {one.turn[0]} becomes {one.turn[1]}, as a joint crosses 0."
+    for changed in found.changed.values():
+        if changed.turn:
+            yield f"{changed.written.name}: T {changed.turn[0]} becomes {changed.turn[1]}, as a joint crosses 0."
     if found.left:
         yield "Left as it was:"
-    for left in found.left[:SHOWN]:
-        yield f"  {_file(found, left)}:{left.line}: {_what(left)}"
+    for one in found.left[:SHOWN]:
+        yield f"  {_file(found, one)}:{one.line}: {_what(one)}"
     if len(found.left) > SHOWN:
         yield f"  … and {len(found.left) - SHOWN} more (--json FILE has all)"
     if figures["tool_shift_mm"] is None:
@@ -253,6 +254,10 @@ def _words(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: dic
     yield _TAUGHT
     written = ", ".join(figures["files"])
     yield f"Written: {written}" if written else "Nothing was written: give -o FOLDER."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _path_words(paths: Sequence[ProgramPath], tolerance: float) -> Iterator[str]:
@@ -275,7 +280,7 @@ def _path_state(path: ProgramPath, tolerance: float) -> str:
         return f"not judged: {path.reason}"
     words = [f"within {path.final_mm:.3f} mm"]
     if path.between:
-        words.append(f"{len(path.between.sent) - 1} points inserted")
+        words.append(f"{_count(len(path.between.sent) - 1, 'point')} inserted")
     elif path.bound_mm > tolerance:
         words.append(path.undivided or "above the tolerance (--insert adds points between)")
     return "; ".join([*words, *(remark for remark in path.remarks if remark != path.undivided)])

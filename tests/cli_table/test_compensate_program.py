@@ -394,6 +394,26 @@ def test_a_tool_changed_after_the_model_refuses_the_program(cellctl, folder, cap
     assert "no point was compensated" in words
 
 
+def test_a_model_of_a_reflector_elsewhere_does_not_move_the_tool(refused):
+    model = kr5_model()
+    reflector = pose_from_xyz_abc([120.0, 0.0, 80.0], [0.0, 0.0, 0.0]).tolist()
+    elsewhere = model.model_copy(update={"start": {"base": model.start["base"], "tool": reflector}})
+    words = refused(usual_seam(), "--config", "$config.dat", model=elsewhere)
+    assert "the model was identified with a tool 340 mm and 39° from" in words
+    assert "--arm-only" in words
+
+
+def test_the_instruments_frame_does_not_matter(compensated, folder):
+    texts = []
+    for base in (np.eye(4), pose_from_xyz_abc([3400.0, -1200.0, 900.0], [150.0, 2.0, -3.0])):
+        model = kr5_model()
+        start = {"base": base.tolist(), "tool": model.start["tool"]}
+        compensated(model=model.model_copy(update={"start": start}))
+        texts.append((folder / "out" / "seam.dat").read_text("latin-1"))
+    first, second = (aggregate(text, "XP2") for text in texts)
+    assert first == pytest.approx(second, abs=2e-6)
+
+
 def test_for_another_tool_the_arm_alone_is_corrected_where_asked(compensated, folder):
     seam = Seam()
     seam.point("P1", position(CORNER), tool=2, base=0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration import RobotModel
+from cellctl.calibration import Harmonics, RobotModel
 from cellctl.compensation import compensate
 from cellctl.compensation.curves import Arc, Line
 from cellctl.compensation.paths import SINGULAR, deviations, divided
@@ -117,6 +117,17 @@ def test_the_bound_holds_at_every_place_of_the_path_and_is_close(nominal, identi
     assert (away.max(axis=1) <= found.bound_mm).all()
     assert (found.bound_mm <= 1.06 * away.max(axis=1) + 0.002).all()
     assert (found.bound_mm > 0.02).all()  # the points are right; the path is not
+
+
+def test_the_bound_holds_for_a_ripple_of_the_gears_too(nominal, segments, judged):
+    """150 waves per turn of A1, 0.1 mm: the line passes several of them between its points."""
+    gears = Harmonics(6, orders=(), ripple=((1, 150), (2, 120)))
+    robot = RobotModel(nominal.with_parameters(ERRORS), (gears,), np.array([1e-4, 0.0, 5e-5, 5e-5]))
+    lines, start = segments[:3], judged[0][:3]
+    found = deviations(nominal, robot, lines, lines, start)
+    away = np.linalg.norm(robot_on(nominal, robot, lines, start, 401) - places(lines, 401), axis=-1).max(axis=1)
+    assert (away <= found.bound_mm).all()
+    assert (found.bound_mm <= 1.06 * away + 0.002).all()
 
 
 @pytest.mark.parametrize("number", [0, 3, 6, 9])
