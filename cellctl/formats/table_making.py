@@ -33,12 +33,13 @@ def compensated_targets(
     method: str = "pseudo-target",
     passes: int | None = None,
     errors: PredictedErrors | None = None,
+    tolerance_mm: float = 1e-6,
 ) -> Compensated:
     """Compensate `targets` (N, 4, 4), mm, in the model's frame, from controller readings `postures` (N, n), deg.
 
-    method, passes: as in `cellctl.compensation.compensate`. errors: predicted position errors, `errors` of an error map
-    in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose joints leave the
-    limits of the robot file is not converged, with the joint as its reason.
+    method, passes, tolerance_mm: as in `cellctl.compensation.compensate`. errors: predicted position errors (`errors`
+    of an error map) in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose
+    joints leave the limits of the robot file is not converged, with the joint as its reason.
     """
     import numpy as np
 
@@ -52,6 +53,7 @@ def compensated_targets(
         joints.model(postures),
         method=method,
         passes=passes,
+        tolerance_mm=tolerance_mm,
         region=tuple(np.sort(joints.model([region.min, region.max]), axis=0)),
     )
     return _within_limits(found, joints.readings(found.compensated_q), model.robot.limits())
