@@ -1,3 +1,4 @@
+from cellctl.facade import CompensatedProgram as CompensatedProgram
 from cellctl.facade import Compensation as Compensation
 from cellctl.facade import Data as Data
 from cellctl.facade import InputError as InputError

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cellctl.cli import arguments
-from cellctl.cli.compensate_program import ProgramOptions, compensate_program
+from cellctl.cli.compensate_program import compensate_program
+from cellctl.operations.program_compensation import ProgramOptions
 
 if TYPE_CHECKING:
     from cellctl.operations.compensating import CompensatedTargets

@@ -7,12 +7,14 @@ from cellctl.facade.data_sets import Data, read
 from cellctl.facade.fits import fit
 from cellctl.facade.models import Model, load
 from cellctl.facade.predictions import Prediction
+from cellctl.facade.programs import CompensatedProgram
 from cellctl.facade.robots import Robot, robot
 from cellctl.facade.runs import Run, open_run
 from cellctl.facade.targets import Compensation
 from cellctl.files import InputError
 
 __all__ = [
+    "CompensatedProgram",
     "Compensation",
     "Data",
     "InputError",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, final
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from cellctl.facade.predictions import Prediction
+    from cellctl.facade.programs import CompensatedProgram
     from cellctl.facade.robots import Robot
     from cellctl.facade.targets import Compensation
     from cellctl.kinematics import Floats
@@ -124,6 +125,38 @@ class Model:
 
         asked = asked_targets(self.file, self.path, targets, postures, cell)
         return [each.dump() for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]
+
+    def compensate_program(
+        self,
+        program: str | Path,
+        *,
+        method: str = "pseudo-target",
+        cell: str | Path | None = None,
+        config: str | Path | None = None,
+        tool: Sequence[float] | None = None,
+        base: Sequence[float] | None = None,
+        path_tolerance_mm: float | None = None,
+        insert: bool = False,
+        arm_only: bool = False,
+    ) -> CompensatedProgram:
+        """Compensate the points of a KRL program, as `cellctl compensate program.src` does (docs/programs.md).
+
+        program: the `.src`; its `.dat` is read too. config: `$config.dat`. tool, base: X, Y, Z (mm), A, B, C (deg),
+        where the program does not state them. path_tolerance_mm: deviation between the points; insert: add points where
+        it is larger. arm_only: take the tool from the program's data. Only for points made off-line: taught points
+        contain the robot's error already.
+
+        Raises InputError if no point can be changed, with all reasons.
+        """
+        from cellctl.facade.programs import CompensatedProgram, frame_text
+        from cellctl.operations.program_compensation import ProgramOptions
+
+        configured = Path(config) if config is not None else None
+        options = ProgramOptions(
+            configured, frame_text(tool), frame_text(base), path_tolerance_mm, insert=insert, arm_only=arm_only
+        )
+        name = str(self.path or "model")
+        return CompensatedProgram.of(self.file, name, Path(program), method, cell, options)
 
     def save(self, path: str | Path) -> Model:
         """Write the model file of `cellctl fit --out`; returns the model with that path. Raises OSError."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cellctl.facade.data_sets import Data
     from cellctl.facade.models import Model
     from cellctl.facade.predictions import Prediction
+    from cellctl.facade.programs import CompensatedProgram
     from cellctl.facade.robots import Robot
     from cellctl.facade.runs import Run
     from cellctl.facade.targets import Compensation
@@ -112,7 +113,28 @@ def compensation_view(found: Compensation) -> str:
     turned = float(np.abs(found.joints - found.nominal_joints)[reached].max())
     head = ["predicted error, mm", "mean", "RMS", "max"]
     words = _soft(f"Joints corrected by up to {turned:.3f}°. Errors below {_LEAST_MM:g} mm are drawn at that value.")
-    return _view(title, _table(head, rows), _each_target(*pairs.values()), words, *reasons)
+    return _view(
+        title, _table(head, rows), _each_target(found.predicted_before_mm, found.predicted_after_mm), words, *reasons
+    )
+
+
+def program_view(program: CompensatedProgram) -> str:
+    """A compensated program: corrections and predicted errors of its points, and the places that stay as they were."""
+    report = program.report
+    counts = f"{report['compensated']} points compensated, {len(report['left'])} places left"
+    keys = {
+        "before_mm": "predicted error before, mm",
+        "after_mm": "after, mm",
+        "correction_mm": "shift of the points, mm",
+        "correction_deg": "correction of the joints, deg",
+    }
+    rows = [[words, *_fixed([report[key][name] for name in ("mean", "rms", "max")])] for key, words in keys.items()]
+    left = [_soft(f"{each['file']}:{each['line']}: {each['name']} {each['reason']}") for each in report["left"][:SHOWN]]
+    if len(report["left"]) > SHOWN:
+        left.append(_soft(f"… and {len(report['left']) - SHOWN} more"))
+    before, after = (np.array([point[key] for point in report["points"]]) for key in ("before_mm", "after_mm"))
+    picture = _each_target(before, after, "point", ("before", "after"))
+    return _view(f"{program.files.src.name}: {counts}", _table(["", "mean", "RMS", "max"], rows), picture, *left)
 
 
 def run_view(run: Run, content: Content) -> str:
@@ -208,15 +230,20 @@ def _bars(before: Mapping[str, float], after: Mapping[str, float]) -> str:
     return svg_of(draw, _name_of(*heights), 1.8, "Errors before and after: mean, RMS, maximum")
 
 
-def _each_target(before: Floats, after: Floats) -> str:
+def _each_target(
+    before: Floats,
+    after: Floats,
+    what: str = "target",
+    labels: tuple[str, str] = ("nominal joints", "compensated joints"),
+) -> str:
     def draw(figure: Figure) -> None:
         axes, numbers = figure.subplots(), np.arange(len(before))
-        for errors, colour, label in ((before, BEFORE, "nominal joints"), (after, ACCENT, "compensated joints")):
+        for errors, colour, label in zip((before, after), (BEFORE, ACCENT), labels, strict=True):
             axes.plot(numbers, np.maximum(errors, _LEAST_MM), "o", color=colour, markersize=3, label=label)
         axes.set_yscale("log")
         millimetres(axes, "y")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set(xlabel="target", ylabel="predicted error, mm")
+        axes.set(xlabel=what, ylabel="predicted error, mm")
         axes.legend(loc="upper center", ncols=2, bbox_to_anchor=(0.5, 1.18))
 
     return svg_of(draw, _name_of(before, after), 2.2, "Predicted error of each target, before and after compensation")

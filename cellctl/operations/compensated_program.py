@@ -30,6 +30,12 @@ class Left:
     name: str
     reason: str
 
+    @property
+    def words(self) -> str:
+        """The point and the reason."""
+        named = self.name and not self.reason.startswith(self.name)
+        return f"{self.name}: {self.reason}" if named else self.reason
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -74,6 +80,10 @@ class CompensatedProgram:
     goals: ProgramGoals
     changed: dict[Key, Changed]
     left: tuple[Left, ...]
+
+    def file(self, left: Left) -> str:
+        """The name of the file with the place `left`."""
+        return self.program.parts[left.part].name
 
     def values(self, part: Part) -> dict[Span, str]:
         """The new texts by their place in a file: for `KrlFile.replaced`."""
