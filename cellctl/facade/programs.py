@@ -72,7 +72,7 @@ class CompensatedProgram:
         return list(paths.values())
 
     def __repr__(self) -> str:
-        counts = f"{self.report['compensated']} points compensated, {len(self.report['left'])} places left"
+        counts = f"{self.report['compensated']} points compensated, {len(self.report['left'])} places left unchanged"
         return f"<cellctl program {self.files.src.name}: {counts}>"
 
     def _repr_html_(self) -> str:

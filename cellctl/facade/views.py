@@ -121,7 +121,7 @@ def compensation_view(found: Compensation) -> str:
 def program_view(program: CompensatedProgram) -> str:
     """A compensated program: corrections and predicted errors of its points, and the places that stay as they were."""
     report = program.report
-    counts = f"{report['compensated']} points compensated, {len(report['left'])} places left"
+    counts = f"{report['compensated']} points compensated, {len(report['left'])} places left unchanged"
     keys = {
         "before_mm": "predicted error before, mm",
         "after_mm": "after, mm",
