@@ -6,7 +6,7 @@ import pytest
 from elbow_model import cellctl as command
 from elbow_model import printed_errors
 from kr5_model import kr5_model
-from krl_seam import usual_seam
+from krl_seam import position, readings_at, usual_seam
 
 import cellctl
 
@@ -65,8 +65,15 @@ def test_errors_are_those_of_the_command(model, capsys, options, words):
     assert str(refused.value).strip() == printed
 
 
-def test_a_program_is_shown_with_its_places_left(model):
+def test_a_program_is_shown_with_its_places_left(model, folder):
+    seam = usual_seam()
+    seam.point("P10", position(readings_at((0, 50, 0))))
+    seam.dat[-2] = seam.dat[-2].replace("DECL E6POS", "DECL GLOBAL E6POS")
+    seam.form("PTP", "P10")
+    seam.write(folder)
     program = model.compensate_program("seam.src", config="$config.dat")
     shown = program._repr_html_()
-    assert f"{program.report['compensated']} points compensated" in shown
-    assert all(f"{each['file']}:{each['line']}:" in shown for each in program.report["left"][:10])
+    assert "5 points compensated, 1 places left unchanged" in shown
+    (left,) = program.report["left"]
+    assert f"seam.src:{left['line']}: " in shown
+    assert "GLOBAL" in shown
