@@ -48,6 +48,13 @@ class CompensatedProgram:
         return cls(files, found.figures([]), found)
 
     @property
+    def counts(self) -> str:
+        """How many points are compensated, and how many places are not."""
+        made, left = self.report["compensated"], len(self.report["left"])
+        points, places = "point" if made == 1 else "points", "place" if left == 1 else "places"
+        return f"{self.files.src.name}: {made} {points} compensated, {left} {places} left unchanged"
+
+    @property
     def texts(self) -> dict[str, bytes]:
         """The changed files: `src`, and `dat` where the program has a data list."""
         return {part: text for part, text in self._found.texts().items() if part in ("src", "dat")}
@@ -72,8 +79,7 @@ class CompensatedProgram:
         return list(paths.values())
 
     def __repr__(self) -> str:
-        counts = f"{self.report['compensated']} points compensated, {len(self.report['left'])} places left unchanged"
-        return f"<cellctl program {self.files.src.name}: {counts}>"
+        return f"<cellctl program {self.counts}>"
 
     def _repr_html_(self) -> str:
         from cellctl.facade.views import program_view

@@ -121,7 +121,6 @@ def compensation_view(found: Compensation) -> str:
 def program_view(program: CompensatedProgram) -> str:
     """A compensated program: corrections and predicted errors of its points, and the places that stay as they were."""
     report = program.report
-    counts = f"{report['compensated']} points compensated, {len(report['left'])} places left unchanged"
     keys = {
         "before_mm": "predicted error before, mm",
         "after_mm": "after, mm",
@@ -134,7 +133,7 @@ def program_view(program: CompensatedProgram) -> str:
         left.append(_soft(f"… and {len(report['left']) - SHOWN} more"))
     before, after = (np.array([point[key] for point in report["points"]]) for key in ("before_mm", "after_mm"))
     picture = _each_target(before, after, "point", ("before", "after"))
-    return _view(f"{program.files.src.name}: {counts}", _table(["", "mean", "RMS", "max"], rows), picture, *left)
+    return _view(program.counts, _table(["", "mean", "RMS", "max"], rows), picture, *left)
 
 
 def run_view(run: Run, content: Content) -> str:

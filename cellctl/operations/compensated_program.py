@@ -16,7 +16,8 @@ from cellctl.kinematics.configuration import status_of, turn_of
 from cellctl.krl import CARTESIAN, Span
 from cellctl.krl.writing import number_text
 from cellctl.operations.program_goals import Goal, Key, ProgramGoals
-from cellctl.operations.program_motions import Part, Program, Written
+from cellctl.operations.program_motions import Program
+from cellctl.operations.program_points import Part, Written
 from cellctl.operations.program_robots import ProgramRobots
 
 

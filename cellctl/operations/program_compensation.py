@@ -15,13 +15,14 @@ if TYPE_CHECKING:
     from cellctl.operations.compensated_program import CompensatedProgram
     from cellctl.operations.compensating import CellRobot
     from cellctl.operations.program_files import ProgramFiles
-    from cellctl.operations.program_motions import Kind, Part, Program
+    from cellctl.operations.program_motions import Kind, Program
     from cellctl.operations.program_paths import Path as ProgramPath
+    from cellctl.operations.program_points import Part
 
 DEFAULT_TOLERANCE_MM = 0.05
 
 _FRAME = 6
-_NOT_FOR_PROGRAMS = ("all", "write-back-geometry", "write-back-zeros")
+_METHODS = ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson")
 
 
 @final
@@ -81,10 +82,9 @@ def compensate_files(
 
 
 def refuse_method(method: str) -> None:
-    """Raise InputError for a method that changes no points."""
-    if method in _NOT_FOR_PROGRAMS:
-        what = f"'{method}' changes no points"
-        raise InputError(Problem("--method", 0, 0, what, "for a program: pseudo-target, the default"))
+    """Raise InputError for a method that is not for programs."""
+    if method not in _METHODS:
+        raise InputError(Problem("--method", 0, 0, f"'{method}' is not for programs", f"one of: {', '.join(_METHODS)}"))
 
 
 def _compensated(

@@ -19,7 +19,8 @@ from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats, JointMap, inverse, pose_from_xyz_abc
 from cellctl.kinematics.configuration import status_of
 from cellctl.krl import CARTESIAN, Span
-from cellctl.operations.program_motions import Frame, Move, Part, Program, Written
+from cellctl.operations.program_motions import Frame, Move, Program
+from cellctl.operations.program_points import Part, Written
 from cellctl.operations.program_robots import ProgramRobots, Robots
 
 Key: TypeAlias = tuple[Part, Span]

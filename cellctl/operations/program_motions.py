@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,32 +9,23 @@ from typing import Literal, TypeAlias, final
 
 from cellctl.krl import (
     CARTESIAN,
-    Aggregate,
     Assignment,
     Begin,
     Control,
-    Declaration,
-    Expression,
     FrameChoice,
     Invocation,
     KrlFile,
     Motion,
     MotionFrames,
     Number,
-    Point,
-    Reference,
-    Span,
     Spline,
-    Statement,
     Unknown,
     frame_values,
     motion_frames,
-    point_of,
-    references,
 )
 from cellctl.operations.path_modes import Modes
+from cellctl.operations.program_points import Part, ProgramPoints, Written
 
-Part: TypeAlias = Literal["src", "dat"]
 Kind: TypeAlias = Literal["tool", "base"]
 Numbers: TypeAlias = tuple[float, ...]
 """X, Y, Z, A, B, C, mm and degrees."""
@@ -56,25 +46,6 @@ class Frame:
     name: str
     numbers: Numbers | None
     reason: str = ""
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Written:
-    """A point with its numbers in the program: `part` of it, and the point there."""
-
-    part: Part
-    point: Point
-
-    @property
-    def key(self) -> tuple[Part, Span]:
-        """Its place, which is unique."""
-        return self.part, self.point.span
-
-    @property
-    def name(self) -> str:
-        """Its name; of one without, its line."""
-        return self.point.name or f"the point in line {self.point.line}"
 
 
 @final
@@ -128,6 +99,11 @@ class Program:
         return {"src": self.src, "dat": self.dat} if self.dat else {"src": self.src}
 
     @cached_property
+    def points(self) -> ProgramPoints:
+        """The points that its motions name or write out."""
+        return ProgramPoints(self.parts)
+
+    @cached_property
     def data(self) -> tuple[KrlFile, ...]:
         """Files with values: data list, `$config.dat`."""
         return tuple(file for file in (self.dat, self.config) if file)
@@ -141,21 +117,6 @@ class Program:
     def moves(self) -> tuple[Move, ...]:
         """All motions of the robot, in the order of the file."""
         return tuple(_moves(self))
-
-    @cached_property
-    def mentions(self) -> dict[str, list[int]]:
-        """Lines of the program in which a name occurs, other than as the point of a motion."""
-        found = defaultdict[str, list[int]](list)
-        for statement in self.src.statements:
-            for name in set(_mentioned(statement)):
-                found[name].append(statement.line)
-        return found
-
-    @cached_property
-    def shared(self) -> frozenset[str]:
-        """Points that are declared GLOBAL."""
-        declared = [one for file in self.parts.values() for one in file.of(Declaration) if one.is_global]
-        return frozenset(variable.target.name.upper() for one in declared for variable in one.variables)
 
     def several(self, kind: Kind) -> list[str]:
         """The tools or bases of the program's motions, where there are several."""
@@ -183,72 +144,9 @@ class Program:
             return Frame(name, None, f"{name} is not known: give --config '$config.dat', or --{kind}")
         return Frame(name, tuple(values[label] for label in CARTESIAN))
 
-    def point(self, expression: Expression | None) -> Written | str:
-        """The point of a motion, or why it is not one that can be changed."""
-        if isinstance(expression, Reference):
-            return self._named(expression)
-        if not isinstance(expression, Aggregate):
-            return "the point is computed"
-        point = point_of(expression, self.src.text.count("\n", 0, expression.span.start) + 1)
-        return _usable(Written("src", point)) if point else "not a point"
-
-    def _named(self, reference: Reference) -> Written | str:
-        key, name = reference.key, reference.name.upper()
-        if key is None:
-            return f"the index of {reference.written} is computed"
-        found = [(part, each) for part, file in self.parts.items() for each in file.points if each.key == key]
-        if not found:
-            return f"{reference.name} is not in these files"
-        if len(found) > 1:
-            return f"{reference.name} is given {len(found)} times"
-        if not found[0][1].declared:
-            return f"{reference.name} is assigned in the program"
-        if name in self.shared:
-            return f"{reference.name} is GLOBAL: other programs may use it"
-        if name in self.mentions:
-            lines = ", ".join(str(line) for line in self.mentions[name])
-            return f"{reference.name} is also used in line {lines}, not as the point of a motion"
-        return _usable(Written(*found[0]))
-
 
 def _choice(frames: MotionFrames, kind: Kind) -> FrameChoice:
     return frames.tool if kind == "tool" else frames.base
-
-
-def _usable(written: Written) -> Written | str:
-    point = written.point
-    if point.fault:
-        return f"{written.name}: {point.fault}"
-    if point.missing:
-        return f"{written.name} has no {', '.join(point.missing)}"
-    moved = [label for label, value in point.values.items() if label[0] == "E" and abs(value) > 1e-9]
-    return f"{written.name} moves the external axis {', '.join(moved)}" if moved else written
-
-
-def _mentioned(statement: Statement) -> Iterator[str]:
-    match statement:
-        case Assignment():
-            yield statement.target.name.upper()
-            yield from _names(statement.value)
-        case Invocation():
-            yield from _names(statement.call)
-        case Control() | Unknown():
-            yield from statement.names
-        case Motion():
-            for value in (statement.target, statement.auxiliary):
-                if not isinstance(value, Reference) or value.key is None:
-                    yield from _names(value)
-            for setting in statement.settings:
-                yield from _names(setting.value)
-        case Declaration():
-            for variable in statement.variables:
-                yield from _names(variable.value)
-        case _:
-            pass
-
-
-def _names(expression: Expression | None) -> Iterator[str]:
-    return (reference.name.upper() for reference in references(expression))
 
 
 def _moves(program: Program) -> Iterator[Move]:
@@ -279,7 +177,7 @@ def _move(program: Program, motion: Motion, modes: Modes, previous: int | None) 
     if angle is not None and not isinstance(angle, Number):
         faults.append("its circular angle is computed")
     asked = (motion.target, motion.auxiliary) if not faults else ()
-    points = [program.point(expression) if expression else None for expression in asked]
+    points = [program.points.of(expression) if expression else None for expression in asked]
     faults += [point for point in points if isinstance(point, str)]
     target, auxiliary = [point if isinstance(point, Written) else None for point in [*points, None, None][:2]]
     orientation, circle = modes.of(motion)

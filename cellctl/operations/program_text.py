@@ -10,8 +10,8 @@ from cellctl.kinematics import abc_from_rotation, inverse_pose
 from cellctl.krl import CARTESIAN, KrlFile, Motion, Span
 from cellctl.krl.writing import aggregate_text
 from cellctl.operations.compensated_program import CompensatedProgram
-from cellctl.operations.program_motions import Part
 from cellctl.operations.program_paths import Path
+from cellctl.operations.program_points import Part
 
 if TYPE_CHECKING:
     from cellctl.kinematics import Floats

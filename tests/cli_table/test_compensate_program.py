@@ -188,6 +188,15 @@ def test_a_joint_that_crosses_zero_changes_the_turn_and_is_named(compensated, fo
     assert "T 2 becomes 3" in capsys.readouterr().out
 
 
+def test_every_method_gives_the_same_points(compensated, folder):
+    points = []
+    for method in ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson"):
+        compensated(None, "--method", method)
+        points.append(aggregate((folder / "out" / "seam.dat").read_text("latin-1"), "XP2"))
+    for each in points[1:]:
+        assert each == pytest.approx(points[0], abs=5e-6)
+
+
 # paths
 
 
@@ -485,7 +494,8 @@ def test_the_output_says_which_points_must_not_be_compensated(compensated, capsy
     [
         (("seam.dat",), "is not a KRL program"),
         (("nothing.src",), "there is no such file"),
-        (("seam.src", "--method", "all"), "changes no points"),
+        (("seam.src", "--method", "all"), "'all' is not for programs"),
+        (("seam.src", "--method", "newton"), "'newton' is not for programs"),
         (("seam.src", "--serial", "1"), "is not for programs"),
         (("targets.csv", "--serial", "1", "--insert"), "is for programs"),
         (("seam.src", "-o", "nowhere/x.txt"), "neither a folder nor a .src file"),

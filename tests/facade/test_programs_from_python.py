@@ -73,7 +73,7 @@ def test_a_program_is_shown_with_its_places_left(model, folder):
     seam.write(folder)
     program = model.compensate_program("seam.src", config="$config.dat")
     shown = program._repr_html_()
-    assert "5 points compensated, 1 places left unchanged" in shown
+    assert "5 points compensated, 1 place left unchanged" in shown
     (left,) = program.report["left"]
     assert f"seam.src:{left['line']}: " in shown
     assert "GLOBAL" in shown
