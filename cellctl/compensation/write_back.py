@@ -50,10 +50,8 @@ def _nearest(
 ) -> SerialChain:
     """The chain whose `free` parameters (P,) bring it nearest to the identified robot, by Gauss–Newton from `start`."""
     q = np.asarray(postures, float)
-    goal, unit = (
-        identified.pose(q),
-        np.where(controller.parameter_turns, 1.0 / max(controller.reach_mm, 1.0), 1.0)[free],
-    )
+    goal, reach = identified.pose(q), max(controller.reach_mm, 1.0)
+    unit = np.where(controller.parameter_turns, 1.0 / reach, 1.0)[free]
     values = start.copy()
     for _ in range(_STEPS):
         chain = controller.with_parameters(values)
