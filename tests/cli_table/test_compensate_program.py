@@ -495,7 +495,7 @@ def test_the_output_says_which_points_must_not_be_compensated(compensated, capsy
     compensated()
     said = capsys.readouterr().out
     assert "Points taught by hand with this robot contain its error already" in said
-    assert "tool is 1.100 mm from the robot file's" in said
+    assert "The identified tool is 1.100 mm from the taught one" in said
 
 
 @pytest.mark.parametrize(
