@@ -109,8 +109,8 @@ def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: d
         yield "The errors of the arm are corrected; the tool is taken from the program's data (--arm-only)."
     else:
         yield (
-            f"The identified tool is {figures['tool_shift_mm']:.3f} mm from the taught one; the points bring the identified "
-            "tool to the program's places."
+            f"The identified tool is {figures['tool_shift_mm']:.3f} mm from the taught one; the points bring "
+            "the identified tool to the program's places."
         )
     yield _TAUGHT
     written = ", ".join(figures["files"])
