@@ -44,8 +44,8 @@ def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: d
         yield "The errors of the arm are corrected; the tool is taken from the program's data (--arm-only)."
     else:
         yield (
-            f"The model's tool is {figures['tool_shift_mm']:.3f} mm from the robot file's; the points take the model's "
-            "tool to where the program has the tool."
+            f"The identified tool is {figures['tool_shift_mm']:.3f} mm from the taught one; the points bring "
+            "the identified tool to the program's places."
         )
     yield _TAUGHT
     written = ", ".join(figures["files"])

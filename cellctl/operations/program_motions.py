@@ -37,6 +37,9 @@ _STAYS = frozenset(
 )  # fmt: skip
 """Control statements after which the robot is where the motion before left it."""
 
+_MOVE_NOTHING = ("SET_CD_PARAMS", "PULSE")
+"""Subprograms of the system in inline forms: collision detection, outputs."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -163,6 +166,8 @@ def _moves(program: Program) -> Iterator[Move]:
                 modes.call(statement.call)
             case Spline():
                 modes.spline(statement)
+            case Invocation() if statement.call.name.upper() in _MOVE_NOTHING:
+                pass
             case Invocation() | Unknown() | Begin():
                 previous = None
             case Control() if statement.keyword not in _STAYS:

@@ -280,6 +280,15 @@ def test_points_of_a_fixed_tool_and_circles_that_are_none_stay(compensated):
     assert "determine no circle" in found["XP9"]
 
 
+def test_inline_forms_with_collision_detection_are_judged_and_calls_of_others_are_not(compensated):
+    seam = usual_seam()
+    seam.src.insert(seam.src.index("LIN XP2"), "SET_CD_PARAMS (0)")
+    seam.src.insert(len(seam.src) - 6, "GRIPPER(1)")
+    figures = compensated(seam)
+    assert figures["compensated"] == 5
+    assert [path["reason"] for path in figures["paths"]] == ["", "", "its start is not certain"]
+
+
 def test_a_path_after_a_branch_is_not_judged(compensated):
     seam = usual_seam()
     at = seam.src.index(next(line for line in seam.src if line.startswith(";FOLD CIRC")))
@@ -486,7 +495,7 @@ def test_the_output_says_which_points_must_not_be_compensated(compensated, capsy
     compensated()
     said = capsys.readouterr().out
     assert "Points taught by hand with this robot contain its error already" in said
-    assert "tool is 1.100 mm from the robot file's" in said
+    assert "The identified tool is 1.100 mm from the taught one" in said
 
 
 @pytest.mark.parametrize(
