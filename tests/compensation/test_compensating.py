@@ -226,12 +226,3 @@ def best_fit_rest(points, onto):
     u, _, vt = np.linalg.svd(b.T @ a)
     turned = a @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
     return np.linalg.norm(turned - b, axis=1)
-
-
-def test_the_tracker_campaign_offers_every_method():
-    from typing import get_args
-
-    from cellctl.compensation import METHODS
-    from procedures.steps.tracker.proving import CompensateInputs
-
-    assert get_args(CompensateInputs.model_fields["method"].annotation) == tuple(METHODS)

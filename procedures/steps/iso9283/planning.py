@@ -13,7 +13,8 @@ from cellctl.procedure import CellContext, StepContext
 from procedures.steps.iso9283.cube import Cube, planned_cube
 from procedures.steps.iso9283.cycles import Cycles, cube_rounds
 from procedures.steps.iso9283.plans import CubeRound
-from procedures.steps.iso9283.rows import MODEL_FILE, CubeRow
+from procedures.steps.iso9283.rows import CubeRow
+from procedures.steps.tracker.rows import MODEL_FILE
 
 
 def planned(context: CellContext, edge: float, centre: str, reflectors: int) -> Cube:
