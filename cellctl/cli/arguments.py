@@ -37,6 +37,10 @@ OtherCell = Annotated[
 ShownCell = Annotated[
     Path | None, typer.Option("--cell", help="Cell file or shipped name: show its controller's tables.", callback=_cell)
 ]
+CheckedCell = Annotated[
+    Path | None,
+    typer.Option("--cell", help="Cell file or shipped name: checks robot, tool, largest correction.", callback=_cell),
+]
 Robot = Annotated[
     Path, typer.Argument(help="Robot file (link table, joints, base, tool), or a shipped name.", callback=_robot)
 ]

@@ -31,7 +31,7 @@ def from_prior(measured: Measurements, prior: ModelFile, free: Collection[str] =
     another robot's model, or has no such group, or where base or tool would have to be those of a session and none is
     named.
     """
-    problems = another_robot(prior.robot, measured.robot, file)
+    problems = _another_robot(prior.robot, measured.robot, file)
     model, groups = prior.robot_model(), frozenset(free) or None
     problems += _stands_otherwise(model, measured.robot, file)
     problems += _unknown_groups(model, free)
@@ -92,7 +92,7 @@ def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[st
     return bool((own if instrument else own - {"base"}) - groups)
 
 
-def another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:
+def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:
     """Differences that show two different robots; tool, base and limits may differ."""
     pairs = [
         ("convention", older.convention, robot.convention),
