@@ -23,6 +23,12 @@ class Manner:
     passes: int | None
     limit_deg: float
 
+    @property
+    def name(self) -> str:
+        """As a table file names it."""
+        made = "" if self.passes is None else f", {self.passes} pass{'' if self.passes == 1 else 'es'}"
+        return f"{self.method}{made}"
+
 
 @final
 @dataclass(frozen=True, eq=False)

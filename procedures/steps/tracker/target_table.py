@@ -86,7 +86,7 @@ def _table(context: StepContext, model: ModelFile, targets: Compensable, manner:
         model,
         targets.targets,
         targets.found,
-        method=manner.method,
+        method=manner.name,
         serial=identity.serial,
         simulated=identity.simulated,
         run=context.run_name,

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.engine import State
 from cellctl.files import InputError, load_yaml
-from cellctl.formats import ModelFile
+from cellctl.formats import ModelFile, TableFile
 from cellctl.procedure import CellFiles
 from cellctl.records import TableStateRow
 from cellctl.report import write_report
@@ -152,10 +152,27 @@ def test_a_station_that_is_bumped_begins_a_new_session_with_the_model_of_an_earl
     assert found.after.max < 0.2
 
 
+@pytest.mark.long
+def test_a_run_that_ends_before_its_verdict_takes_the_table_back_and_is_resumed(runs: Path, own: FakeRun) -> None:
+    given = FEW | {"model_run": "own"}
+    ended = run_fake(PROCEDURE, runs, given, faults=Faults(lost=set(range(43, 999))), name="resumed")
+    assert ended.outcome.state is State.FAILED
+    assert 0 < len(ended.journal.recorded(CompensatedRow)) < 8
+    assert not ended.robot.tables
+    (runs / "own").rename(runs / "not there")
+    again = run_fake(PROCEDURE, runs, given, resumed=ended, name="resumed")
+    (runs / "not there").rename(runs / "own")
+    assert again.outcome.state is State.FINISHED, again.outcome.error
+    assert verdict_of(again).better
+    assert len(again.journal.recorded(CompensatedRow)) == 8
+    assert again.robot.tables[-1].id == again.journal.recorded(TargetsRow)[0].table
+
+
 def test_one_pass_is_made_where_one_is_asked_for(runs: Path, own: FakeRun) -> None:
     ended = run_fake(PROCEDURE, runs, FEW | {"model_run": "own", "passes": 1}, name="once")
     assert verdict_of(ended).better
     assert ended.journal.recorded(TargetsRow)[0].passes == 1
+    assert TableFile.load(runs / "once" / "table.json").source.method == "pseudo-target, 1 pass"
     assert any("passes: 1 at most" in line for line in verdict_of(ended).lines)
 
 
