@@ -1,4 +1,4 @@
-"""`cellctl import`: makes a data set from a pendant's joint list and a hand-typed table of positions."""
+"""`cellctl import`: makes a data set of joints and measured positions, or a target file of a program's points."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ if TYPE_CHECKING:
 
 
 def import_data(
-    joints: Annotated[Path, typer.Argument(help="Joint list: KRL (.dat), $AXIS_ACT listing, UR script, or table.")],
+    joints: Annotated[
+        Path, typer.Argument(help="Joints: KRL, RAPID, FANUC .LS, UR script, $AXIS_ACT listing, or table.")
+    ],
     positions: Annotated[
-        Path | None, typer.Argument(help="Table of measured X, Y, Z. Omit it if the joint table has them.")
+        Path | None,
+        typer.Argument(help="Measured X, Y, Z: table, instrument's text. Omit it if the joint table has them."),
     ] = None,
     out: arguments.Out = None,
     robot: arguments.RobotOption = None,
@@ -26,7 +29,8 @@ def import_data(
     angles: Annotated[str | None, typer.Option(help="Unit of the joints, if ambiguous: deg|rad.")] = None,
     pair: Annotated[str | None, typer.Option(help="Pair the rows of both files by: name|order.")] = None,
     orientation: Annotated[
-        str | None, typer.Option(help="Take orientations too: abc (KUKA, Rz Ry Rx, deg) or quaternion (QW…QZ).")
+        str | None,
+        typer.Option(help="Take orientations too: abc (KUKA), quaternion, fixed-xyz, euler-xyz, rotation-vector."),
     ] = None,
     columns: Annotated[
         list[str] | None, typer.Option(help="Name columns: --columns A1=shoulder,X=north (may be repeated).")
@@ -34,9 +38,18 @@ def import_data(
     repeats: Annotated[
         bool, typer.Option("--repeats", help="A point may have several rows (repeated measurements).")
     ] = False,
+    targets: Annotated[
+        bool, typer.Option("--targets", help="Make a target file for `compensate` from Cartesian points.")
+    ] = False,
+    j3: Annotated[
+        str | None, typer.Option(help="FANUC: J3 counts from the horizontal, or from the arm before: horizontal|arm.")
+    ] = None,
+    coverage: Annotated[float | None, typer.Option(help="How many σ the columns Ux, Uy, Uz are.")] = None,
+    group: Annotated[str | None, typer.Option(help="Take the points of this group only.")] = None,
+    frame: Annotated[str | None, typer.Option(help="With --targets: take the points in this frame only.")] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Make a data set from joint list and measured positions.
+    """Make a data set from joint list and measured positions, or targets from a program.
 
     For an instrument that is not connected to the robot.
 
@@ -44,31 +57,55 @@ def import_data(
     m; which rows are pairs) is refused, with the option that resolves it.
 
     Example: cellctl import messung.dat positions.csv --robot kr5_r1400 -o data.csv
+
+    Example: cellctl import part.mod --targets -o targets.csv
     """
     from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
     from cellctl.formats import RobotFile
     from cellctl.formats.dataset import text_of
-    from cellctl.pendant_import import choices, imported
+    from cellctl.pendant_import import choices, imported, imported_targets
 
-    refuse_json_on_stdout(json_, out, "the data set")
+    refuse_json_on_stdout(json_, out, "the target file" if targets else "the data set")
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
-    given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation}
-    answers = choices(given, columns or (), repeats=repeats)
-    result = imported(joints, positions, answers, RobotFile.load(robot) if robot else None)
+    given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation, "j3": j3}
+    of_joints = {"POSITIONS": positions, "--robot": robot, "--angles": angles, "--pair": pair, "--j3": j3}
+    _refuse_without_meaning(targets, {**of_joints, "--repeats": repeats or None}, frame)
+    answers = choices(given, columns or (), repeats=repeats, coverage=coverage, group=group, frame=frame)
+    if targets:
+        result = imported_targets(joints, answers)
+    else:
+        result = imported(joints, positions, answers, RobotFile.load(robot) if robot else None)
     text = text_of(result.records)
     if out:
         write_atomically(out, text)
     elif json_ != "-":
         to_stdout(text)
-    typer.echo(_words(result, out), err=True)
+    typer.echo(_words(result, out, "target" if targets else "row"), err=True)
     left = [{"file": row.file, "line": row.line, "name": row.name, "reason": row.reason} for row in result.left_out]
     write_json({"rows": len(result.records), "decided": list(result.decided), "left_out": left}, json_)
 
 
-def _words(result: Imported, out: Path | None) -> str:
+def _refuse_without_meaning(targets: bool, for_joints: dict[str, object], frame: str | None) -> None:
+    """Raise InputError for options of joints beside --targets, and for --frame without it."""
+    from cellctl.files import InputError, Problem
+
+    if not targets and frame is not None:
+        raise InputError(Problem("--frame", 0, 0, "has a meaning for targets only", "give --targets too"))
+    given = [name for name, value in for_joints.items() if value is not None] if targets else []
+    if given:
+        raise InputError(
+            Problem(name, 0, 0, "has no meaning with --targets", "cellctl import POINTS --targets -o targets.csv")
+            for name in given
+        )
+
+
+def _words(result: Imported, out: Path | None, what: str) -> str:
     count = len(result.records)
-    lines = [f"{out or 'data set'}: {count} row{'s' * (count != 1)}", *(f"  {each}" for each in result.decided)]
+    lines = [
+        f"{out or ('targets' if what == 'target' else 'data set')}: {count} {what}{'s' * (count != 1)}",
+        *(f"  {each}" for each in result.decided),
+    ]
     if result.left_out:
         lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out[:SHOWN])]
     if len(result.left_out) > SHOWN:

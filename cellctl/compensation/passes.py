@@ -64,30 +64,27 @@ class Passes:
             self.history.append(self.left.copy())
         if ends.tolerance_mm is not None:
             for row in np.flatnonzero(open_).tolist():
-                self.reasons[row] = self._rest(row)
+                self.reasons[row] = self._rest(row, ends)
         change = self.q - self._first.q
         for row in np.flatnonzero(np.abs(change).max(axis=1, initial=0.0) > ends.most_rad).tolist():
             self.reasons[row] = self.reasons[row] or self._far(row, change[row], ends)
 
     def _pass(self, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]], ends: Ends) -> Bools:
-        """One pass of the targets `rows`; which of them it brought nearer. The others stay as they were."""
+        """One pass of the targets `rows`; which of them may have another. The nearest joints so far are kept."""
         step = self._method.correction(self._sender, self._robot, self._targets[rows], self._now.pick(rows))
         q, left = step.q - self._robot.zeros, difference(self._targets[rows], self._robot.pose(step.q))
         change = q - self._first.q[rows]
         small = np.abs(change).max(axis=1) <= _ASTRAY * ends.most_rad
-        nearer = self._size(left) < self._size(self.left[rows]) if ends.tolerance_mm is not None else True
-        good = np.asarray(step.reached & small & nearer)
+        good = np.asarray(step.reached & small)
         for place in np.flatnonzero(~good).tolist():
             row = int(rows[place])
-            if not step.reached[place]:
-                self.reasons[row] = unreached_reason(self._sender, self._first.q[row], self._millimetres(row))
-            elif not small[place]:
+            if step.reached[place]:
                 self.reasons[row] = self._far(row, change[place], ends)
             else:
-                self.reasons[row] = self._rest(row)
-        kept = rows[good]
-        self._now.q[kept], self._now.pseudo[kept] = step.q[good], step.pseudo[good]
-        self.q[kept], self.left[kept] = q[good], left[good]
+                self.reasons[row] = unreached_reason(self._sender, self._first.q[row], self._millimetres(row))
+        self._now.q[rows[good]], self._now.pseudo[rows[good]] = step.q[good], step.pseudo[good]
+        nearer = good & ((self._size(left) < self._size(self.left[rows])) | (ends.tolerance_mm is None))
+        self.q[rows[nearer]], self.left[rows[nearer]] = q[nearer], left[nearer]
         return good
 
     def _within(self, ends: Ends) -> Bools:
@@ -100,9 +97,9 @@ class Passes:
         turned = 0.0 if self._method.position_only else angles(left) / RAD_PER_MM
         return np.asarray(distances(left) + turned)
 
-    def _rest(self, row: int) -> str:
+    def _rest(self, row: int, ends: Ends) -> str:
         angle = 0.0 if self._method.position_only else float(angles(self.left[row]))
-        return rest_reason(self._sender, self._first.q[row], self._millimetres(row), angle, len(self.history))
+        return rest_reason(self._sender, self._first.q[row], self._millimetres(row), angle, ends.most)
 
     def _far(self, row: int, change: Floats, ends: Ends) -> str:
         return branch_reason(self._sender, self._first.q[row], change, ends.most_rad)

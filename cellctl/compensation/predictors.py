@@ -20,14 +20,17 @@ PredictedErrors: TypeAlias = Callable[[Floats], Floats]
 
 
 class Predictor(Protocol):
-    """A robot as the corrections see it; `zeros` (n,), rad, are subtracted from its joints q to command them."""
+    """A robot, as the corrections need it."""
 
     @property
-    def zeros(self) -> Floats: ...  # noqa: D102
+    def zeros(self) -> Floats:
+        """Subtracted from the joints (n,), rad, to command them."""
 
-    def pose(self, q: Floats) -> Floats: ...  # noqa: D102
+    def pose(self, q: Floats) -> Floats:
+        """TCP (N, 4, 4), mm, at joints q (N, n), rad."""
 
-    def jacobian(self, q: Floats) -> Floats: ...  # noqa: D102
+    def jacobian(self, q: Floats) -> Floats:
+        """Of the TCP by the joints (N, 6, n), mm and rad per rad."""
 
 
 @final

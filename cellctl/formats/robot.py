@@ -155,7 +155,8 @@ class Source(BaseModel):
     """Origin of a robot file's numbers.
 
     numbers: document, or package and file, of the link table; licence: of that source; payload: rated, kg. limits: of
-    limits and speeds, repeatability: of the repeatability, where these are from elsewhere.
+    limits and speeds, repeatability: of the repeatability, where these are from elsewhere. controller_j3: `horizontal`
+    where the controller shows J3 against the horizontal, and the file's J3 is the angle between the arms.
     """
 
     model_config = _STRICT
@@ -166,6 +167,7 @@ class Source(BaseModel):
     checked: Checked
     limits: Text | None = None
     repeatability: Text | None = None
+    controller_j3: Literal["horizontal"] | None = None
     remarks: Text | None = None
 
 

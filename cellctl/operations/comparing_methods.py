@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, final
 
@@ -32,7 +31,7 @@ class MethodFigures:
     targets, reached: their counts; unreached: line and reason of each of the others. before, one_pass, iterated: at the
     nominal joints, after one pass, and repeated to the tolerance, over the targets that are reached; None where none
     is. per_pass_mm: mean error before the first pass and after each. position_only: the orientation is not compensated.
-    repeats: whether a further pass changes anything. seconds_per_target: of the iterated form, with its inverse.
+    repeats: whether a further pass changes anything. seconds_per_target: to find the joints, with the inverse.
     """
 
     method: str
@@ -69,10 +68,8 @@ def _figures(model: ModelFile, wanted: Targets, method: str, correction_deg: flo
 
     from cellctl.compensation import METHODS
 
-    began = time.perf_counter()
-    tried = try_targets(model, wanted, method=method, correction_deg=correction_deg)
-    seconds = time.perf_counter() - began
     once = try_targets(model, wanted, method=method, passes=1, correction_deg=correction_deg)
+    tried = try_targets(model, wanted, method=method, correction_deg=correction_deg)
     good = np.array([not reasons for reasons in tried.reasons])
     rows, after_one = good & np.array([not reasons for reasons in once.reasons]), _last(once)
     per_pass = tried.found.error_mm[:, good]
@@ -87,7 +84,7 @@ def _figures(model: ModelFile, wanted: Targets, method: str, correction_deg: flo
         per_pass_mm=per_pass.mean(axis=1).tolist() if good.any() else [],
         position_only=tried.found.position_only,
         repeats=METHODS[method].write_back is None,
-        seconds_per_target=seconds / max(len(good), 1),
+        seconds_per_target=tried.seconds / max(len(good), 1),
     )
 
 

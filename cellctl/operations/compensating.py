@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -107,11 +108,15 @@ def compensate_targets(
 @final
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """Targets as compensated, with the reasons (N,) against each; a target without any may be sent to the robot."""
+    """Targets as compensated, with the reasons (N,) against each; a target without any may be sent to the robot.
+
+    seconds: to find the joints.
+    """
 
     wanted: Targets
     found: Compensated
     reasons: list[list[str]]
+    seconds: float
 
     def refused(self) -> list[tuple[int, str]]:
         """Line and reason, for every reason."""
@@ -134,14 +139,16 @@ def try_targets(
     postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
     started = np.asarray(np.isfinite(postures).all(axis=1))
     start = np.where(np.isfinite(postures), postures, 0.0)
+    began = time.perf_counter()
     found = compensated_targets(model, wanted.poses, start, method=method, passes=passes, errors=errors)
+    seconds = time.perf_counter() - began
     rows = target_rows(model, wanted.poses, found, errors)
     of_rows = row_problems(rows, valid_region(model), model.robot, correction_deg)
     reasons = [
         ([reason] if reason else row) if known else [OUT_OF_REACH]
         for known, reason, row in zip(started.tolist(), found.reasons, of_rows, strict=True)
     ]
-    return Tried(wanted, found, reasons)
+    return Tried(wanted, found, reasons, seconds)
 
 
 def refuse_model(model: ModelFile, file: str) -> None:
@@ -166,7 +173,7 @@ def refuse_other_cell(model: ModelFile, file: str, cell: CellRobot) -> None:
         cure = "identify the new tool: `cellctl fit … --prior MODEL --free tool`" if tool else "give this robot's model"
         found.append(Problem(file, 0, 0, what + (": the model is older than the tool" if tool else ""), cure))
     if not found and _kinematics(model.robot) != _kinematics(cell.robot):
-        what = "the links, joints or base of the cell's robot file were changed after the model was identified"
+        what = "links, joints or mounting of the cell's robot file were changed after the model was identified"
         found.append(Problem(file, 0, 0, what, "identify again with this robot file"))
     if found:
         raise InputError(found)
@@ -174,4 +181,4 @@ def refuse_other_cell(model: ModelFile, file: str, cell: CellRobot) -> None:
 
 def _kinematics(robot: RobotFile) -> object:
     joints = [(joint.sign, joint.offset) for joint in robot.joints]
-    return robot.convention, robot.links, robot.screws, robot.home, joints, robot.base, robot.mounting
+    return robot.convention, robot.links, robot.screws, robot.home, joints, robot.mounting

@@ -69,9 +69,13 @@ def _copies(joints: PointList, positions: PointList) -> list[Problem]:
     for place, (one, other) in enumerate(zip(positions.points, positions.points[1:], strict=False)):
         still = joints.points[place : place + 2]
         moved = len(still) < 2 or still[0].values != still[1].values
-        if one.values == other.values and not one.fault and moved:
+        if _place(one) == _place(other) and not one.fault and moved:
             reasons.append(Problem(positions.file, other.line, 0, f"the same numbers as line {one.line}: typed twice?"))
     return reasons
+
+
+def _place(point: Point) -> list[object]:
+    return [point.values.get(axis) for axis in "XYZ"]
 
 
 def _misnamed(joints: PointList, positions: PointList) -> list[Problem]:

@@ -33,11 +33,12 @@ class Row:
 @final
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """A table as cells. separated: the separator, in words."""
+    """A table as cells. separated: the separator, in words. notes: lines that begin with `//`, with their number."""
 
     file: str
     rows: tuple[Row, ...]
     separated: str
+    notes: tuple[tuple[int, str], ...] = ()
 
 
 def cells_of(text: str, file: str) -> Cells:
@@ -52,7 +53,8 @@ def cells_of(text: str, file: str) -> Cells:
         what = "holds no row with three numbers, whatever separates the columns: tabs, semicolons, commas or spaces"
         cure = "separate the columns by semicolons or tabs; commas cannot be decimal sign and separator at once"
         raise InputError(Problem(file, 0, 0, what, cure))
-    return Cells(file, tuple(_rows(lines, mark)), _SEPARATORS.get(mark, f"'{mark}'"))
+    notes = tuple((number, line.strip(" \t/")) for number, line in lines if line.lstrip().startswith("//"))
+    return Cells(file, tuple(_rows(lines, mark)), _SEPARATORS.get(mark, f"'{mark}'"), notes)
 
 
 def _rows(lines: list[tuple[int, str]], mark: str) -> list[Row]:

@@ -15,25 +15,46 @@ ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": 
 _UNITS = {**LENGTHS, **ANGLES}
 _BRACKETED = re.compile(r"(?P<words>.*?)\s*(?:\[\s*(?P<a>[^\]]+?)\s*\]|\(\s*(?P<b>[^)]+?)\s*\)|/\s*(?P<c>\S+?))\s*")
 _TRAILING = re.compile(r"(?P<words>.*?[^\W_])[\s_]+(?:in\s+)?(?P<a>mm|cm|um|µm|inch|deg|rad|°)\s*", re.IGNORECASE)
-_WORDS = re.compile(r"[a-zäöüßθ]+|\d+", re.IGNORECASE)
+_WORDS = re.compile(r"[a-zäöüßθσ]+|\d+", re.IGNORECASE)
 _NAMES = {
     "name", "names", "nr", "no", "num", "number", "nummer", "punkt", "punktnummer", "punktname", "pkt", "pt", "point",
     "points", "id", "label", "bezeichnung", "p",
-    "pos", "position", "messpunkt",
+    "pos", "position", "messpunkt", "target", "targets", "feature",
 }  # fmt: skip
+_GROUPS = {"collection", "group", "gruppe"}
 _POSITION = {
     "pos", "position", "coord", "coordinate", "koordinate", "wert", "value", "measured", "measurement", "meas",
     "actual", "act", "ist", "gemessen", "messwert", "tracker", "tcp", "point", "punkt",
 }  # fmt: skip
 _JOINT = re.compile(r"(?:joint|achse|axis|gelenk|theta|θ|[ajq])[\s_.-]*(?:angle|pos|position|winkel)?[\s_.-]*(\d{1,2})")
-_ORIENTATION = {"A", "B", "C", "QW", "QX", "QY", "QZ"}
-_REMARKS = {"remark", "remarks", "bemerkung", "bemerkungen", "comment", "kommentar", "note", "notes", "notiz"}
+_ORIENTATION = {"A", "B", "C", "QW", "QX", "QY", "QZ", "RX", "RY", "RZ"}
+_REMARKS = {
+    "remark",
+    "remarks",
+    "bemerkung",
+    "bemerkungen",
+    "comment",
+    "comments",
+    "kommentar",
+    "note",
+    "notes",
+    "notiz",
+}
+_SIGMA = {"s", "sigma", "σ", "std", "stdev", "stddev", "standard", "standardabweichung"}
+_DEVIATION = {"dev", "deviation"}
+_UNCERTAINTY = {"u", "unc", "uncertainty", "uncertainties", "unsicherheit"}
+_ONE_WORD = re.compile(r"(?P<kind>sigma|std|unc|[suσ])(?P<axis>[xyz])", re.IGNORECASE)
+_TIMES = {"time", "stamp", "timestamp", "zeit", "uhrzeit", "zeitstempel", "measured", "measurement"}
+_DATES = {"date", "datum"}
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """A column: which of the data set's it is (`name`, `A1`, `J1`, `q1`, `X`, …; empty: unknown), unit or empty."""
+    """A column: which of the data set's it is (`name`, `A1`, `J1`, `q1`, `X`, …; empty: unknown), unit or empty.
+
+    `UX`…: an uncertainty of unknown coverage. `collection`, `group`, `date`: parts of a name or a time.
+    """
 
     column: str
     unit: str = ""
@@ -45,7 +66,11 @@ def heading(text: str) -> Heading:
     letters = [word.casefold() for word in _WORDS.findall(words)]
     if words.strip() == "#" or (letters and set(letters) <= _NAMES):
         return Heading("name")
+    if part := _part_of_name_or_time(set(letters)):
+        return Heading(part)
     axes = [word for word in letters if word in ("x", "y", "z")]
+    if spread := _spread(words, letters, axes):
+        return Heading(spread, unit)
     if len(axes) == 1 and set(letters) - set(axes) <= _POSITION and unit not in ANGLES.values():
         return Heading(axes[0].upper(), unit)
     joint = _JOINT.fullmatch(words.strip(" #").casefold())
@@ -58,6 +83,33 @@ def heading(text: str) -> Heading:
     if plain in _ORIENTATION:
         return Heading(plain, unit)
     return Heading("remark" if letters and set(letters) <= _REMARKS else "", unit)
+
+
+def _part_of_name_or_time(letters: set[str]) -> str:
+    """`collection`, `group`, `name` (of `Collection::Group::Point`), `time` or `date`, empty where it is none."""
+    if letters & _GROUPS:
+        if letters & _NAMES - {"name", "names"}:
+            return "name" if letters <= _GROUPS | _NAMES else ""
+        return ("collection" if "collection" in letters else "group") if letters <= _GROUPS | {"name"} else ""
+    if letters & (_TIMES - {"measured", "measurement"}) and letters <= _TIMES | _DATES:
+        return "time"
+    return "date" if letters and letters <= _DATES else ""
+
+
+def _spread(words: str, letters: Sequence[str], axes: Sequence[str]) -> str:
+    """`sX`… for a standard deviation, `UX`… for an uncertainty of unknown coverage; empty where it is neither.
+
+    `Deviation X` and `Dev X` are neither: actual minus nominal.
+    """
+    one = _ONE_WORD.fullmatch(words.strip(" #"))
+    if one:
+        return f"{'U' if one['kind'].casefold() in _UNCERTAINTY else 's'}{one['axis'].upper()}"
+    rest = set(letters) - set(axes)
+    if len(axes) != 1:
+        return ""
+    if rest & _SIGMA and rest <= _SIGMA | _DEVIATION:
+        return f"s{axes[0].upper()}"
+    return f"U{axes[0].upper()}" if rest & _UNCERTAINTY and rest <= _UNCERTAINTY | {"coordinate"} else ""
 
 
 def is_units_row(cells: Sequence[str]) -> bool:

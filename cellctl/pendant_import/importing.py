@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 from cellctl.files import InputError, Problem
 from cellctl.pendant_import.choices import Choices
+from cellctl.pendant_import.instrument import of_group, with_times
 from cellctl.pendant_import.joint_list import joint_points, joint_texts
 from cellctl.pendant_import.pairing import paired
 from cellctl.pendant_import.pairs import LeftOut, Pairing
@@ -49,6 +50,7 @@ def imported(joints: Path, positions: Path | None, choices: Choices, robot: Robo
 def _of_one(path: Path, choices: Choices, robot: RobotFile | None) -> Imported:
     wanted = measured_columns(choices)
     raw = joint_texts(read_text(path), str(path), choices, robot, wanted)
+    raw = with_times(of_group(raw, choices))
     _check_columns(choices, raw)
     points = measured(raw, joint_points(raw, choices, robot, wanted), choices)
     usable = [(point, point) for point in points.points if not point.fault]

@@ -12,10 +12,10 @@ from cellctl.files import InputError, Problem
 from cellctl.formats.columns import BEYOND_LIMITS_DEG
 from cellctl.pendant_import.cells import Cells, cells_of
 from cellctl.pendant_import.choices import AngleUnit, Choices
-from cellctl.pendant_import.krl import axis_listing, is_axis_listing, is_krl, krl_points
 from cellctl.pendant_import.points import Point, PointList, RawList, Value
-from cellctl.pendant_import.script import is_number_lists, list_points
-from cellctl.pendant_import.typed_table import headed, lacking, raw_points, unheaded
+from cellctl.pendant_import.programs import program_postures
+from cellctl.pendant_import.third_joint import between_the_arms
+from cellctl.pendant_import.typed_table import headed, lacking, optional_columns, raw_points, unheaded
 from cellctl.pendant_import.values import read_values
 
 if TYPE_CHECKING:
@@ -35,21 +35,13 @@ def joint_texts(text: str, file: str, choices: Choices, robot: RobotFile | None,
 
     Raises InputError where the file as a whole cannot be read.
     """
-    found = _from_controller(text, file, robot)
+    found = program_postures(text, file, robot.n if robot else None)
     if found is None:
         return _from_table(cells_of(text, file), choices, robot, measured)
     if measured:
         cure = "give the table of positions too: cellctl import JOINTS POSITIONS"
         raise InputError(Problem(file, 0, 0, "holds joints only", cure))
     return found
-
-
-def _from_controller(text: str, file: str, robot: RobotFile | None) -> RawList | None:
-    if is_krl(text):
-        return krl_points(text, file)
-    if is_axis_listing(text):
-        return axis_listing(text, file)
-    return list_points(text, file, robot.n if robot else None) if is_number_lists(text) else None
 
 
 def _from_table(table: Cells, choices: Choices, robot: RobotFile | None, measured: Sequence[str]) -> RawList:
@@ -66,7 +58,8 @@ def _from_table(table: Cells, choices: Choices, robot: RobotFile | None, measure
         problem = lacking(table.file, head, missing, choices.columns)
         raise InputError(replace(problem, what=f"{problem.what}, and no table of positions is given"))
     extra = [name for name in choices.columns if name in head.places and name != "name"]
-    return raw_points(table, head, list(dict.fromkeys([*own, *measured, *extra])))
+    stated = optional_columns(head) if measured else []
+    return raw_points(table, head, list(dict.fromkeys([*own, *measured, *extra, *stated])))
 
 
 def joint_points(raw: RawList, choices: Choices, robot: RobotFile | None, measured: Sequence[str] = ()) -> PointList:
@@ -81,8 +74,9 @@ def joint_points(raw: RawList, choices: Choices, robot: RobotFile | None, measur
     letter = "A" if unit == "deg" else "q"
     renamed = {name: f"{letter}{place}" for place, name in enumerate(names, 1)}
     still, moves = _external_axes(read)
-    points = tuple(_checked(_renamed(point, renamed, still), unit, len(names), robot) for point in read.points)
-    return replace(read, points=points, decided=(*read.decided, how, moves))
+    turned, third = between_the_arms(raw, [_renamed(point, renamed, still) for point in read.points], choices, robot)
+    points = tuple(_checked(point, unit, len(names), robot) for point in turned)
+    return replace(read, points=points, decided=(*read.decided, how, moves, third))
 
 
 def _joints(raw: RawList, robot: RobotFile | None) -> list[str]:

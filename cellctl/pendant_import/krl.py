@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cellctl.krl import Declaration, Declared, Point, Unknown, aggregate_in, point_of, points_of, statements
 from cellctl.pendant_import.points import Raw, RawList
 from cellctl.pendant_import.text import lines_of
 
@@ -13,13 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _KRL = re.compile(r"\{[^{}\n]*\b[AE]\d\s|\bE6AXIS\b|\bE6POS\b|\bDEFDAT\b", re.IGNORECASE)
-_DECLARED = r"\b(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\b"
-_POINT = re.compile(
-    rf"(?:{_DECLARED}\s+)?(?:(?P<name>\$?[A-Za-z_][\w$]*(?:\s*\[[\d\s,]*\])?)\s*=\s*)?\{{(?P<body>[^{{}}]*)\}}",
-    re.IGNORECASE,
-)
-_UNTAUGHT = re.compile(rf"{_DECLARED}\s+(?P<name>\w+)\s*$", re.IGNORECASE)
-_FIELD = re.compile(r"\s*(?P<label>[A-Za-z]\w*)\s+(?P<value>\S+)\s*")
 _NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
 _LABEL = re.compile(
     rf"(?:\$AXIS_ACT\w*\s*\.\s*)?(?<![A-Za-z0-9_])(?P<label>[AE]\d)\s*[:=]?\s*(?={_NUMBER})", re.IGNORECASE
@@ -27,7 +21,8 @@ _LABEL = re.compile(
 _LISTING = re.compile(
     rf"(?<!\w)A1\s*[:=]?\s*{_NUMBER}\s*(?:°|deg)?[\s,;]*(?:\$AXIS_ACT\w*\s*\.\s*)?A2\s*[:=]?\s*{_NUMBER}", re.IGNORECASE
 )
-_AXIS = re.compile(r"[AE]\d")
+_POINT_TYPES = ("E6AXIS", "AXIS", "E6POS", "POS", "FRAME")
+_POINT_BEGINS = re.compile(r"\{[^{}]*\b[AEXYZ]\d?\s", re.IGNORECASE)
 
 
 def is_krl(text: str) -> bool:
@@ -46,38 +41,37 @@ def krl_points(text: str, file: str) -> RawList:
     Comments and declarations other than points (FDAT, PDAT, LDAT, …) are skipped. `$AXIS_ACT={…}` is a point without a
     name.
     """
-    points = []
-    for line, written in enumerate(lines_of(text), 1):
-        code = written.partition(";")[0]
-        points += list(_points_of(code, line))
+    read = statements(text)
+    found = [(point.span, _raw(point, text)) for point in points_of(read)]
+    for statement in read:
+        if isinstance(statement, Declaration):
+            found += [(variable.target.span, raw) for variable, raw in _untaught(statement)]
+        elif isinstance(statement, Unknown) and _POINT_BEGINS.search(text[statement.span.start : statement.span.end]):
+            found.append((statement.span, _not_understood(statement, text)))
+    points = [_actual(raw) for _, raw in sorted(found, key=lambda item: item[0])]
     return RawList(file, "krl", tuple(points), dict.fromkeys(_axes(points), "deg"), ("KRL, degrees, decimal point",))
 
 
-def _points_of(code: str, line: int) -> Iterator[Raw]:
-    untaught = _UNTAUGHT.search(code)
-    if untaught:
-        yield Raw(line, untaught["name"], {}, f"{untaught['type'].upper()} without a value: not taught")
-    for found in _POINT.finditer(code):
-        name = re.sub(r"\s+", "", found["name"] or "")
-        point = _point(line, name, (found["type"] or "").upper(), found["body"])
-        if point:
-            yield _actual(point)
-    rest = _POINT.sub("", code)
-    if re.search(r"\{[^{}]*\b[AEXYZ]\d?\s", rest):
-        yield Raw(line, "", {}, "a point that does not end on this line: '}' is missing")
+def _raw(point: Point, text: str) -> Raw:
+    if not point.is_joints:
+        return Raw(point.line, point.name, {}, f"{point.type} is Cartesian: joint readings are needed (E6AXIS)")
+    texts = {label: text[number.span.start : number.span.end] for label, number in point.numbers.items()}
+    return Raw(point.line, point.name, texts, point.fault)
 
 
-def _point(line: int, name: str, kind: str, body: str) -> Raw | None:
-    """The point of an aggregate; None where it is not a point."""
-    typed = re.match(r"\s*(\w+)\s*:", body)
-    fields, faults = _fields(body[typed.end() :] if typed else body)
-    kind = typed[1].upper() if typed else kind
-    axes = {label: value for label, value in fields.items() if _AXIS.fullmatch(label)}
-    if {"X", "Y", "Z"} & fields.keys() or kind in ("E6POS", "POS", "FRAME"):
-        return Raw(line, name, {}, f"{kind or 'a position'} is Cartesian: joint readings are needed (E6AXIS)")
-    if "A1" not in axes and kind not in ("E6AXIS", "AXIS"):
-        return None
-    return Raw(line, name, axes, faults)
+def _untaught(declaration: Declaration) -> Iterator[tuple[Declared, Raw]]:
+    """Points that are declared without a value; an array gets its values elsewhere."""
+    fault = f"{declaration.type} without a value: not taught"
+    for variable in declaration.variables if declaration.type in _POINT_TYPES else ():
+        if variable.value is None and not variable.target.path:
+            yield variable, Raw(declaration.line, variable.target.name, {}, fault)
+
+
+def _not_understood(statement: Unknown, text: str) -> Raw:
+    """A point on a line that is no statement of KRL: values alone are read, anything else has the reason."""
+    value = None if statement.name else aggregate_in(text, statement.span)
+    point = point_of(value, statement.line) if value else None
+    return _raw(point, text) if point else Raw(statement.line, statement.name, {}, statement.reason)
 
 
 def _actual(point: Raw) -> Raw:
@@ -87,19 +81,6 @@ def _actual(point: Raw) -> Raw:
     if point.fault or point.name.upper().startswith("$AXIS_ACT"):
         return replace(point, name="")
     return replace(point, texts={}, fault=f"{point.name} does not say where the axes were: $AXIS_ACT does")
-
-
-def _fields(body: str) -> tuple[dict[str, str], str]:
-    fields: dict[str, str] = {}
-    for part in body.split(","):
-        found = _FIELD.fullmatch(part)
-        if found is None:
-            return fields, f"'{part.strip()}' is not 'A1 12.5': KRL has decimal points, commas between the axes"
-        label = found["label"].upper()
-        if label in fields:
-            return fields, f"{label} is given twice"
-        fields[label] = found["value"]
-    return fields, ""
 
 
 def axis_listing(text: str, file: str) -> RawList:

@@ -43,7 +43,7 @@ def common_key(joints: PointList, positions: PointList) -> tuple[Key, str]:
 def plain_name(name: str, *, krl: bool) -> str:
     """A name without case, spaces, leading zeros and brackets; krl: without the X that a KRC adds in front."""
     text = re.sub(r"\s+", " ", unicodedata.normalize("NFKC", name).casefold().strip())
-    text = re.sub(r"(?<=[^\W\d])[\s_.\-\[]+(?=\d)", "", text).rstrip("]")
+    text = re.sub(r"(?<=[^\W\d])[\s_.\-\[{]+(?=\d)", "", text).rstrip("]}")
     text = re.sub(r"(?<!\d)(?<!\d[.,])0+(?=\d)", "", text)
     return re.sub(r"^x(?=[^\W\d])", "", text) if krl else text
 

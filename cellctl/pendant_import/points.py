@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, final
 
-Source: TypeAlias = Literal["krl", "listing", "lists", "table"]
-"""The kind of text of a list. KRL and lists of numbers have decimal points and a unit by definition."""
+Source: TypeAlias = Literal["krl", "rapid", "fanuc", "listing", "lists", "table"]
+"""The kind of text of a list. Programs and lists of numbers have decimal points and a unit by definition."""
 
 Value: TypeAlias = float | str
 """A cell: a number, or text in a column that is not numeric."""
@@ -59,7 +59,9 @@ class Raw:
 @final
 @dataclass(frozen=True, slots=True)
 class RawList:
-    """Points as text. units: the unit that the file states for a column (`mm`, `deg`, …), where it does."""
+    """Points as text. units: the unit that the file states for a column (`mm`, `deg`, …), where it does; stated_by: the
+    place that states it.
+    """
 
     file: str
     source: Source
@@ -67,3 +69,32 @@ class RawList:
     units: Mapping[str, str] = field(default_factory=dict)
     decided: tuple[str, ...] = ()
     heading_line: int = 0
+    stated_by: str = "the headings say"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Taught:
+    """A point of a program before its numbers are read: joints (`A1…`, `J1…`, `q1…`) or a Cartesian pose, as text.
+
+    pose: X, Y, Z, the angles of the format, and its `frame`, where the program names it. kind: the type in the
+    program. fault: why it is neither. remark: its comment.
+    """
+
+    line: int
+    name: str
+    kind: str
+    joints: Mapping[str, str] = field(default_factory=dict)
+    pose: Mapping[str, str] = field(default_factory=dict)
+    fault: str = ""
+    remark: str = ""
+
+    def posture(self) -> Raw:
+        """The point of a joint list; a Cartesian one has a fault."""
+        what = f"{self.kind} is Cartesian: joint readings are needed" if self.pose else ""
+        return Raw(self.line, self.name, self.joints, self.fault or what, self.remark)
+
+    def target(self) -> Raw:
+        """The point of a target list; one of joints has a fault."""
+        what = f"{self.kind} holds joints: a target is Cartesian" if self.joints else ""
+        return Raw(self.line, self.name, self.pose, self.fault or what, self.remark)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
 from cellctl.pendant_import.cells import cells_of
 from cellctl.pendant_import.choices import Choices
+from cellctl.pendant_import.instrument import SIGMAS, UNCERTAINTIES, described, of_group, with_sigmas, with_times
+from cellctl.pendant_import.orientation import COLUMNS, oriented
 from cellctl.pendant_import.points import Point, PointList, RawList
-from cellctl.pendant_import.typed_table import headed, lacking, raw_points, unheaded
+from cellctl.pendant_import.typed_table import headed, lacking, optional_columns, raw_points, unheaded
 from cellctl.pendant_import.values import in_mm, read_values
 
 XYZ = ("X", "Y", "Z")
-_ORIENTATIONS = {"abc": ("A", "B", "C"), "quaternion": ("QW", "QX", "QY", "QZ")}
 _SURELY_MM = 500.0
 """A larger spread is in millimetres: in centimetres it would be 5 m, in inches 12.7 m."""
 _UNIT_CURE = "--unit mm, m, cm, um or inch"
@@ -23,7 +23,7 @@ _FEWEST_FOR_SPREAD = 4
 
 def measured_columns(choices: Choices) -> tuple[str, ...]:
     """The columns that a measurement has."""
-    return (*XYZ, *(_ORIENTATIONS[choices.orientation] if choices.orientation else ()))
+    return (*XYZ, *(COLUMNS[choices.orientation] if choices.orientation else ()))
 
 
 def position_texts(text: str, file: str, choices: Choices) -> RawList:
@@ -36,10 +36,12 @@ def position_texts(text: str, file: str, choices: Choices) -> RawList:
     missing = [name for name in wanted if name not in head.places]
     if missing:
         raise InputError(lacking(file, head, missing, choices.columns))
-    turned = [name for names in _ORIENTATIONS.values() for name in names if name in head.places and name not in wanted]
+    angles = dict.fromkeys(name for names in COLUMNS.values() for name in names)
+    turned = [name for name in angles if name in head.places and name not in wanted]
     decided = (f"{', '.join(turned)} not taken (--orientation says what they mean)",) if turned else ()
     extra = [name for name in choices.columns if name in head.places and name != "name"]
-    raw = raw_points(table, head, list(dict.fromkeys([*wanted, *extra])))
+    raw = raw_points(table, head, list(dict.fromkeys([*wanted, *extra, *optional_columns(head)])))
+    raw = described(with_times(of_group(raw, choices)), table, head)
     return replace(raw, decided=(*raw.decided, *decided))
 
 
@@ -49,10 +51,12 @@ def position_points(raw: RawList, choices: Choices) -> PointList:
 
 
 def measured(raw: RawList, read: PointList, choices: Choices) -> PointList:
-    """The list with its X, Y, Z in mm, and with faults where an orientation cannot be one."""
+    """The list with its X, Y, Z and their σ in mm, and with faults where an orientation cannot be one."""
     units, how = _units(raw, read, choices)
-    points = tuple(_turned(_scaled(point, units), choices) for point in read.points)
-    return replace(read, points=points, decided=(*read.decided, how))
+    stated = {name: raw.units.get(name) or units[name[1:]] for name in (*SIGMAS, *UNCERTAINTIES)}
+    points = tuple(_scaled(point, {**stated, **units}) for point in read.points)
+    found = with_sigmas(replace(read, points=points, decided=(*read.decided, how)), choices)
+    return oriented(found, choices.orientation, raw.units) if choices.orientation else found
 
 
 def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str, str], str]:
@@ -61,11 +65,11 @@ def _units(raw: RawList, read: PointList, choices: Choices) -> tuple[Mapping[str
     if choices.unit:
         other = sorted(set(stated.values()) - {choices.unit})
         if other:
-            what = f"its headings say {', '.join(other)}, --unit says {choices.unit}"
+            what = f"{raw.stated_by} {', '.join(other)}, --unit says {choices.unit}"
             raise InputError(Problem(raw.file, line, 0, what, "correct one of them"))
         return dict.fromkeys(XYZ, choices.unit), f"positions in {choices.unit}, as --unit says"
     if len(stated) == len(XYZ):
-        return stated, f"positions in {', '.join(dict.fromkeys(stated.values()))}, as the headings say"
+        return stated, f"positions in {', '.join(dict.fromkeys(stated.values()))}, as {raw.stated_by}"
     if stated:
         without = ", ".join(axis for axis in XYZ if axis not in stated)
         raise InputError(
@@ -96,11 +100,5 @@ def _spread(points: Sequence[Point]) -> float | None:
 def _scaled(point: Point, units: Mapping[str, str]) -> Point:
     if point.fault:
         return point
-    return replace(point, values={name: in_mm(value, units.get(name, "mm")) for name, value in point.values.items()})
-
-
-def _turned(point: Point, choices: Choices) -> Point:
-    if point.fault or choices.orientation != "quaternion":
-        return point
-    length = math.sqrt(sum(float(point.values[name]) ** 2 for name in _ORIENTATIONS["quaternion"]))
-    return replace(point, fault="QW, QX, QY, QZ is no unit quaternion") if abs(length - 1.0) > 0.01 else point
+    values = {name: in_mm(value, units[name]) if name in units else value for name, value in point.values.items()}
+    return replace(point, values=values)

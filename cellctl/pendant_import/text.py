@@ -26,3 +26,8 @@ def read_text(path: Path) -> str:
 def lines_of(text: str) -> list[str]:
     """The lines, with any line ends; unlike in `str.splitlines`, only CR and LF end a line."""
     return re.split(r"\r\n|\n|\r", text)
+
+
+def unified(text: str) -> str:
+    """The text with LF at the end of each line."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")

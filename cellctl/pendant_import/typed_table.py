@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 from cellctl.files import InputError, Problem
@@ -12,6 +13,10 @@ from cellctl.formats.decimals import is_number
 from cellctl.pendant_import.cells import Cells, Row
 from cellctl.pendant_import.headings import is_units_row, places, unit_of
 from cellctl.pendant_import.points import Raw, RawList
+
+_NAMING = ("collection", "group", "name")
+"""Columns before the numbers of a table without headings, from the right."""
+_OPTIONAL = ("sX", "sY", "sZ", "UX", "UY", "UZ", "collection", "group", "date", "time")
 
 
 @final
@@ -42,8 +47,29 @@ def headed(table: Cells, columns: Mapping[str, str], wanted: Sequence[str]) -> H
             raise InputError(
                 _several(table.file, row, name, [place for place, _ in at]) for name, at in several.items()
             )
-        return _below(table, index, {name: at[0] for name, at in found.items()})
+        return _below(table, index, _first(found))
+    return _noted(table, columns, wanted)
+
+
+def _noted(table: Cells, columns: Mapping[str, str], wanted: Sequence[str]) -> Headed | None:
+    """The columns by headings in a comment: `// Collection, Group, Point, X, Y, Z`, if they are as many as cells."""
+    width = Counter(len(row.cells) for row in table.rows).most_common(1)[0][0]
+    for line, note in table.notes:
+        cells = tuple(cell.strip() for cell in re.split(r"[,;\t]" if re.search(r"[,;\t]", note) else r"\s+", note))
+        found = places(cells, columns)
+        if len(cells) == width and any(name in found for name in wanted) and all(len(at) == 1 for at in found.values()):
+            head = _below(replace(table, rows=(Row(line, cells, 0), *table.rows)), 0, _first(found))
+            return replace(head, decided=(f"headings in the comment on line {line}", *head.decided))
     return None
+
+
+def optional_columns(head: Headed) -> list[str]:
+    """The columns of an instrument's file that are taken where they are there: σ, uncertainties, groups, times."""
+    return [name for name in _OPTIONAL if name in head.places]
+
+
+def _first(found: Mapping[str, list[tuple[int, str]]]) -> dict[str, tuple[int, str]]:
+    return {name: at[0] for name, at in found.items()}
 
 
 def _several(file: str, row: Row, name: str, at: list[int]) -> Problem:
@@ -82,15 +108,15 @@ def unheaded(table: Cells, layouts: Sequence[Sequence[str]], cure: str) -> Heade
     if not first.numbers:
         what = f"no heading says which column is which: {', '.join(cell for cell in first.cells if cell)}"
         raise InputError(Problem(table.file, first.line, 0, what, cure))
-    lead = _mostly_text(table.rows)
+    lead = _words_before(table.rows)
     count, _ = Counter(row.numbers for row in table.rows).most_common(1)[0]
-    numbered = not lead and _counts(table.rows)
+    numbered = lead < len(_NAMING) and _counts(table.rows, lead)
     fitting = []
     for layout in layouts:
         if len(layout) == count:
-            fitting.append(["name", *layout] if lead else list(layout))
+            fitting.append([*_NAMING[len(_NAMING) - lead :], *layout])
         if numbered and len(layout) + 1 == count:
-            fitting.append(["name", *layout])
+            fitting.append([*_NAMING[len(_NAMING) - lead - 1 :], *layout])
     if len(fitting) != 1:
         kind = "a name and " if lead else ""
         what = f"has no headings, and rows of {kind}{count} numbers: which is which is not certain"
@@ -99,14 +125,19 @@ def unheaded(table: Cells, layouts: Sequence[Sequence[str]], cure: str) -> Heade
     return Headed(at, {}, 0, table.rows, len(at), (f"no headings: columns taken as {', '.join(at)}",))
 
 
-def _mostly_text(rows: Sequence[Row]) -> bool:
-    return sum(not is_number(row.cells[0]) for row in rows) * 2 > len(rows)
+def _words_before(rows: Sequence[Row]) -> int:
+    """How many columns before the numbers hold words in most rows: a name, or collection, group and name."""
+    for place in range(len(_NAMING)):
+        words = sum(len(row.cells) > place and not is_number(row.cells[place]) for row in rows)
+        if words * 2 <= len(rows):
+            return place
+    return len(_NAMING)
 
 
-def _counts(rows: Sequence[Row]) -> bool:
-    """Whether the first column can be a number of the point: whole numbers, almost all different."""
-    first = [row.cells[0] for row in rows]
-    return all(cell.isdecimal() for cell in first) and len(set(first)) * 2 > len(first) and len(first) > 1
+def _counts(rows: Sequence[Row], place: int) -> bool:
+    """Whether this column can be a number of the point: whole numbers, almost all different."""
+    found = [row.cells[place] if len(row.cells) > place else "" for row in rows]
+    return all(cell.isdecimal() for cell in found) and len(set(found)) * 2 > len(found) and len(found) > 1
 
 
 def raw_points(table: Cells, head: Headed, taken: Sequence[str]) -> RawList:

@@ -33,7 +33,7 @@ def in_mm(value: Value, unit: str) -> Value:
 
 
 def _sign(raw: RawList, numeric: Sequence[str], given: DecimalSign | None) -> tuple[DecimalSign, str]:
-    if raw.source in ("krl", "lists"):
+    if raw.source in ("krl", "rapid", "fanuc", "lists"):
         return "point", ""
     cells = ((point.line, point.texts.get(column, "")) for point in raw.points for column in numeric)
     return decimal_sign(raw.file, cells, given)

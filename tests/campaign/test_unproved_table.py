@@ -23,6 +23,7 @@ from cellctl.journal import RunState, StepStarted, fold, read_journal
 from cellctl.operations.campaign import Campaign, load_campaign
 from cellctl.operations.launch import Options, run_on
 from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.table_history import TableHistory
 from cellctl.records import TablePushRow, TableStateRow
 
 pytestmark = pytest.mark.campaign
@@ -127,6 +128,10 @@ def test_an_abort_after_the_push_takes_the_table_back_and_a_resumed_run_puts_it_
     assert after_first == after_second == (None, table.id)
     rows = fold(read_journal(run)).all_recorded(TablePushRow, TableStateRow)
     assert [row.active for row in rows] == [None, True, False, None, True, False]
+    changes, problems = TableHistory(tmp_path, "SIM-925185").read()
+    assert problems == []
+    assert [(each.begin.action, each.begin.table) for each in changes] == [("push", table.id), ("withdrawal", None)] * 2
+    assert {(each.begin.run, each.result) for each in changes} == {("run", "in force")}
 
 
 def test_kill_minus_nine_of_what_started_the_run_aborts_it_with_its_clean_up(tmp_path: Path) -> None:

@@ -135,3 +135,61 @@ def test_a_named_column_that_no_file_has_is_refused(cellctl, files, typed, colum
     assert cellctl("import", "messung.dat", "positionen.csv", "--columns", column, "-o", "data.csv") == 2
     assert words in capsys.readouterr().err
     assert not (files / "data.csv").exists()
+
+
+def test_one_file_of_an_instrument_may_hold_joints_groups_uncertainties_and_times(cellctl, files):
+    text = (
+        "Collection,Group,Point,A1 [deg],A2 [deg],A3 [deg],X [mm],Y [mm],Z [mm],Ux,Uy,Uz,Date,Time\n"
+        "A,Main,P1,1,2,31,1203.45,2.5,3.5,0.01,0.02,0.03,2026-11-21,10:00\n"
+    )
+    (files / "one.csv").write_text(text)
+    assert cellctl("import", "one.csv", "--coverage", "2", "-o", "data.csv") == 0
+    data = DataSet.load(files / "data.csv")
+    assert dict(zip(data.columns, data.cells[0], strict=True)) == {
+        "name": "P1",
+        "A1": "1.0",
+        "A2": "2.0",
+        "A3": "31.0",
+        "X": "1203.45",
+        "Y": "2.5",
+        "Z": "3.5",
+        "time": "2026-11-21 10:00",
+        "sX": "0.005",
+        "sY": "0.01",
+        "sZ": "0.015",
+    }
+
+
+MODULE = """MODULE M
+  CONST robtarget p10:=[[568,190,300],[0,0.707107,-0.707107,0],[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST jointtarget p20:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]];
+ENDMODULE
+"""
+
+
+def test_the_cartesian_points_of_a_program_become_a_target_file(cellctl, files, capsys):
+    (files / "part.mod").write_text(MODULE)
+    assert cellctl("import", "part.mod", "--targets", "-o", "targets.csv") == 0
+    assert (files / "targets.csv").read_text().splitlines() == [
+        "name,X,Y,Z,QW,QX,QY,QZ",
+        "p10,568.0,190.0,300.0,0.0,0.707107,-0.707107,0.0",
+    ]
+    said = capsys.readouterr().err
+    assert "targets.csv: 1 target" in said
+    assert "part.mod:3: p20: jointtarget holds joints" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["part.mod", "positionen.csv", "--targets"], "POSITIONS: has no meaning with --targets"),
+        (["part.mod", "--targets", "--pair", "name"], "--pair: has no meaning with --targets"),
+        (["part.mod", "positionen.csv", "--frame", "wobj0"], "give --targets too"),
+        (["part.mod", "positionen.csv", "--coverage", "0"], "is no number of σ"),
+        (["part.mod", "positionen.csv", "--j3", "up"], "horizontal or arm"),
+    ],
+)
+def test_options_without_a_meaning_are_refused(cellctl, files, typed, capsys, words, said):
+    (files / "part.mod").write_text(MODULE)
+    assert cellctl("import", *words) == 2
+    assert said in capsys.readouterr().err

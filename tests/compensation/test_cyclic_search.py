@@ -11,6 +11,7 @@ from cellctl.compensation import METHODS, compensate
 from cellctl.compensation.corrections import difference
 from cellctl.error_maps.field import AnisotropicField
 from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
+from cellctl.error_maps.perceptron import Perceptron
 from cellctl.formats import RobotFile
 
 CHAIN = RobotFile.load(ROBOT).chain()
@@ -70,8 +71,8 @@ def test_other_methods_refuse_an_error_map(method) -> None:
         compensate(CHAIN, errors, TARGETS, START, method=method)
 
 
-@pytest.mark.parametrize("method", [Kriging(INITIAL_WEIGHTS), AnisotropicField()])
-def test_measured_errors_compensate_through_a_kriging_or_a_field_map(method) -> None:
+@pytest.mark.parametrize("method", [Kriging(INITIAL_WEIGHTS), AnisotropicField(), Perceptron(alpha=1e-3)])
+def test_measured_errors_compensate_through_a_map_by_kriging_a_field_or_a_network(method) -> None:
     """What the map cannot know remains: a tenth of the error near dense samples."""
     near = START[0] + np.random.default_rng(3).uniform(-0.15, 0.15, (150, 6))
     found_map = method.fit(near, errors(near))

@@ -229,3 +229,9 @@ def test_external_axes_that_move_are_kept_and_said_those_that_stand_are_dropped(
     points = read(rows)
     assert points.points[0].values == {"A1": 1, "A2": 20, "E1": 1}
     assert any("E1 not the same" in said for said in points.decided)
+
+
+def test_krl_values_alone_on_a_line_are_postures_and_a_damaged_point_is_named():
+    points = read("{A1 1.0,A2 20.0}\nP2: {A1 3.0,A2 40.0}\nXP3={A1 5.0,A2 60.0} {\n")
+    assert values(points, A[:2]) == [[1, 20], [3, 40]]
+    assert [(point.name, point.line) for point in points.points if point.fault] == [("XP3", 3)]

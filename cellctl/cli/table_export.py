@@ -1,0 +1,72 @@
+"""`cellctl table export`: writes the files, and the text that says where they go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cellctl.formats import TableFile
+
+_PLACES = """\
+{files} in {folder}: table {id}, {rows} rows, for {robot}, serial {serial}.
+  Load both   KRC:\\R1\\Program\\ (user group Expert), or KRC/R1/Program of a WorkVisual project.
+  Use         {name}(N) after the INI of your program moves point to point to row N; {nominal}(N) to its nominal joints.
+  Before      The rows are joints: the tool on the flange must be that of the table.
+  First       T1, override 10 %, row by row. Not tried on a real controller.
+{simulated}"""
+
+_SIMULATED = "  SIMULATED   The table is of a simulated robot: both routines stop at HALT.\n"
+
+
+def refuse_export(table: Path, krl: bool, csv: bool, out: Path | None, json_: str | None) -> None:
+    """Raise InputError for options that contradict each other, or an output that cannot be written."""
+    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs
+    from cellctl.files import InputError, Problem
+
+    if krl == csv:
+        raise InputError(Problem("cellctl table export", 0, 0, "writes one form", "give --krl or --csv"))
+    refuse_outputs({"--json": json_} if krl else {"-o": out, "--json": json_}, [table])
+    if csv:
+        refuse_json_on_stdout(json_, out, "the CSV")
+
+
+def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
+    """Write the KRL module to `folder` (CR LF); the result as data and in words. Raises InputError, OSError."""
+    from cellctl.files import InputError, Problem, write_atomically
+    from cellctl.formats.table_export import krl_module, module_name, nominal_name
+
+    if str(folder) == "-" or (folder.exists() and not folder.is_dir()):
+        raise InputError(Problem(str(folder), 0, 0, "is no folder", "give -o a folder: the KRL module has two files"))
+    made = krl_module(table)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in made.items():
+        write_atomically(folder / name, text.replace("\n", "\r\n"))
+    result = {"id": table.id, "folder": str(folder), "files": list(made), "rows": len(table.rows)}
+    words = _PLACES.format(
+        files=" and ".join(made),
+        folder=folder,
+        id=table.id[:12],
+        rows=len(table.rows),
+        robot=table.robot.name,
+        serial=table.robot.serial,
+        name=module_name(table),
+        nominal=nominal_name(table),
+        simulated=_SIMULATED if table.simulated else "",
+    )
+    return result, words.rstrip("\n")
+
+
+def export_csv(table: TableFile, out: Path | None) -> tuple[dict[str, Any], str]:
+    """Write the targets as CSV to `out` or stdout; the result, and words for a file."""
+    from cellctl.cli.outputs import to_stdout
+    from cellctl.files import write_atomically
+    from cellctl.formats.table_export import targets_csv
+
+    text = targets_csv(table)
+    result = {"id": table.id, "file": str(out) if out else None, "rows": len(table.rows)}
+    if out is None:
+        to_stdout(text)
+        return result, ""
+    write_atomically(out, text)
+    return result, f"{len(table.rows)} targets of table {table.id[:12]} in {out}: nominal and compensated joints, deg."
