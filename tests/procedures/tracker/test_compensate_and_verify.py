@@ -212,7 +212,7 @@ def changed_model(runs: Path, name: str, old: str, new: str) -> str:
     [
         ("stranger", '"robot_serial":"SIM-1"', '"robot_serial":"SIM-2"', "controller 'SIM-2'"),
         ("older", '"xyz":[59.9,', '"xyz":[61.9,', "the model is older than the tool"),
-        ("longer", '"a":600.0', '"a":601.0', "links, joints or base of the cell's robot file were changed"),
+        ("longer", '"a":600.0', '"a":601.0', "robot file were changed after the model was identified"),
         ("renamed", '"name":"KUKA KR5 R1400"', '"name":"KUKA KR6"', "KUKA KR6"),
     ],
 )
