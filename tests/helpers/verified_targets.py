@@ -80,4 +80,4 @@ def _run(runs: Path, procedure: str | Path, *arguments: str | Path) -> Path:
         told = cellctl("run", procedure, "--runs", runs, *arguments)
         if told.returncode not in (0, 1):
             raise RuntimeError(f"{runs.name}: {told.stderr}")
-    return next(runs.iterdir())
+    return next(runs.glob("*/journal.sqlite")).parent

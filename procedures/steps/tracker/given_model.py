@@ -29,7 +29,7 @@ async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel
 
     named = bool(inputs.run or inputs.file)
     if named:
-        row = await context.clock.compute(read_model_of, context, inputs.run, inputs.file)
+        row = await context.clock.compute(read_model_of, context, inputs.run, inputs.file, True)
         await context.record(row)
         await context.write_artefact(MODEL_FILE, row.text)
     else:

@@ -14,11 +14,11 @@ from cellctl.procedure import StepContext
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
 
 
-def read_model_of(context: StepContext, run: str, file: str = "") -> ReadModelRow:
+def read_model_of(context: StepContext, run: str, file: str = "", of_reflector: bool = False) -> ReadModelRow:
     """The model of the run in folder `run`, or of that name beside this run; or the model in `file`.
 
-    Raises InputError without one, and for a model of another controller, robot or tool, or one that cannot predict a
-    target.
+    of_reflector: its tool has to be the reflector, which a model from touches does not have. Raises InputError without
+    one, and for a model of another controller, robot or tool, or one that cannot predict a target.
     """
     if run and file:
         what = "a run and a model file are named, and one model compensates"
@@ -32,6 +32,10 @@ def read_model_of(context: StepContext, run: str, file: str = "") -> ReadModelRo
     robot = RobotFile.load(context.robot_file)
     refuse_other_cell(model, str(path), CellRobot(robot, table_correction_deg(context.cell)))
     refuse_model(model, str(path))
+    if of_reflector and model.frame_of_points:
+        what = "is a model from touches: its tool is what touched, and no reflector is in it"
+        cure = "identify from an instrument's poses; `cellctl run sphere_by_tracker` judges a model from touches"
+        raise InputError(Problem(str(path), 0, 0, what, cure))
     return ReadModelRow(run=found.run or path.stem, serial=found.serial, text=path.read_text(encoding="utf-8"))
 
 

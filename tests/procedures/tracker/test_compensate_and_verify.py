@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_tracker_cell import CELL, PROCEDURES, ROBOT, FakeRobot, FakeRun, Faults, Truth, run_fake
+from kr5_model import kr5_model
 from own_arm import pose_of
 from scipy.spatial.transform import Rotation
 
@@ -230,6 +231,12 @@ def test_a_model_that_is_not_there_or_named_twice_is_refused(runs: Path, own: Fa
     assert "no.json" in refused(nothing)
     twice = run_fake(PROCEDURE, runs, FEW | {"model_file": "a.json", "model_run": "own"}, name="twice")
     assert "name the run or the file" in refused(twice)
+
+
+def test_a_model_from_touches_is_refused_as_its_tool_is_not_the_reflector(runs: Path) -> None:
+    kr5_model(touches=True, robot_serial="SIM-1").save(runs / "touched.json")
+    ended = run_fake(PROCEDURE, runs, FEW | {"model_file": str(runs / "touched.json")}, name="touched")
+    assert "no reflector is in it" in refused(ended)
 
 
 def test_corrections_over_the_limit_of_the_cell_leave_no_target_and_nothing_moves(runs: Path, own: FakeRun) -> None:
