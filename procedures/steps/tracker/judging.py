@@ -92,7 +92,7 @@ def verdict_of(context: StepContext) -> tuple[TrackerVerdict, TargetErrorsRow | 
         held_out,
         verdict=verdict,
         sentence=_sentence(verdict, errors),
-        lines=(*_lines(held_out, figures, made), *held_out.lines, *(f"Left out: {each}." for each in left_out)),
+        lines=(*_lines(held_out, figures, made, len(left_out)), *held_out.lines),
         method=made.method,
         left_out=left_out,
         before=before,
@@ -115,7 +115,7 @@ def _sureness(errors: tuple[Floats, Floats]) -> dict[str, Any]:
     }
 
 
-def _lines(held_out: TrackerVerdict, found: TargetFigures, made: TargetsRow) -> Iterator[str]:
+def _lines(held_out: TrackerVerdict, found: TargetFigures, made: TargetsRow, left_out: int) -> Iterator[str]:
     """Lines below the verdict: how sure it is, by which method and model; then the model's own verdict."""
     if found.mean_95 and found.rms_95 and found.share_below:
         (_, mean), (_, rms) = found.mean_95, found.rms_95
@@ -125,6 +125,8 @@ def _lines(held_out: TrackerVerdict, found: TargetFigures, made: TargetsRow) -> 
         )
     model = f", with the model of {held_out.model_from}" if held_out.model_from else ""
     yield f"Compensated by {made.manner}{model}."
+    if left_out:
+        yield f"{left_out} targets were left out; the report names them, with the reasons."
     yield held_out.sentence
 
 
