@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -47,6 +48,12 @@ class Verified:
         true = Truth(cell, seed).places(visits, shown=True)
         floor = np.linalg.norm(measured - true, axis=1)
         return cls(*targets.lengths, floor, made.max_correction_deg, len(made.left_out))
+
+    @classmethod
+    def pooled(cls, parts: Sequence[Verified]) -> Verified:
+        """The targets of several runs together."""
+        columns = (np.concatenate([getattr(one, name) for one in parts]) for name in ("before", "after", "floor"))
+        return cls(*columns, max(one.correction_deg for one in parts), sum(one.left_out for one in parts))
 
     @property
     def ratio(self) -> FloorRatio:
