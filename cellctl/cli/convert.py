@@ -12,7 +12,6 @@ from cellctl.cli import arguments
 
 if TYPE_CHECKING:
     from cellctl.kinematics import TableConvention
-    from cellctl.operations.exporting import Exported
 
 
 @final
@@ -85,7 +84,7 @@ def convert(
         write_atomically(out, made.content)
     else:
         to_stdout(made.content)
-    for line in _notes(made):
+    for line in made.lines():
         typer.echo(f"cellctl: {line}", err=True)
     result = {"robot": str(robot), "form": to.value, "file": str(out) if out else None}
     cost = made.cost.figures() if made.cost else None
@@ -101,11 +100,3 @@ def _refuse_options(robot: Path, to: Form, into: Path | None, tip: str | None, t
         raise typer.BadParameter("--into is for a model (.json) and --to urdf or --to ur-calibration")
     if tip is not None and suffix != ".urdf" and not (into and to is Form.URDF):
         raise typer.BadParameter("--tip names a link of a URDF, and none is read here")
-
-
-def _notes(made: Exported) -> list[str]:
-    lines = list(made.notes)
-    if made.left_out:
-        cost = f"; without it the TCP is off by {made.cost.words}" if made.cost else ""
-        lines.insert(0, f"left out, as this form has no place for it: {', '.join(made.left_out)}{cost}")
-    return lines

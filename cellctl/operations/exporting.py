@@ -58,6 +58,21 @@ class Exported:
     notes: tuple[str, ...]
     figures: dict[str, Any]
 
+    def lines(self) -> list[str]:
+        """What is left out and its cost, and the notes, a sentence each."""
+        if not self.left_out:
+            return list(self.notes)
+        cost = f"; without it the TCP is off by {self.cost.words}" if self.cost else ""
+        return [f"left out, as this form has no place for it: {', '.join(self.left_out)}{cost}", *self.notes]
+
+
+def model_source(model: ModelFile, file: str) -> Source:
+    """A model; `file` names it in errors."""
+    from cellctl.formats.description import RobotDescription
+
+    identified = RobotDescription.of(model.robot, model.robot_model().chain)
+    return Source(file, identified, RobotDescription.of(model.robot), model)
+
 
 def read_source(path: Path, tip: str | None, table: str | None, repeatability: float | None) -> Source:
     """The robot or model of a file, by its suffix. Raises InputError where it is none, or states its repeatability."""
