@@ -45,7 +45,7 @@ def _passes(known: Mapping[str, Any]) -> int:
     return int(poses - (-poses // max(1, known.get("monuments_every", 1))))
 
 
-@step("tracker.plan", check=_check_plan, title="planning poses", expects=_passes)
+@step("tracker.plan", check=_check_plan, reads_files=True, title="planning poses", expects=_passes)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan quasi-random poses, or take them from a file: visible, clear of floor and arm, in random order, each
     approached from a stated side."""
