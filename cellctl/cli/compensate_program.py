@@ -27,16 +27,19 @@ def compensate_program(
     from cellctl.formats import ModelFile
     from cellctl.operations.compensating import CellRobot
     from cellctl.operations.program_compensation import compensate_files, refuse_method
-    from cellctl.operations.program_files import ProgramFiles
+    from cellctl.operations.program_files import ProgramFiles, is_new_folder
 
     refuse_method(method)
     files = ProgramFiles.of(program, options.config)
     outputs = files.outputs(out) if out else {}
-    read = [model, cell, *files.read]
-    refuse_outputs({**{f"--out ({part})": path for part, path in outputs.items()}, "--json": json_}, read)
+    new = out if out and is_new_folder(out) else None
+    written = {} if new else {f"--out ({part})": path for part, path in outputs.items()}
+    refuse_outputs({**written, "--json": json_}, [model, cell, *files.read])
     place = CellRobot.load(cell) if cell else None
     found = compensate_files(ModelFile.load(model), str(model), files, method, options, place)
     texts = found.texts()
+    if new:
+        new.mkdir(exist_ok=True)
     for part, path in outputs.items():
         write_atomically(path, texts["src" if part == "src" else "dat"])
     figures = found.figures(list(outputs.values()))

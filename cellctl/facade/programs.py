@@ -11,7 +11,7 @@ from typing import Any, Self, final
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import ModelFile
 from cellctl.operations.program_compensation import CompensatedFiles, ProgramOptions, compensate_files, refuse_method
-from cellctl.operations.program_files import ProgramFiles
+from cellctl.operations.program_files import ProgramFiles, is_new_folder
 
 
 @final
@@ -74,6 +74,8 @@ class CompensatedProgram:
         if problems:
             raise InputError(problems)
         texts = self.texts
+        if is_new_folder(Path(out)):
+            Path(out).mkdir()
         for part, path in paths.items():
             write_atomically(path, texts[part])
         return list(paths.values())

@@ -50,12 +50,17 @@ class ProgramFiles:
     def outputs(self, out: Path) -> dict[str, Path]:
         """Where the changed files go, by part: into the folder `out`, or to the program `out` and its data list.
 
-        Raises InputError where `out` is neither.
+        A folder need not be there yet (`is_new_folder`). Raises InputError where `out` is neither.
         """
-        if out.is_dir():
+        if out.is_dir() or is_new_folder(out):
             paths = {"src": out / self.src.name, "dat": out / (self.dat or self.src).name}
         elif out.suffix.lower() == ".src":
             paths = {"src": out, "dat": out.with_suffix(self.dat.suffix if self.dat else ".dat")}
         else:
             raise InputError(Problem("--out", 0, 0, f"{out} is neither a folder nor a .src file", "give one of these"))
         return paths if self.dat else {"src": paths["src"]}
+
+
+def is_new_folder(out: Path) -> bool:
+    """Whether `out` names a folder that is not there yet, in one that is."""
+    return not out.suffix and not out.exists() and out.parent.is_dir()

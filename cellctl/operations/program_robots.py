@@ -7,7 +7,7 @@ that the model identified, if the program's tool data are the model's; with `arm
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -40,6 +40,7 @@ class ProgramRobots:
 
     model: ModelFile
     arm_only: bool = False
+    _known: dict[Frame, Robots | str] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def tool_shift_mm(self) -> float:
@@ -47,7 +48,12 @@ class ProgramRobots:
         return _apart(self.model.robot_model().chain.tool_now, self.model.robot.chain().tool)[0]
 
     def of(self, tool: Frame) -> Robots | str:
-        """The robots for points with `tool`, or why its points cannot be compensated."""
+        """The robots for points with `tool`, or why its points cannot be compensated; made once for each tool."""
+        if tool not in self._known:
+            self._known[tool] = self._made(tool)
+        return self._known[tool]
+
+    def _made(self, tool: Frame) -> Robots | str:
         assert tool.numbers is not None
         taught, robot = _pose(tool.numbers), self.model.robot.chain().with_base(np.eye(4))
         found = self.model.robot_model()

@@ -21,6 +21,7 @@ from krl_seam import (
     usual_seam,
 )
 
+from cellctl.formats import ModelFile
 from cellctl.kinematics import abc_from_rotation, inverse, inverse_pose, pose_from_xyz_abc
 
 CELL = "sphere_cell"
@@ -514,6 +515,23 @@ def test_wrong_calls_are_refused(cellctl, folder, capsys, words, message):
     usual_seam().write(folder)
     assert cellctl("compensate", "model.json", *words) == 2
     assert message in capsys.readouterr().err
+
+
+def test_the_output_folder_is_made_only_where_something_is_written(cellctl, folder):
+    usual_seam().write(folder)
+    command = ("compensate", "model.json", "seam.src", "-o", "compensated")
+    assert cellctl(*command) == 2  # no tool data
+    assert not (folder / "compensated").exists()
+    assert cellctl(*command, "--config", "$config.dat") == 0
+    assert {path.name for path in (folder / "compensated").iterdir()} == {"seam.src", "seam.dat"}
+
+
+def test_the_identified_robot_is_made_once_for_a_tool_not_for_each_point(compensated, monkeypatch):
+    kr5_model().robot_model()
+    calls, made = [], ModelFile.robot_model
+    monkeypatch.setattr(ModelFile, "robot_model", lambda model: calls.append(1) or made(model))
+    compensated()
+    assert len(calls) <= 5
 
 
 def test_the_same_files_give_the_same_bytes(compensated, folder):
