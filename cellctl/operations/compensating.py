@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 OUT_OF_REACH = "the target is out of the robot's reach within the measured joints"
 
 _CURE = "move the target, or give another posture near it as A1…An"
+_METRES = "all targets lie within 20 mm of the frame's origin: X, Y, Z are mm; if these are metres, multiply by 1000"
 
 
 @final
@@ -100,7 +101,8 @@ def compensate_targets(
     """
     refuse_model(model, file)
     tried = try_targets(model, wanted, method=method, passes=passes, errors=errors, correction_deg=correction_deg)
-    if refused := [Problem(file, line, 0, what, _CURE) for line, what in tried.refused()]:
+    cure = _METRES if float(abs(wanted.poses[:, :3, 3]).max()) < 20.0 else _CURE
+    if refused := [Problem(file, line, 0, what, cure) for line, what in tried.refused()]:
         raise InputError(refused)
     return CompensatedTargets(model, wanted, method, passes, tried.found, errors)
 

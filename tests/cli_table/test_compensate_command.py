@@ -77,6 +77,12 @@ def test_where_nobody_says_whose_model_it_is_a_serial_is_asked_for(cellctl, fold
     assert "--serial" in capsys.readouterr().err
 
 
+def test_refused_targets_in_metres_are_recognised(cellctl, folder, capsys):
+    (folder / "metres.csv").write_text("X,Y,Z,A,B,C\n1.0593,0.1923,0.4,0,0,180\n")
+    assert cellctl("compensate", "model.json", "metres.csv", "--serial", "SIM-1", "-o", "table.json") == 2
+    assert "if these are metres, multiply by 1000" in " ".join(capsys.readouterr().err.split())
+
+
 def test_targets_out_of_reach_are_all_named_by_line_and_no_table_is_written(cellctl, folder, capsys):
     for name in ("targets.csv", "bare.csv"):
         lines = (folder / name).read_text().splitlines()
