@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import RobotModel, ToolDeflection, sigma_among
-from cellctl.compensation import METHODS, compensate, gauge_fixed, postures, with_geometry
+from cellctl.compensation import compensate, gauge_fixed, postures, with_geometry
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
 
 KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
@@ -240,11 +240,3 @@ def best_fit_rest(points, onto):
     u, _, vt = np.linalg.svd(b.T @ a)
     turned = a @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
     return np.linalg.norm(turned - b, axis=1)
-
-
-def test_the_tracker_campaign_offers_every_method():
-    from typing import get_args
-
-    from procedures.steps.tracker.proving import CompensateInputs
-
-    assert get_args(CompensateInputs.model_fields["method"].annotation) == tuple(METHODS)
