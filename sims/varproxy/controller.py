@@ -34,9 +34,10 @@ class KvpController:
             raise CannotStart(f"this controller drives six axes; the robot file has {len(joints)}")
         self._setup, self._c3 = setup, setup.settings["proxy"] == C3
         self.data = DataList()
-        setup.memory.recall("varproxy", self._recall)
+        message = setup.memory.recall("varproxy", self._recall) or ""
         limits = tuple((joint.min, joint.max) for joint in joints)
         self.program = KvpProgram(setup.kernel, setup.scene, setup.faults, setup.memory, self.data, limits)
+        self.program.message = message
         self.data.table.changed = self._row_written
         self.data.roles.changed = lambda index: setup.memory.save()
         setup.memory.keep("varproxy", lambda: {**self.data.state(), "message": self.program.message})
@@ -57,9 +58,10 @@ class KvpController:
     def _unloaded(self, name: str) -> bool:
         return name.startswith("KV_") and self._setup.faults.active("varproxy.unloaded") is not None
 
-    def _recall(self, state: Mapping[str, Any]) -> bool:
+    def _recall(self, state: Mapping[str, Any]) -> str:
+        """Take the tables over; the message that stood."""
         self.data.recall(state)
-        return True
+        return str(state["message"])
 
     def _row_written(self, index: Index) -> None:
         """A row of a table was written; the fault `varproxy.alters` changes its last digit."""

@@ -126,6 +126,7 @@ def test_tables_outlive_the_process_and_their_rows_are_moved_to(bench, tmp_path)
     again = bench(Memory(path))
     assert again.read("KV_ROLES") == "210"
     assert again.read("KV_BANK[2].ID[]") == '"abc"'
+    assert again.read("$STOPMESS") == "FALSE"
     begin(again, 1, row=7)
     assert end(again, 1) == 0
     assert again.scene.arm.joints() == pytest.approx((10.0, -80.5, 90.0, 0.0, 45.0, 0.0))
