@@ -37,12 +37,23 @@ OtherCell = Annotated[
 ShownCell = Annotated[
     Path | None, typer.Option("--cell", help="Cell file or shipped name: show its controller's tables.", callback=_cell)
 ]
+ComparedCell = Annotated[
+    Path | None, typer.Option("--cell", help="Cell file or shipped name: ask its controller too.", callback=_cell)
+]
+CheckedCell = Annotated[
+    Path | None,
+    typer.Option("--cell", help="Cell file or shipped name: checks robot, tool, largest correction.", callback=_cell),
+]
 Robot = Annotated[
     Path, typer.Argument(help="Robot file (link table, joints, base, tool), or a shipped name.", callback=_robot)
 ]
 RobotOption = Annotated[
     Path | None,
     typer.Option("--robot", help="Robot file or shipped name: checks number and limits of joints.", callback=_robot),
+]
+TcpRobot = Annotated[
+    Path | None,
+    typer.Option("--robot", help="Robot file or shipped name: also show changes of the TCP, mm.", callback=_robot),
 ]
 AnyRobot = Annotated[
     Path,

@@ -1,148 +1,189 @@
-"""`cellctl compensate`: computes joints that move the identified robot to targets, as a controller's table."""
+"""`cellctl compensate`: computes joints that move the identified robot to targets, as a table or as CSV."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.compensate_program import compensate_program
+from cellctl.operations.program_compensation import ProgramOptions
 
 if TYPE_CHECKING:
-    from cellctl.files import Problem
-    from cellctl.formats import ModelFile, TableFile
-    from cellctl.formats.targets import Targets
-    from cellctl.kinematics import Bools
-    from cellctl.operations.learnt_on import LearntOn
+    from cellctl.operations.compensating import CompensatedTargets
 
 __all__ = ["compensate"]
+
+_ALL = "all"
+_METHODS = (
+    "pseudo-target",
+    "pseudo-target-matrix",
+    "veitschegger-wu",
+    "newton-raphson",
+    "cyclic-search",
+    "write-back-geometry",
+    "write-back-zeros",
+)  # not imported from the mathematics: errors in the call are reported without loading it
 
 
 def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
-    targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby.")],
+    targets: Annotated[
+        Path,
+        typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby. Or a KRL program (.src)."),
+    ],
     method: Annotated[
-        str, typer.Option(help="pseudo-target (the default), pseudo-target-matrix, veitschegger-wu, newton-raphson.")
+        str, typer.Option(help=f"{', '.join(_METHODS)}, or all: compare them.", metavar="METHOD")
     ] = "pseudo-target",
+    passes: Annotated[
+        int | None, typer.Option(min=1, max=50, help="Passes, as published. Default: until 1e-6 mm is left.")
+    ] = None,
+    cell: arguments.CheckedCell = None,
     out: arguments.Out = None,
     serial: Annotated[str | None, typer.Option(help="Serial of the controller, if no run names it.")] = None,
     json_: arguments.Json = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Program: the controller's $config.dat, with tools, bases.")
+    ] = None,
+    tool: Annotated[str | None, typer.Option(help="Program: its tool, X,Y,Z,A,B,C, without --config.")] = None,
+    base: Annotated[str | None, typer.Option(help="Program: its base, X,Y,Z,A,B,C, without --config.")] = None,
+    path_tolerance: Annotated[
+        float | None, typer.Option(min=0.001, help="Program: largest deviation on LIN and CIRC, mm. Default: 0.05.")
+    ] = None,
+    insert: Annotated[
+        bool, typer.Option("--insert", help="Program: add points on LIN and CIRC that leave the tolerance.")
+    ] = False,
+    arm_only: Annotated[
+        bool, typer.Option("--arm-only", help="Program: any tool; correct the arm, not the tool.")
+    ] = False,
 ) -> None:
-    """Compute compensated joints for targets, as a table.
+    """Compute compensated joints for targets, as a table, or as CSV for -o FILE.csv.
+
+    Of a KRL program: the same program with compensated points, for -o FOLDER (docs/programs.md).
 
     `cellctl table push` sends the table to the controller.
 
-    Targets lie in the model's frame. A target out of reach or outside the measured region is refused.
+    Targets lie in the model's frame. A target out of reach, near a singularity or outside the measured region is
+    refused with its line. `--method all` writes no targets: it compares the methods.
 
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
     from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
+    from cellctl.clock import calendar_time
+    from cellctl.files import write_atomically
     from cellctl.formats import DataSet, ModelFile
-    from cellctl.formats.table_making import sigma_among_rows, table_figures
     from cellctl.formats.targets import read_targets
+    from cellctl.operations.compensating import CellRobot, compensate_targets, refuse_other_cell
     from cellctl.operations.learnt_on import learnt_on
 
-    _refuse(method, out, json_)
-    refuse_outputs({"--out": out, "--json": json_}, [model, targets])
+    options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
+    if targets.suffix.lower() in (".src", ".dat"):
+        _refuse_for_program(passes, serial)
+        compensate_program(model, targets, method, out, cell, json_, options)
+        return
+    options.refuse()
+    _refuse(method, passes, out, json_)
+    refuse_outputs({"--out": out, "--json": json_}, [model, targets, cell])
+    place = CellRobot.load(cell) if cell else None
     identified = ModelFile.load(model)
+    if place:
+        refuse_other_cell(identified, str(model), place)
     wanted = read_targets(DataSet.load(targets), identified.robot)
-    table = _table(identified, wanted, str(targets), method, learnt_on(model, identified, serial))
-    figures = {**table_figures(table), "sigma_among_rows_mm": sigma_among_rows(identified, table)}
+    limit = place.correction_deg if place else math.inf
+    if method == _ALL:
+        from cellctl.cli.method_table import compare
+
+        compare(identified, wanted, str(targets), limit, json_)
+        return
+    learnt = None if _is_csv(out) else learnt_on(model, identified, serial)
+    found = compensate_targets(identified, wanted, str(targets), method=method, passes=passes, correction_deg=limit)
+    table = found.table(learnt, calendar_time()) if learnt else None
+    figures = {**({"id": table.id, "serial": table.robot.serial} if table else {}), **_figures(found)}
+    text = table.text() if table else found.csv()
+    if place is None:
+        _warn_large(found, str(targets))
     if out:
-        table.save(out)
+        write_atomically(out, text)
         if json_ != "-":
-            typer.echo(_words(table, figures, out))
+            typer.echo(_words(figures, out))
     elif json_ != "-":
-        to_stdout(table.text())
+        to_stdout(text)
     write_json({**figures, "file": str(out) if out else None}, json_)
 
 
-def _refuse(method: str, out: Path | None, json_: str | None) -> None:
+def _refuse_for_program(passes: int | None, serial: str | None) -> None:
     from cellctl.files import InputError, Problem
 
-    # not imported from the mathematics: errors in the call are reported without loading it
-    known = ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson")
+    given = [name for name, value in (("--passes", passes), ("--serial", serial)) if value is not None]
+    if given:
+        raise InputError(Problem(name, 0, 0, "is not for programs", "leave it out") for name in given)
+
+
+def _is_csv(out: Path | None) -> bool:
+    return out is not None and out.suffix.lower() == ".csv"
+
+
+def _refuse(method: str, passes: int | None, out: Path | None, json_: str | None) -> None:
+    from cellctl.files import InputError, Problem
+
     problems = []
-    if method not in known:
-        problems.append(Problem("--method", 0, 0, f"'{method}' is not known", f"one of: {', '.join(known)}"))
-    if json_ == "-" and out is None:
+    if method not in (*_METHODS, _ALL):
+        cure = f"one of: {', '.join(_METHODS)}, {_ALL}"
+        problems.append(Problem("--method", 0, 0, f"'{method}' is not known", cure))
+    if method == _ALL and out:
+        what = "--method all compares the methods and writes no targets"
+        problems.append(Problem("--out", 0, 0, what, "leave it out, or choose one method"))
+    if method == _ALL and passes is not None:
+        what = "--method all shows every method after one pass and repeated"
+        problems.append(Problem("--passes", 0, 0, what, "leave it out"))
+    if json_ == "-" and out is None and method != _ALL:
         problems.append(Problem("--json", 0, 0, "the table itself goes to stdout", "give -o TABLE.json too"))
     if problems:
         raise InputError(problems)
 
 
-def _table(model: ModelFile, wanted: Targets, file: str, method: str, learnt: LearntOn) -> TableFile:
-    """The table of all targets. Raises InputError with every target out of reach or outside the measured region."""
-    import numpy as np
+def _figures(found: CompensatedTargets) -> dict[str, Any]:
+    """The targets in figures; the orientation predicted by the model, deg."""
+    from cellctl.formats.table_making import mean_rms_max, row_figures, sigma_among_rows
 
-    from cellctl.calibration import MotorTorsion
-    from cellctl.clock import calendar_time
-    from cellctl.files import InputError, Problem
-    from cellctl.formats.table_making import compensated_targets, table_of, usual_postures
-
-    loads = model.load_region
-    if loads and loads.min < loads.max and loads.min > 0.0:
-        what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"
-        raise InputError(Problem(file, 0, 0, what, "identify from rows without payload too"))
-    if any(isinstance(effect, MotorTorsion) for effect in model.robot_model().effects):
-        what = "the model includes the flexibility by motor current, and a target has no current"
-        cure = "identify with --model geometry+compliance, and +backlash where the side of approach is known"
-        raise InputError(Problem(file, 0, 0, what, cure))
-    postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
-    started = np.asarray(np.isfinite(postures).all(axis=1))
-    found = compensated_targets(model, wanted.poses, np.where(started[:, None], postures, 0.0), method=method)
-    reached = np.logical_and(started, found.converged)
-    if not reached.all():
-        raise InputError(_unreachable(wanted, file, reached))
-    table = table_of(
-        model,
-        wanted.poses,
-        found,
-        serial=learnt.serial,
-        simulated=learnt.simulated,
-        run=learnt.run,
-        created=calendar_time(),
-        method=method,
-    )
-    problems = _outside(model, wanted, file, table)
-    if problems:
-        raise InputError(problems)
-    return table
+    return {
+        **row_figures(found.rows),
+        "sigma_among_rows_mm": sigma_among_rows(found.model, found.rows),
+        "method": found.method,
+        "passes": found.found.passes,
+        "position_only": found.found.position_only,
+        "orientation_before_deg": mean_rms_max(found.found.error_deg[0]),
+        "orientation_after_deg": mean_rms_max(found.found.error_deg[-1]),
+    }
 
 
-def _unreachable(wanted: Targets, file: str, reached: Bools) -> list[Problem]:
-    from cellctl.files import Problem
+def _warn_large(found: CompensatedTargets, file: str) -> None:
+    """Name corrections that a cell would refuse by default: such a posture is near a singularity."""
+    from cellctl.devices.cell import TABLE_CORRECTION_DEG
 
-    cure = "move the target, or give a posture near it as A1…An"
-    return [
-        Problem(file, line, 0, "the target is out of the robot's reach", cure)
-        for line, reachable in zip(wanted.lines, reached, strict=True)
-        if not reachable
-    ]
-
-
-def _outside(model: ModelFile, wanted: Targets, file: str, table: TableFile) -> list[Problem]:
-    """Errors in rows that must not be sent to a controller of this robot."""
-    from cellctl.files import Problem
-    from cellctl.formats.table_refusals import row_problems
-
-    cure = "move the target, or give another posture for it as A1…An"
-    return [
-        Problem(file, wanted.lines[row], 0, what, cure)
-        for row, reasons in enumerate(row_problems(table, model.robot))
-        for what in reasons
-    ]
+    for line, row in zip(found.wanted.lines, found.rows, strict=True):
+        if row.correction_deg > TABLE_CORRECTION_DEG:
+            what = (
+                f"a joint is corrected by {row.correction_deg:.1f}°; a cell allows {TABLE_CORRECTION_DEG:g}° by default"
+            )
+            typer.echo(f"cellctl: {file}:{line}: {what}", err=True)
 
 
-def _words(table: TableFile, figures: dict[str, Any], out: Path) -> str:
+def _words(figures: dict[str, Any], out: Path) -> str:
     before, after, sigma = (figures[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
     among = figures["sigma_among_rows_mm"]
-    return (
-        f"{out}: table {table.id[:12]} for controller {table.robot.serial}, {figures['rows']} rows, "
-        f"joints corrected by up to {figures['max_correction_deg']:.3f}°.\n"
+    named = f"table {figures['id'][:12]} for controller {figures['serial']}" if "id" in figures else "targets"
+    lines = [
+        f"{out}: {named}, {figures['rows']} rows, joints corrected by up to {figures['max_correction_deg']:.3f}°.",
         f"Predicted error in the model's frame: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) "
-        f"with nominal joints, {after['mean']:.4f} mm with these.\n"
+        f"with nominal joints, {after['mean']:.4f} mm with these.",
         f"1 σ of the model (RMS): {sigma['rms']:.3f} mm in its frame"
-        + (f", {among:.3f} mm among the rows." if among is not None else ".")
-    )
+        + (f", {among:.3f} mm among the rows." if among is not None else "."),
+    ]
+    if figures["position_only"]:
+        turned = figures["orientation_after_deg"]
+        lines.append(f"Position only: the orientation is off by {turned['mean']:.3f}° (mean; max {turned['max']:.3f}).")
+    return "\n".join(lines)

@@ -1,27 +1,26 @@
-"""`cellctl table`: pushes, shows, compares and rolls back a controller's compensation table."""
+"""`cellctl table`: pushes, shows, verifies and rolls back a controller's compensation table."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.ends import Exit, adding
 from cellctl.cli.outputs import refuse_outputs
+from cellctl.cli.table_diff import diff
+from cellctl.cli.table_history import history
+from cellctl.cli.table_options import Runs, State, recorded, show_result
 
 if TYPE_CHECKING:
     from cellctl.devices import TableStore
     from cellctl.operations.table_cell import TableCell
 
-Result = TypeVar("Result")
-
-app = typer.Typer(no_args_is_help=True, help="Push, show, verify or roll back a compensation table.")
+app = typer.Typer(no_args_is_help=True, help="Push, show, verify, compare or roll back a compensation table.")
 
 _Table = Annotated[Path, typer.Argument(help="Table file, as `cellctl compensate` or a run writes it.")]
-_State = Annotated[Path | None, typer.Option(help="File that keeps a simulated cell's state between calls.")]
 
 
 @app.command()
@@ -29,16 +28,18 @@ def push(
     table: _Table,
     cell: arguments.CellOption,
     seed: arguments.Seed = None,
-    state: _State = None,
+    state: State = None,
+    runs: Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
     """Send a table to the controller and activate it.
 
     A table for another robot is refused. The table is staged, read back and compared, then activated in one step. The
-    previous table stays active until then; `rollback` restores it.
+    previous table stays active until then; `rollback` restores it. The change is recorded in the history.
 
     Example: cellctl table push table.json --cell sphere_cell
     """
+    from cellctl.cli.table_words import in_force_words
     from cellctl.formats import TableFile
     from cellctl.operations.table_cell import TableCell, push_checked
 
@@ -47,68 +48,72 @@ def push(
     place = TableCell.load(cell, seed, state)
 
     async def work(store: TableStore, identity: Any) -> dict[str, Any]:
-        return await push_checked(store, identity, file, table, place)
+        with recorded(runs, identity.serial) as recorder:
+            return await push_checked(store, identity, file, table, place, recorder)
 
     with adding("nothing was written"):
-        result = _on(place, work)
-    if place.cell.simulated and state is None:
-        typer.echo("cellctl: the simulated controller has forgotten it again: --state FILE is its memory", err=True)
-    _show(json_, result, f"Table {file.id[:12]} is in force on {file.robot.serial}: {len(file.rows)} rows, read back.")
+        result = place.carry_out(work)
+    _warn_without_memory(place)
+    show_result(json_, result, in_force_words(result))
 
 
 @app.command()
 def show(
-    table: Annotated[Path | None, typer.Argument(help="Table file.")] = None,
+    table: Annotated[
+        Path | None, typer.Argument(help="Table file, or the id (or its beginning) of a table in the history.")
+    ] = None,
     cell: arguments.ShownCell = None,
     seed: arguments.Seed = None,
-    state: _State = None,
+    state: State = None,
+    runs: Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """Show a table file, or the tables of a controller.
+    """Show a table file, a table of the history, or the tables of a controller.
 
     With --cell: the active, the previous and the staged table.
 
     Example: cellctl table show table.json
     """
     from cellctl.cli.table_words import state_words, table_words
-    from cellctl.formats import TableFile
     from cellctl.operations.table_cell import TableCell, state_of
+    from cellctl.operations.table_history import table_named
 
     _one_of(table, cell)
     refuse_outputs({"--json": json_}, [table, cell, state])
     if table:
-        file = TableFile.load(table)
-        _show(json_, file.model_dump(), table_words(file))
+        file = table_named(table, runs)
+        show_result(json_, file.model_dump(), table_words(file))
         return
     assert cell is not None
 
     async def work(store: TableStore, identity: Any) -> dict[str, Any]:
         return {"serial": identity.serial, **state_of(await store.table_state())}
 
-    result = _on(TableCell.load(cell, seed, state), work)
-    _show(json_, result, state_words(result))
+    result = TableCell.load(cell, seed, state).carry_out(work)
+    show_result(json_, result, state_words(result))
 
 
 @app.command()
 def verify(
-    table: _Table,
+    table: Annotated[Path, typer.Argument(help="Table file, or the id (or its beginning) of a table in the history.")],
     cell: arguments.CellOption,
     seed: arguments.Seed = None,
-    state: _State = None,
+    state: State = None,
+    runs: Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """Compare the active table with a file, digit by digit.
+    """Compare the active table with a file or a table of the history, digit by digit.
 
     Reads every row from the controller. Exit code 0: the same; 1: different.
 
     Example: cellctl table verify table.json --cell sphere_cell
     """
-    from cellctl.formats import TableFile
     from cellctl.operations.table import controller_table, differences
     from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table_history import table_named
 
     refuse_outputs({"--json": json_}, [table, cell, state])
-    wanted = controller_table(TableFile.load(table))
+    wanted = controller_table(table_named(table, runs))
 
     async def work(store: TableStore, identity: Any) -> dict[str, Any]:
         found = differences(wanted, identity.serial, await store.read_table())
@@ -120,33 +125,49 @@ def verify(
             "differences": found,
         }
 
-    result = _on(TableCell.load(cell, seed, state), work)
+    result = TableCell.load(cell, seed, state).carry_out(work)
     same = f"Table {wanted.id[:12]} is in force on {result['serial']}, all {result['rows']} rows as in the file."
-    _show(json_, result, same if result["same"] else "\n".join(["Not the table in force:", *result["differences"]]))
+    show_result(
+        json_, result, same if result["same"] else "\n".join(["Not the table in force:", *result["differences"]])
+    )
     if not result["same"]:
         raise typer.Exit(Exit.NOT_BETTER)
 
 
 @app.command()
 def rollback(
-    cell: arguments.CellOption, seed: arguments.Seed = None, state: _State = None, json_: arguments.Json = None
+    cell: arguments.CellOption,
+    to: Annotated[str | None, typer.Option(help="Id (or its beginning) of a table in the history.")] = None,
+    seed: arguments.Seed = None,
+    state: State = None,
+    runs: Runs = Path("runs"),
+    json_: arguments.Json = None,
 ) -> None:
-    """Activate the previous table (or none) again.
+    """Activate the previous table (or none) again, or any table of the history.
 
-    A second rollback undoes the first.
+    A second rollback undoes the first. With --to the copy of that table in the history is pushed, after the same checks
+    as by `push`.
 
-    Example: cellctl table rollback --cell sphere_cell
+    Example: cellctl table rollback --cell sphere_cell --to 9856401189b3
     """
-    from cellctl.cli.table_words import state_words
-    from cellctl.operations.table_cell import TableCell, state_of
+    from cellctl.cli.table_words import in_force_words, state_words
+    from cellctl.operations.table import roll_back
+    from cellctl.operations.table_cell import TableCell, push_recorded, state_of
 
     refuse_outputs({"--json": json_}, [cell, state])
+    place = TableCell.load(cell, seed, state)
 
     async def work(store: TableStore, identity: Any) -> dict[str, Any]:
-        return {"serial": identity.serial, **state_of(await store.rollback_table())}
+        with recorded(runs, identity.serial) as recorder:
+            if to is not None:
+                return await push_recorded(store, identity, to, place, recorder)
+            after = await roll_back(store, await store.table_state(), recorder)
+            return {"serial": identity.serial, **state_of(after), "recorded": not recorder.failure}
 
-    result = _on(TableCell.load(cell, seed, state), work)
-    _show(json_, result, state_words(result))
+    with adding("nothing was written"):
+        result = place.carry_out(work)
+    _warn_without_memory(place)
+    show_result(json_, result, in_force_words(result) if to is not None else state_words(result))
 
 
 @app.command()
@@ -171,18 +192,16 @@ def export(
     refuse_export(table, krl, csv, out, json_)
     file = TableFile.load(table)
     result, words = export_krl(file, out or Path()) if krl else export_csv(file, out)
-    _show(json_, result, words)
+    show_result(json_, result, words)
 
 
-def _on(place: TableCell, work: Callable[[TableStore, Any], Awaitable[Result]]) -> Result:
-    """The result of `work` on the connected table store of the cell and its identity."""
-    import asyncio
+app.command()(history)
+app.command()(diff)
 
-    async def go() -> Result:
-        async with place.connected() as (store, identity):
-            return await work(store, identity)
 
-    return asyncio.run(go())
+def _warn_without_memory(place: TableCell) -> None:
+    if place.cell.simulated and place.state is None:
+        typer.echo("cellctl: the simulated controller has forgotten it again: --state FILE is its memory", err=True)
 
 
 def _one_of(table: Path | None, cell: Path | None) -> None:
@@ -190,11 +209,3 @@ def _one_of(table: Path | None, cell: Path | None) -> None:
 
     if (table is None) == (cell is None):
         raise InputError(Problem("cellctl table show", 0, 0, "shows one thing", "a table file, or --cell CELL"))
-
-
-def _show(json_: str | None, result: dict[str, Any], words: str) -> None:
-    from cellctl.cli.outputs import write_json
-
-    if json_ != "-" and words:  # first: the table is active even if writing the file fails
-        typer.echo(words)
-    write_json(result, json_)

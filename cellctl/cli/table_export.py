@@ -36,8 +36,8 @@ def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
     from cellctl.files import InputError, Problem, write_atomically
     from cellctl.formats.table_export import krl_module, module_name, nominal_name
 
-    if folder.exists() and not folder.is_dir():
-        raise InputError(Problem(str(folder), 0, 0, "is a file", "give -o a folder: the KRL module has two files"))
+    if str(folder) == "-" or (folder.exists() and not folder.is_dir()):
+        raise InputError(Problem(str(folder), 0, 0, "is no folder", "give -o a folder: the KRL module has two files"))
     made = krl_module(table)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in made.items():

@@ -17,6 +17,11 @@ def state_words(state: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def in_force_words(pushed: dict[str, Any]) -> str:
+    """The result of a push."""
+    return f"Table {pushed['id'][:12]} is in force on {pushed['serial']}: {pushed['rows']} rows, read back."
+
+
 def table_words(table: TableFile) -> str:
     """A table file in a few lines."""
     figures = table_figures(table)

@@ -1,13 +1,24 @@
 """Compensation: joint commands that take the real robot to the targets of the nominal one. Arrays in, arrays out.
 
-`compensate(nominal, identified, targets, start)` finds the joints; `gauge_fixed` gives the part of a model's covariance
-that matters for targets relative to touched spheres. `cyclic_search` needs predicted position errors alone.
+`compensate(nominal, identified, targets, start)` finds the joints, by one of `METHODS`; `gauge_fixed` gives the part of
+a model's covariance that matters for targets relative to touched spheres; `with_geometry` and `with_zeros_and_frames`
+give the chain of a controller into which parameters are written.
 """
 
 from cellctl.compensation.compensating import Compensated, compensate
 from cellctl.compensation.corrections import METHODS
-from cellctl.compensation.cyclic_search import Searched, cyclic_search
 from cellctl.compensation.postures import postures
+from cellctl.compensation.predictors import PredictedErrors
 from cellctl.compensation.uncertainty import gauge_fixed
+from cellctl.compensation.write_back import with_geometry, with_zeros_and_frames
 
-__all__ = ["METHODS", "Compensated", "Searched", "compensate", "cyclic_search", "gauge_fixed", "postures"]
+__all__ = [
+    "METHODS",
+    "Compensated",
+    "PredictedErrors",
+    "compensate",
+    "gauge_fixed",
+    "postures",
+    "with_geometry",
+    "with_zeros_and_frames",
+]

@@ -1,20 +1,23 @@
 """One pass of each compensation method: from the joints so far to better ones.
 
 T_d is the target, f the controller's nominal kinematics, f* the identified robot, f₂ the identified robot without its
-errors of joint zeros Δθ: f₂(q) = f*(q − Δθ). The last two methods work with f₂ and subtract Δθ at the end. With Δθ in
-the model too it would count twice.
+errors of joint zeros Δθ. Veitschegger–Wu and Newton–Raphson work with f₂ and subtract Δθ at the end. With Δθ in the
+model too it would count twice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Self, final
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import RobotModel
+from cellctl.compensation.predictors import Predictor
+from cellctl.compensation.write_back import with_geometry, with_zeros_and_frames
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse, inverse_pose, rotation_vector
 
 
@@ -27,60 +30,62 @@ class Pass:
     pseudo: Floats
     reached: Bools
 
-
-@final
-@dataclass(frozen=True, eq=False)
-class WithoutZeros:
-    """f₂ of an identified robot: `zeros` (n,), rad, are the errors of joint zeros that are left out of it."""
-
-    identified: RobotModel
-    zeros: Floats
-
-    @classmethod
-    def of(cls, identified: RobotModel, *, apart: bool) -> Self:
-        """apart: θ1 … θn are left out (a joint without that parameter has none); otherwise nothing is."""
-        amounts = [identified.amount(f"theta{joint}") or 0.0 for joint in range(1, identified.n + 1)]
-        return cls(identified, np.array(amounts) if apart else np.zeros(identified.n))
-
-    def pose(self, q: Floats) -> Floats:
-        """TCP (N, 4, 4), mm, at joints q (N, n), rad."""
-        return self.identified.pose(q - self.zeros)
-
-    def jacobian(self, q: Floats) -> Floats:
-        """Of the TCP by the joints (N, 6, n), mm and rad per rad."""
-        return self.identified.chain.tool_jacobian(q - self.zeros)
+    def pick(self, rows: Any) -> Self:
+        """Those of some rows."""
+        return replace(self, q=self.q[rows], pseudo=self.pseudo[rows], reached=self.reached[rows])
 
 
-Correction = Callable[[SerialChain, WithoutZeros, Floats, Pass], Pass]
+Correction = Callable[[SerialChain, Predictor, Floats, Pass], Pass]
 """From the controller's chain, the robot, the targets (N, 4, 4) and a pass: the next one."""
+
+WriteBack = Callable[[SerialChain, RobotModel, ArrayLike], SerialChain]
+"""From the controller's chain, the identified robot and postures (M, n) of the region: the chain to write."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class Method:
-    """zeros_apart: the errors of joint zeros are left out of the model and subtracted from the joints at the end."""
+    """zeros_apart: the errors of joint zeros are left out of the model and subtracted from the joints at the end.
+    position_only: the orientation is the nominal robot's; its error is not compensated. write_back: the parameters that
+    the controller takes; such a method has one pass, and what it leaves is the rest of the model.
+    """
 
     correction: Correction
     zeros_apart: bool = False
+    position_only: bool = False
+    write_back: WriteBack | None = None
 
 
-def differential(controller: SerialChain, robot: WithoutZeros, targets: Floats, now: Pass) -> Pass:
+def differential(controller: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
     """T_s ← T_s + (T_d − f*(f⁻¹(T_s))) as a shift and a small rotation vector along the measuring frame's axes."""
-    rest = np.where(now.reached[:, None], difference(targets, robot.pose(now.q)), 0.0)
-    return _sent(controller, _moved(now.pseudo, rest), now)
+    return _sent(controller, _moved(now.pseudo, difference(targets, robot.pose(now.q))), now)
 
 
-def matrix_form(controller: SerialChain, robot: WithoutZeros, targets: Floats, now: Pass) -> Pass:
+def matrix_form(controller: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
     """T_s ← T_d · (f*(f⁻¹(T_s)))⁻¹ · T_s."""
-    pseudo = targets @ inverse_pose(robot.pose(now.q)) @ now.pseudo
-    return _sent(controller, np.where(now.reached[:, None, None], pseudo, now.pseudo), now)
+    return _sent(controller, targets @ inverse_pose(robot.pose(now.q)) @ now.pseudo, now)
 
 
-def newton_raphson(controller: SerialChain, robot: WithoutZeros, targets: Floats, now: Pass) -> Pass:
+def newton_raphson(_: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
     """q ← q + δq with J δq = T_d − f₂(q) by least squares; the controller's inverse is not needed again."""
     rest = difference(targets, robot.pose(now.q))
-    step = np.einsum("nij,nj->ni", np.linalg.pinv(robot.jacobian(now.q)), rest)
-    return Pass(now.q + np.where(now.reached[:, None], step, 0.0), now.pseudo, now.reached)
+    return replace(now, q=now.q + np.einsum("nij,nj->ni", np.linalg.pinv(robot.jacobian(now.q)), rest))
+
+
+def cyclic_search(controller: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
+    """P_step ← P_step + (P_target − P), P the predicted position; Q ← f⁻¹(P_step), the orientation held.
+
+    Meng et al. 2024, doi 10.3390/app142411682, section 3.3. Read literally, the paper's loop subtracts the same step
+    twice and never moves; this is what its figure 12 means.
+    """
+    step = now.pseudo.copy()
+    step[:, :3, 3] += targets[:, :3, 3] - robot.pose(now.q)[:, :3, 3]
+    return _sent(controller, step, now)
+
+
+def written(controller: SerialChain, _: Predictor, targets: Floats, now: Pass) -> Pass:
+    """Q ← f_w⁻¹(T_d), f_w the kinematics of the controller with the written parameters."""
+    return _sent(controller, targets, now)
 
 
 METHODS = {
@@ -88,6 +93,9 @@ METHODS = {
     "pseudo-target-matrix": Method(matrix_form),
     "veitschegger-wu": Method(differential, zeros_apart=True),
     "newton-raphson": Method(newton_raphson, zeros_apart=True),
+    "cyclic-search": Method(cyclic_search, position_only=True),
+    "write-back-geometry": Method(written, write_back=with_geometry),
+    "write-back-zeros": Method(written, write_back=with_zeros_and_frames),
 }
 """Veitschegger and Wu 1986, and Newton–Raphson (Gao et al.) are published with one pass."""
 
@@ -99,10 +107,9 @@ def difference(goal: Floats, actual: Floats) -> Floats:
 
 
 def _sent(controller: SerialChain, pseudo: Floats, now: Pass) -> Pass:
-    """The controller's joints for pseudo-targets; those out of reach stay as they were."""
+    """The controller's joints for pseudo-targets."""
     found = inverse(controller, pseudo, now.q)
-    q = np.where(now.reached[:, None], found.q, now.q)
-    return Pass(q, pseudo, np.asarray(now.reached & found.converged))
+    return Pass(found.q, pseudo, found.converged)
 
 
 def _moved(poses: Floats, by: Floats) -> Floats:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cellctl.files import sha256_of
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
-from cellctl.formats.table import JOINT_DECIMALS, TableFile, TableRegion, TableRobot, TableSource, table_rows
+from cellctl.formats.table import JOINT_DECIMALS, Row, TableFile, TableRegion, TableRobot, TableSource, table_rows
 
 if TYPE_CHECKING:
-    from cellctl.compensation import Compensated
+    from numpy.typing import ArrayLike
+
+    from cellctl.compensation import Compensated, PredictedErrors
     from cellctl.kinematics import Floats, SerialChain
 
 
@@ -23,13 +26,58 @@ def nominal_chain(model: ModelFile) -> SerialChain:
 
 
 def compensated_targets(
-    model: ModelFile, targets: Floats, postures: Floats, *, method: str = "pseudo-target"
+    model: ModelFile,
+    targets: Floats,
+    postures: Floats,
+    *,
+    method: str = "pseudo-target",
+    passes: int | None = None,
+    errors: PredictedErrors | None = None,
+    tolerance_mm: float = 1e-6,
 ) -> Compensated:
-    """Compensate `targets` (N, 4, 4), mm, in the model's frame, from controller readings `postures` (N, n), deg."""
+    """Compensate `targets` (N, 4, 4), mm, in the model's frame, from controller readings `postures` (N, n), deg.
+
+    method, passes, tolerance_mm: as in `cellctl.compensation.compensate`. errors: predicted position errors (`errors`
+    of an error map) in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose
+    joints leave the limits of the robot file is not converged, with the joint as its reason.
+    """
     from cellctl.compensation import compensate
 
-    q = model.robot.joint_map().model(postures)
-    return compensate(nominal_chain(model), model.robot_model(), targets, q, method=method)
+    joints = model.robot.joint_map()
+    found = compensate(
+        nominal_chain(model),
+        errors or model.robot_model(),
+        targets,
+        joints.model(postures),
+        method=method,
+        passes=passes,
+        tolerance_mm=tolerance_mm,
+        region=_postures_of_region(model),
+    )
+    return _within_limits(found, joints.readings(found.compensated_q), model.robot.limits())
+
+
+def _postures_of_region(model: ModelFile) -> Floats:
+    """Model angles (M, n), rad, spread over the rows of the fit; over the joint region where the file has no rows."""
+    from cellctl.compensation.write_back import spread
+
+    region = model.joint_region
+    readings = region.postures or spread(region.min, region.max)
+    return model.robot.joint_map().model(readings)
+
+
+def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Compensated:
+    """`found`, with a reason for each target that joints outside their limits (n, 2), deg, would reach."""
+    import numpy as np
+
+    beyond = (readings < limits[:, 0]) | (readings > limits[:, 1])
+    reasons = list(found.reasons)
+    for row in np.flatnonzero(found.converged & beyond.any(axis=1)).tolist():
+        axis = int(np.argmax(beyond[row]))
+        low, high = limits[axis]
+        at = f"A{axis + 1} {readings[row, axis]:.3f}°"
+        reasons[row] = f"compensated {at} is not within {low:g}…{high:g}°, outside the joint's limits"
+    return replace(found, converged=np.array([not reason for reason in reasons], bool), reasons=tuple(reasons))
 
 
 def usual_postures(model: ModelFile, targets: Floats) -> Floats:
@@ -68,7 +116,7 @@ def target_sigma(model: ModelFile, readings: Floats) -> Floats:
     return predict(model.robot_model(), covariance, model.robot.joint_map().model(readings)).sigma_mm
 
 
-def sigma_among_rows(model: ModelFile, table: TableFile) -> float | None:
+def sigma_among_rows(model: ModelFile, rows: list[Row]) -> float | None:
     """1 σ (3-D, RMS), mm, of the rows' TCPs relative to each other; None for fewer than four rows.
 
     The part of `sigma_mm` without common rigid motions: the relevant one once the frame has been tied to something in
@@ -78,10 +126,34 @@ def sigma_among_rows(model: ModelFile, table: TableFile) -> float | None:
 
     from cellctl.calibration import sigma_among
 
-    if len(table.rows) < 4:
+    if len(rows) < 4:
         return None
-    q = model.robot.joint_map().model([row.compensated for row in table.rows])
+    q = model.robot.joint_map().model([row.compensated for row in rows])
     return sigma_among(model.robot_model(), np.array(model.covariance), q)
+
+
+def target_rows(
+    model: ModelFile, targets: Floats, found: Compensated, errors: PredictedErrors | None = None
+) -> list[Row]:
+    """Rows of a table for `targets` (N, 4, 4), mm, as `found` by `compensated_targets` (with the same `errors`).
+
+    The predicted errors are those of the joints as rounded for the controller.
+    """
+    import numpy as np
+
+    from cellctl.kinematics import abc_from_rotation
+
+    joints, identified, nominal = model.robot.joint_map(), model.robot_model(), nominal_chain(model)
+
+    def away(readings: Floats) -> Floats:
+        q = joints.model(readings)
+        tcp = nominal.forward(q)[:, :3, 3] + errors(q) if errors else identified.tcp(q)
+        return np.asarray(np.linalg.norm(tcp - targets[:, :3, 3], axis=1))
+
+    start, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
+    poses = np.hstack([targets[:, :3, 3], abc_from_rotation(targets[:, :3, :3])])
+    before, after = away(start), away(commanded)
+    return table_rows(poses, start, commanded, before, after, target_sigma(model, commanded))
 
 
 def table_of(
@@ -97,23 +169,14 @@ def table_of(
 ) -> TableFile:
     """The table that sends controller `serial` to `targets` (N, 4, 4), mm, as `found` by `compensated_targets`.
 
-    The predicted errors are those of the joints as rounded for the controller. Raises ValueError where a target was not
-    reached: leave it out before.
+    Raises ValueError where a target was not reached: leave it out before.
     """
-    import numpy as np
-
-    from cellctl.kinematics import abc_from_rotation
 
     if not found.converged.all():
-        rows = ", ".join(str(row + 1) for row in np.flatnonzero(~found.converged))
-        raise ValueError(f"targets out of reach: {rows}")
-    joints, identified = model.robot.joint_map(), model.robot_model()
-    nominal, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
-    places = targets[:, :3, 3]
-    before, after = (np.linalg.norm(identified.tcp(joints.model(at)) - places, axis=1) for at in (nominal, commanded))
-    said = np.hstack([places, abc_from_rotation(targets[:, :3, :3])])
+        rows = "; ".join(f"row {row}: {reason}" for row, reason in enumerate(found.reasons, 1) if reason)
+        raise ValueError(f"targets that are not reached: {rows}")
     return TableFile.of(
-        table_rows(said, nominal, commanded, before, after, target_sigma(model, commanded)),
+        target_rows(model, targets, found),
         robot=TableRobot(serial=serial, name=model.robot.name),
         simulated=simulated,
         tool=model.robot.tool,
@@ -124,18 +187,24 @@ def table_of(
 
 
 def table_figures(table: TableFile) -> dict[str, Any]:
-    """A table in figures: rows, largest correction (deg); distances predicted before and after, σ (mm)."""
+    """A table in figures: its id, and those of its rows."""
+    return {"id": table.id, **row_figures(table.rows)}
+
+
+def row_figures(rows: list[Row]) -> dict[str, Any]:
+    """Count, largest correction (deg); distances predicted before and after, σ (mm)."""
+    return {
+        "rows": len(rows),
+        "max_correction_deg": max(row.correction_deg for row in rows),
+        "predicted_before_mm": mean_rms_max([row.predicted_before_mm for row in rows]),
+        "predicted_after_mm": mean_rms_max([row.predicted_after_mm for row in rows]),
+        "sigma_mm": mean_rms_max([row.sigma_mm for row in rows]),
+    }
+
+
+def mean_rms_max(values: ArrayLike) -> dict[str, float]:
+    """Mean, RMS and maximum of values (N,), N ≥ 1."""
     import numpy as np
 
-    def figures(values: list[float]) -> dict[str, float]:
-        array = np.array(values)
-        return {"mean": float(array.mean()), "rms": float(np.sqrt(np.mean(array**2))), "max": float(array.max())}
-
-    return {
-        "id": table.id,
-        "rows": len(table.rows),
-        "max_correction_deg": table.max_correction_deg,
-        "predicted_before_mm": figures([row.predicted_before_mm for row in table.rows]),
-        "predicted_after_mm": figures([row.predicted_after_mm for row in table.rows]),
-        "sigma_mm": figures([row.sigma_mm for row in table.rows]),
-    }
+    array = np.asarray(values, float)
+    return {"mean": float(array.mean()), "rms": float(np.sqrt(np.mean(array**2))), "max": float(array.max())}

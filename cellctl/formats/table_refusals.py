@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from cellctl.formats.robot import RobotFile
-from cellctl.formats.table import Row, TableFile
+from cellctl.formats.robot import RobotFile, Tool
+from cellctl.formats.table import Row, TableFile, TableRegion
 
 _SAME = 1e-6
 """Largest difference of equal lengths, angles or masses in two files, mm, deg, kg."""
@@ -38,14 +38,20 @@ def _another_controller(table: TableFile, serial: str, simulated: bool) -> list[
 
 
 def _another_robot(table: TableFile, robot: RobotFile) -> list[str]:
-    found = []
-    if table.robot.name != robot.name:
-        found.append(f"it is for a '{table.robot.name}', the cell's robot file says '{robot.name}'")
-    ours, theirs = ([*tool.xyz, *tool.abc, tool.mass] for tool in (robot.tool, table.tool))
-    if any(abs(mine - other) > _SAME for mine, other in zip(ours, theirs, strict=True)):
-        found.append(f"it is for the tool {_tool(theirs)}, the cell's is {_tool(ours)}")
+    found = other_robot(table.robot.name, table.tool, robot)
     if abs(table.payload - robot.tool.mass) > _SAME:
         found.append(f"it is for a payload of {table.payload:g} kg, the cell's is {robot.tool.mass:g} kg")
+    return found
+
+
+def other_robot(name: str, tool: Tool, robot: RobotFile) -> list[str]:
+    """Why a model or table of robot `name` with `tool` is not for the cell's robot file `robot`; empty where it is."""
+    found = []
+    if name != robot.name:
+        found.append(f"it is for a '{name}', the cell's robot file says '{robot.name}'")
+    ours, theirs = ([*each.xyz, *each.abc, each.mass] for each in (robot.tool, tool))
+    if any(abs(mine - other) > _SAME for mine, other in zip(ours, theirs, strict=True)):
+        found.append(f"it is for the tool {_tool(theirs)}, the cell's is {_tool(ours)}")
     return found
 
 
@@ -54,17 +60,19 @@ def _tool(numbers: list[float]) -> str:
     return f"({xyz}) mm, ({abc})°, {numbers[6]:g} kg"
 
 
-def row_problems(table: TableFile, robot: RobotFile, correction_deg: float = math.inf) -> list[list[str]]:
+def row_problems(
+    rows: list[Row], joint_region: TableRegion, robot: RobotFile, correction_deg: float = math.inf
+) -> list[list[str]]:
     """For each row the errors of its joints: limits of `robot`, the model's region, corrections, deg."""
     limits = [(joint.min, joint.max) for joint in robot.joints]
-    region = list(zip(table.joint_region.min, table.joint_region.max, strict=True))
-    return [_row(row, limits, region, correction_deg) for row in table.rows]
+    region = list(zip(joint_region.min, joint_region.max, strict=True))
+    return [_row(row, limits, region, correction_deg) for row in rows]
 
 
 def _rows(table: TableFile, robot: RobotFile, correction_deg: float) -> list[str]:
     if len(table.joint_region.min) != robot.n:
         return [f"its rows have {len(table.joint_region.min)} joints, the cell's robot has {robot.n}"]
-    problems = row_problems(table, robot, correction_deg)
+    problems = row_problems(table.rows, table.joint_region, robot, correction_deg)
     return [f"row {number}: {what}" for number, reasons in enumerate(problems, 1) for what in reasons]
 
 
@@ -76,7 +84,7 @@ def _row(
         beyond = _outside(joints, limits)
         found += [f"{kind} {what}, outside the joint's limits" for what in beyond]
         if not beyond:
-            found += [f"{kind} {what}, where the model never saw the robot" for what in _outside(joints, region)]
+            found += [f"{kind} {what}, outside the measured region" for what in _outside(joints, region)]
     for axis, (before, after) in enumerate(zip(row.nominal, row.compensated, strict=True), 1):
         if abs(after - before) > correction_deg:
             found.append(f"A{axis} is corrected by {after - before:+.3f}°, the cell allows {correction_deg:g}°")

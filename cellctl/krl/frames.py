@@ -67,6 +67,7 @@ class _Follower:
     """Follows one program."""
 
     def __init__(self, program: KrlFile, data: Sequence[KrlFile]) -> None:
+        self._program = program
         self._statements = program.statements
         self._reader = FrameReader(program, data)
         self._state = FrameState.uncertain("the program does not set it before")
@@ -82,7 +83,7 @@ class _Follower:
                     self._spline = statement.settings
                 case Begin():
                     self._state = FrameState.uncertain(f"{statement.name} does not set it before")
-                    self._blocks = []
+                    self._blocks, self._spline = [], ()
                 case Assignment():
                     self._state = self._reader.assigned(self._state, statement)
                 case Invocation():
@@ -90,7 +91,7 @@ class _Follower:
                 case Control():
                     self._control(statement, place)
                 case Unknown():
-                    if statement.names & _FRAMES:
+                    if statement.names & _FRAMES or "(" in self._program.source(statement.span):
                         self._state = FrameState.uncertain(f"line {statement.line} is not understood")
                 case _:
                     pass
@@ -105,6 +106,8 @@ class _Follower:
         keyword = statement.keyword
         if keyword == ":":
             self._state = FrameState.uncertain("a GOTO may come here")
+        elif keyword in ("TRIGGER", "INTERRUPT") and statement.names & _FRAMES:
+            self._state = FrameState.uncertain(f"{keyword} in line {statement.line} sets it at another time")
         elif keyword in _LOOPS or keyword in _BRANCHES:
             if keyword in _LOOPS and self._sets_frames(place, keyword):
                 self._state = FrameState.uncertain("it is set later in the same loop")

@@ -20,16 +20,12 @@ class Span(NamedTuple):
 
 
 class Token(NamedTuple):
-    """One token and its place."""
+    """One token and its place. word: the text in upper case, since KRL does not distinguish case."""
 
     kind: TokenKind
     text: str
     span: Span
-
-    @property
-    def word(self) -> str:
-        """The text in upper case: KRL does not distinguish case."""
-        return self.text.upper()
+    word: str
 
 
 class Line(NamedTuple):
@@ -41,17 +37,18 @@ class Line(NamedTuple):
 
 
 _TOKEN = re.compile(
-    r"""(?P<comment>;.*)
-    |(?P<string>"[^"]*")
-    |(?P<bits>'[ \t]*(?:[Bb][ \t]*[01]+|[Hh][ \t]*[0-9A-Fa-f]+)[ \t]*')
-    |(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)
-    |(?P<enum>\#[ \t]*[^\W\d][\w$]*)
+    r"""[ \t\f\v\x1a\ufeff]*  # old editors end a file with 1A
+    (?:(?P<comment>;.*)
     |(?P<name>(?:[^\W\d]|\$)[\w$]*)
+    |(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)
     |(?P<sign><=|>=|<>|==|[-+*/:<>=(),.\[\]{}])
-    |(?P<bad>".*|.)""",
+    |(?P<string>"[^"]*")
+    |(?P<enum>\#[ \t]*[^\W\d][\w$]*)
+    |(?P<bits>'[ \t]*(?:[Bb][ \t]*[01]+|[Hh][ \t]*[0-9A-Fa-f]+)[ \t]*')
+    |(?P<bad>".*|.)
+    |\Z)""",
     re.VERBOSE | re.DOTALL,
 )
-_SPACE = re.compile(r"[ \t\f\v\x1a\ufeff]*")  # old editors end a file with 1A
 _LINE = re.compile(r"([^\r\n]*)(\r\n|\r|\n|\Z)")
 _UTF8_MARK = "\xef\xbb\xbf"
 
@@ -70,19 +67,11 @@ def lines(text: str) -> Iterator[Line]:
 
 def tokens(line: Line) -> list[Token]:
     """The tokens of a line. A character that begins none is a token of kind `bad`."""
-    found, at = [], 0
-    while (at := _after_space(line.text, at)) < len(line.text):
-        match = _TOKEN.match(line.text, at)
-        assert match is not None  # `bad` matches anything
-        found.append(Token(match.lastgroup, match[0], _moved(match.span(), line.span.start)))  # type: ignore[arg-type]
-        at = match.end()
+    found, by = [], line.span.start
+    for match in _TOKEN.finditer(line.text):
+        kind = match.lastgroup
+        if kind is not None:  # None: white space at the end
+            start, end = match.span(kind)
+            text = match[kind]
+            found.append(Token(kind, text, Span(by + start, by + end), text.upper()))  # type: ignore[arg-type]
     return found
-
-
-def _after_space(text: str, at: int) -> int:
-    space = _SPACE.match(text, at)
-    return space.end() if space else at
-
-
-def _moved(span: tuple[int, int], by: int) -> Span:
-    return Span(span[0] + by, span[1] + by)

@@ -65,8 +65,8 @@ def program(routines: Iterable[str], comments: Iterable[str] = ()) -> str:
 
 
 def _comments(comments: Iterable[str]) -> list[str]:
-    """Comment lines in ASCII: a character outside it becomes `?`, a line end a space."""
-    return [f"; {' '.join(text.split())}".encode("ascii", "replace").decode() for text in comments]
+    """Comment lines in ASCII: a character outside it becomes `?`, a line end a space; a long one is cut."""
+    return [f"; {' '.join(text.split())}".encode("ascii", "replace").decode()[:LONGEST_LINE] for text in comments]
 
 
 def _module(lines: Iterable[str]) -> str:

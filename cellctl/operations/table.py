@@ -7,13 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import TypeAlias
 
 from cellctl.devices import ControllerTable, DeviceFault, DeviceLost, Identity, TableRow, TableState, TableStore
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile, table_problems
 from cellctl.formats.table import JOINT_DECIMALS
+from cellctl.operations.table_changes import Action
+from cellctl.operations.table_recording import TableRecorder
 
 _SHOWN = 5
+
+_Before: TypeAlias = Callable[[], Awaitable[None]]
 
 
 async def _nothing() -> None:
@@ -47,31 +52,62 @@ def refuse_table(
 
 
 async def push_verified(
-    store: TableStore, serial: str, wanted: ControllerTable, before: Callable[[], Awaitable[None]] = _nothing
+    store: TableStore, table: TableFile, recorder: TableRecorder, action: Action = "push", before: _Before = _nothing
 ) -> None:
-    """Activate `wanted` on the controller `serial`, read the active table and compare it, digit by digit.
+    """Activate `table` on the recorder's controller, read the active table and compare it, digit by digit.
 
     A table that is already active is not pushed again, as a rollback would then restore the same table.
-    `before` is awaited before a push. Raises DeviceFault if another table is active afterwards, DeviceLost if
-    the connection ends after the push, and the store's errors.
+    `before` is awaited before a push. The change is recorded as `action`. Raises DeviceFault if another table is active
+    afterwards, DeviceLost if the connection ends after the push, and the store's errors.
     """
     state = await store.table_state()
-    if state.staged or not in_force(state, wanted.id):
-        await before()
-        await store.push_table(wanted)
+    if in_force(state, table.id) and not state.staged:
+        recorder.seen(table.id)
+        await _read_back(store, table, recorder.history.serial)
+        return
+    await before()
+    with recorder.change(action, table, active_id(state)) as change:
+        await store.push_table(controller_table(table))
+        change.activated = True
+        await _read_back(store, table, recorder.history.serial)
+
+
+async def roll_back(
+    store: TableStore, state: TableState, recorder: TableRecorder, action: Action = "rollback", reason: str = ""
+) -> TableState:
+    """Activate the previous table of the controller, which is in `state`; returns the state afterwards.
+
+    The change is recorded as `action`. Raises DeviceFault if the same table is active afterwards, and the store's
+    errors.
+    """
+    if state.active is None and state.previous is None:
+        return await store.rollback_table()  # it refuses; there is no change to record
+    with recorder.change(action, state.previous.id if state.previous else None, active_id(state), reason):
+        after = await store.rollback_table()
+        if active_id(after) == active_id(state):
+            raise DeviceFault(store.name, "it was pushed twice and is still in force after one rollback")
+    return after
+
+
+async def _read_back(store: TableStore, table: TableFile, serial: str) -> None:
     try:
         found = await store.read_table()
     except DeviceLost as error:
-        what = f"table {wanted.id[:12]} is in force, but the connection was lost as it was read once more: {error.what}"
+        what = f"table {table.id[:12]} is in force, but the connection was lost as it was read once more: {error.what}"
         raise DeviceLost(store.name, what, "look with `cellctl table verify`") from error
-    if wrong := differences(wanted, serial, found):
+    if wrong := differences(controller_table(table), serial, found):
         what = f"after the push another table is in force than was pushed: {'; '.join(wrong)}"
         raise DeviceFault(store.name, what, "look with `cellctl table show`; `cellctl table rollback` undoes it")
 
 
+def active_id(state: TableState) -> str | None:
+    """The id of the controller's active table; None without one."""
+    return state.active.id if state.active else None
+
+
 def in_force(state: TableState, table_id: str) -> bool:
     """Whether the controller's active table is the one with this id."""
-    return state.active is not None and state.active.id == table_id
+    return active_id(state) == table_id
 
 
 def differences(wanted: ControllerTable, serial: str, found: ControllerTable | None) -> list[str]:

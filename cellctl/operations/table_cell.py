@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Any, Self, TypeVar, final
 
 from cellctl.devices import Identity, TableInfo, TableState, TableStore
 from cellctl.devices.cell import Cell
@@ -15,8 +16,13 @@ from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
 from cellctl.operations.connected import connected
 from cellctl.operations.system import require_cells
-from cellctl.operations.table import controller_table, push_verified, refuse_table
+from cellctl.operations.table import push_verified, refuse_table
+from cellctl.operations.table_changes import Action
+from cellctl.operations.table_history import find_table
+from cellctl.operations.table_recording import TableRecorder
 from cellctl.procedure.abilities import missing_abilities
+
+Result = TypeVar("Result")
 
 
 @final
@@ -43,6 +49,15 @@ class TableCell:
             )
         return cls(cell, RobotFile.load(cell.robot_file), drivers, _table_keeper(cell, drivers), seed, state)
 
+    def carry_out(self, work: Callable[[TableStore, Identity], Awaitable[Result]]) -> Result:
+        """The result of `work` on the connected device and its identity. Raises what it raises, and DeviceError."""
+
+        async def go() -> Result:
+            async with self.connected() as (store, identity):
+                return await work(store, identity)
+
+        return asyncio.run(go())
+
     @asynccontextmanager
     async def connected(self) -> AsyncIterator[tuple[TableStore, Identity]]:
         """The device, connected alone, and its identity."""
@@ -53,16 +68,34 @@ class TableCell:
 
 
 async def push_checked(
-    store: TableStore, identity: Identity, table: TableFile, file: Path, place: TableCell
+    store: TableStore,
+    identity: Identity,
+    table: TableFile,
+    file: Path,
+    place: TableCell,
+    recorder: TableRecorder,
+    action: Action = "push",
 ) -> dict[str, Any]:
     """Push `table`, of `file`, to the connected controller `identity`, and read it back after its activation.
 
     Raises InputError with every reason against this controller (nothing is written then), DeviceError.
     """
     refuse_table(table, file, identity, place.robot, place.cell.table_correction_deg)
-    await push_verified(store, identity.serial, controller_table(table))
-    done = {"pushed": True, "verified": True, "active": True}
+    await push_verified(store, table, recorder, action)
+    done = {"pushed": True, "verified": True, "active": True, "recorded": not recorder.failure}
     return {"id": table.id, "serial": identity.serial, "rows": len(table.rows), **done}
+
+
+async def push_recorded(
+    store: TableStore, identity: Identity, word: str, place: TableCell, recorder: TableRecorder
+) -> dict[str, Any]:
+    """`push_checked`, as a rollback, of the table in the recorder's history whose id begins with `word`.
+
+    Raises InputError if there is none or more than one, or its copy has changed; and what `push_checked` raises.
+    """
+    history, table_id = find_table(word, [recorder.history])
+    table = history.table(table_id)
+    return await push_checked(store, identity, table, history.copy_of(table_id), place, recorder, "rollback")
 
 
 def state_of(state: TableState) -> dict[str, Any]:

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TypeVar
 
-from cellctl.devices import (
-    DeviceError,
-    DeviceFault,
-    DeviceRefused,
-    DeviceUncertain,
-    TableStore,
-)
+from cellctl.devices import DeviceError, DeviceRefused, DeviceUncertain, TableStore
 from cellctl.devices.cell import table_correction_deg
 from cellctl.formats import RobotFile, TableFile
 from cellctl.journal import PushedTable
-from cellctl.operations.table import controller_table, in_force, push_verified, refuse_table
+from cellctl.operations.table import active_id, in_force, push_verified, refuse_table, roll_back
+from cellctl.operations.table_history import TableHistory
+from cellctl.operations.table_recording import TableRecorder
 from cellctl.procedure import StepContext
 from cellctl.records import TablePushRow, TableStateRow, VerdictRow
 
 AnyVerdict = TypeVar("AnyVerdict", bound=VerdictRow)
+
+
+@contextmanager
+def recorded_changes(context: StepContext) -> Iterator[TableRecorder]:
+    """Records in the history of the run's controller, beside the run folder; a failure to write is only reported."""
+    history = TableHistory(context.run_folder.parent, context.identity("robot").serial)
+    recorder = TableRecorder(history, context.run_name)
+    try:
+        yield recorder
+    finally:
+        if recorder.failure:
+            context.say(recorder.failure)
 
 
 async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> TableStateRow:
@@ -37,7 +46,8 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     limit = table_correction_deg(context.cell)
     refuse_table(table, file, identity, RobotFile.load(context.robot_file), limit, made=table_id)
     begins = TablePushRow(table.id, len(table.rows), False, False, None, table.max_correction_deg)
-    await push_verified(robot, identity.serial, controller_table(table), lambda: context.record(begins))
+    with recorded_changes(context) as recorder:
+        await push_verified(robot, table, recorder, before=lambda: context.record(begins))
     return TableStateRow(table.id, len(table.rows), True, True, True, table.max_correction_deg)
 
 
@@ -63,17 +73,19 @@ async def require_in_force(robot: TableStore, table_id: str) -> None:
         raise DeviceRefused("robot", f"table {table_id[:12]} of this run is not in force; nothing was moved", cure)
 
 
-async def take_back(context: StepContext, robot: TableStore, row: TableStateRow) -> TableStateRow:
+async def take_back(context: StepContext, robot: TableStore, row: TableStateRow, reason: str) -> TableStateRow:
     """Activate the table before the run's one, whose last row is `row`; records the new state and returns its row.
 
-    No action if the run's table is not active. Raises DeviceUncertain if it may still be active afterwards.
+    No action if the run's table is not active. `reason` is for the history. Raises DeviceUncertain if the table may
+    still be active afterwards.
     """
     try:
-        state = await robot.table_state()
-        if in_force(state, row.id):
-            state = await robot.rollback_table()
-        if in_force(state, row.id):
-            raise DeviceFault("robot", "it was pushed twice and is still in force after one rollback")
+        with recorded_changes(context) as recorder:
+            state = await robot.table_state()
+            if in_force(state, row.id):
+                await roll_back(robot, state, recorder, "withdrawal", reason)
+            else:
+                recorder.seen(active_id(state))
     except DeviceError as error:
         await context.record(_of_table(row, active=None))
         what = f"table {row.short} was pushed by this run, is not proved, and may still be in force"
@@ -88,7 +100,7 @@ async def take_back_unhelpful(context: StepContext, robot: TableStore) -> TableS
 
     Raises DeviceUncertain if it may still be active.
     """
-    row = await take_back(context, robot, context.recorded(TableStateRow)[-1])
+    row = await take_back(context, robot, context.recorded(TableStateRow)[-1], "it is not better than nominal")
     context.say(f"table {row.short} is not better than nominal: rolled back, no longer in force")
     return row
 
@@ -104,7 +116,7 @@ async def take_back_unproved(context: StepContext, robot: TableStore) -> None:
     """`take_back` of a table that this run pushed and has not proved; no action if there is none."""
     table = PushedTable.of(context)
     if table is not None and table.unproved_in_force:
-        await take_back(context, robot, table.row)
+        await take_back(context, robot, table.row, "the run ended before it was proved")
         context.say(f"table {table.row.short} is not proved and no longer in force: the one before it is")
 
 

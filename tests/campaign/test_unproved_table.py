@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, touches_procedure
+from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, only_run, touches_procedure
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -23,6 +23,7 @@ from cellctl.journal import RunState, StepStarted, fold, read_journal
 from cellctl.operations.campaign import Campaign, load_campaign
 from cellctl.operations.launch import Options, run_on
 from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.table_history import TableHistory
 from cellctl.records import TablePushRow, TableStateRow
 
 pytestmark = pytest.mark.campaign
@@ -127,6 +128,10 @@ def test_an_abort_after_the_push_takes_the_table_back_and_a_resumed_run_puts_it_
     assert after_first == after_second == (None, table.id)
     rows = fold(read_journal(run)).all_recorded(TablePushRow, TableStateRow)
     assert [row.active for row in rows] == [None, True, False, None, True, False]
+    changes, problems = TableHistory(tmp_path, "SIM-925185").read()
+    assert problems == []
+    assert [(each.begin.action, each.begin.table) for each in changes] == [("push", table.id), ("withdrawal", None)] * 2
+    assert {(each.begin.run, each.result) for each in changes} == {("run", "in force")}
 
 
 def test_kill_minus_nine_of_what_started_the_run_aborts_it_with_its_clean_up(tmp_path: Path) -> None:
@@ -143,7 +148,7 @@ def test_kill_minus_nine_of_what_started_the_run_aborts_it_with_its_clean_up(tmp
     assert f"process {parent.pid} (" in said
     assert "--detached" in said
     assert "the robot is held" in said
-    state = fold(read_journal(next(runs.iterdir())))
+    state = fold(read_journal(only_run(runs)))
     assert (state.state, state.steps["cleanup.hold"].outcome) == ("aborted", "done")
 
 

@@ -1,5 +1,6 @@
 """A model, targets, the shipped cell, and a controller of the test's own that keeps tables."""
 
+import shutil
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -50,13 +51,29 @@ class Controller:
         return TableInfo(table.id, len(table.rows), "89ABCDEF") if table else None
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """`model.json` and `targets.csv`: eight targets with postures near by."""
+def run(*words):
+    """The exit code of a command line."""
+    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A folder with a model, targets with and without postures, and a table for `SIM-4711`."""
+    folder = tmp_path_factory.mktemp("made")
     readings = readings_near_the_middle(8)
-    kr5_model().save(tmp_path / "model.json")
-    (tmp_path / "targets.csv").write_text(targets_csv(readings))
-    (tmp_path / "bare.csv").write_text(targets_csv(readings, postures=False))
+    kr5_model().save(folder / "model.json")
+    (folder / "targets.csv").write_text(targets_csv(readings))
+    (folder / "bare.csv").write_text(targets_csv(readings, postures=False))
+    files = (folder / "model.json", folder / "targets.csv", "--serial", "SIM-4711", "-o", folder / "table.json")
+    assert run("compensate", *files) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path, monkeypatch):
+    """`model.json` and `targets.csv`: eight targets with postures near by."""
+    for name in ("model.json", "targets.csv", "bare.csv"):
+        shutil.copy(made / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -64,7 +81,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def cellctl(folder):
     """Runs the command line in the folder of the files; the exit code."""
-    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return run
 
 
 @pytest.fixture
@@ -82,7 +99,6 @@ def controller(monkeypatch):
 
 
 @pytest.fixture
-def table(cellctl, folder):
+def table(made, folder):
     """A table for `SIM-4711`."""
-    assert cellctl("compensate", "model.json", "targets.csv", "--serial", "SIM-4711", "-o", "table.json") == 0
-    return folder / "table.json"
+    return Path(shutil.copy(made / "table.json", folder))

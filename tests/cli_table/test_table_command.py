@@ -27,9 +27,8 @@ def test_a_pushed_table_is_in_force_read_back_and_verified(cellctl, controller, 
     assert cellctl("table", "push", table, "--cell", cell, "--json", "pushed.json") == 0
     file = TableFile.load(table)
     done = json.loads((folder / "pushed.json").read_text())
-    assert done == {
-        "id": file.id, "serial": "SIM-4711", "rows": 8, "pushed": True, "verified": True, "active": True,
-    }  # fmt: skip
+    yes = dict.fromkeys(("pushed", "verified", "active", "recorded"), True)
+    assert done == {"id": file.id, "serial": "SIM-4711", "rows": 8, **yes}
     assert [(row.nominal, row.compensated) for row in controller.active.rows] == list(file.pairs())
     assert cellctl("table", "verify", table, "--cell", cell) == 0
     assert "all 8 rows" in capsys.readouterr().out

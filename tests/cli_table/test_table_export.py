@@ -44,7 +44,8 @@ def test_a_changed_table_is_not_exported(cellctl, table, folder, capsys):
     [
         ((), "give --krl or --csv"),
         (("--krl", "--csv"), "give --krl or --csv"),
-        (("--krl", "-o", "model.json"), "is a file"),
+        (("--krl", "-o", "model.json"), "give -o a folder"),
+        (("--krl", "-o", "-"), "give -o a folder"),
         (("--csv", "--json", "-"), "goes to stdout"),
         (("--csv", "-o", "model.json", "--json", "model.json"), "as well"),
     ],

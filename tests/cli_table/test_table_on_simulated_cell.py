@@ -39,7 +39,8 @@ class Cell:
 
     def table(self, *words, json_=None):
         more = ["--json", self.folder / json_] if json_ else []
-        return run("table", *words, "--cell", CELL, "--state", self.folder / "memory.json", *more)
+        runs = [] if words[0] == "verify" else ["--runs", self.folder / "runs"]
+        return run("table", *words, "--cell", CELL, "--state", self.folder / "memory.json", *runs, *more)
 
     def active(self):
         assert self.table("show", json_="state.json") == 0
@@ -105,6 +106,9 @@ def test_a_controller_that_restarts_during_a_push_has_the_table_that_the_end_of_
         assert code == 4
         assert cell.active() in (first, second)
     assert code == 3 or after_ms > 5
+    assert cell.table("history", json_="history.json") == 0  # the record says the same as the controller
+    [found] = json.loads((cell.folder / "history.json").read_text())["controllers"]
+    assert (found["changes"][0]["state"] == "uncertain") == (code == 4)
 
 
 def restarting(monkeypatch, after_ms):

@@ -4,12 +4,13 @@ import csv
 import io
 
 import pytest
+from krl_programs import Krl
 
 from cellctl.files import InputError
 from cellctl.formats import TableFile
 from cellctl.formats.robot import Tool
 from cellctl.formats.table import TableRegion, TableRobot, TableSource, table_rows
-from cellctl.formats.table_export import krl_module, module_name, targets_csv
+from cellctl.formats.table_export import krl_module, module_name, nominal_name, targets_csv
 from cellctl.krl import Control, KrlFile
 
 
@@ -53,6 +54,55 @@ def test_the_program_moves_to_the_rows_after_it_asked_for_the_serial():
     assert program.text.count("IF $KR_SERIALNO<>925185 THEN") == 2
     halts = [statement.line for statement in program.of(Control) if statement.keyword == "HALT"]
     assert len([line for line in halts if line < program.motions[0].line]) == 2
+
+
+class Halted(Exception):
+    pass
+
+
+class Controller(Krl):
+    """Runs the module's program; a motion is kept, HALT ends it."""
+
+    def __init__(self, made, serial):
+        data, program = module(made)
+        super().__init__([program.text], {})
+        arrays = {
+            name: {(n,): data.point(f"{name}[{n}]").values for n in range(1, len(made.rows) + 1)}
+            for name in ("COMPENSATED", "NOMINAL")
+        }
+        self.variables |= {"$KR_SERIALNO": serial, "ROWS": len(made.rows), **arrays}
+        self.moved = []
+
+    def _loop(self, lines, at, close, local):
+        self._block(lines, at + 1, close, local)
+
+    def _statement(self, line, local):
+        if line == "HALT":
+            raise Halted
+        if line.startswith("PTP "):
+            self.moved.append(list(self.value(line[4:], local).values()))
+        else:
+            super()._statement(line, local)
+
+
+def test_the_program_moves_to_the_row_on_the_controller_of_the_table():
+    made = table()
+    controller = Controller(made, 925185)
+    controller.call(module_name(made), 2)
+    controller.call(nominal_name(made), 3)
+    assert controller.moved == [made.rows[1].compensated, made.rows[2].nominal]
+
+
+@pytest.mark.parametrize(
+    ("serial", "row", "simulated"), [(925186, 1, False), (925185, 0, False), (925185, 4, False), (1, 1, True)]
+)
+def test_the_program_halts_on_another_controller_at_a_missing_row_and_if_simulated(serial, row, simulated):
+    made = table(serial="SIM-1" if simulated else "925185", simulated=simulated)
+    controller = Controller(made, serial)
+    for name in (module_name(made), nominal_name(made)):
+        with pytest.raises(Halted):
+            controller.call(name, row)
+    assert controller.moved == []
 
 
 def test_the_comments_name_table_robot_serial_tool_and_run():

@@ -192,7 +192,7 @@ def test_a_row_outside_limits_or_where_the_model_never_saw_the_robot_is_named(ta
     rows = [table.rows[0], beyond, table.rows[2], unseen]
     said = problems(table.model_copy(update={"rows": rows}), correction_deg=360.0)
     assert any(line.startswith("row 2: compensated A2 66.000°") and "limits" in line for line in said)
-    assert any(line.startswith("row 4: nominal A1 60.000°") and "never saw" in line for line in said)
+    assert any(line.startswith("row 4: nominal A1 60.000°") and "outside the measured region" in line for line in said)
     assert not any(line.startswith(("row 1", "row 3")) for line in said)
 
 
@@ -209,7 +209,7 @@ def test_a_target_out_of_reach_makes_no_table(model):
     targets = nominal_chain(model).forward(model.robot.joint_map().model(readings))
     targets[1, :3, 3] = [4000.0, 0.0, 0.0]
     found = compensated_targets(model, targets, readings)
-    with pytest.raises(ValueError, match="out of reach: 2"):
+    with pytest.raises(ValueError, match="row 2: the target is out of the robot"):
         table_of(model, targets, found, serial="SIM-1", simulated=True, run=None, created=CREATED)
 
 

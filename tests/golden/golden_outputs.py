@@ -89,7 +89,7 @@ def run_output(folder: Path) -> dict[str, Any]:
     procedure = ROOT / "procedures" / "sphere_single.yaml"
     settings = ("--set", "touches_fit=14", "--set", "touches_test=6", "--set", "reference_every=8", "--seed", "5")
     code = cellctl(folder, "run", str(procedure), *settings, "--runs", "runs", "--json", "run.json")
-    run = next((folder / "runs").iterdir())
+    run = next((folder / "runs").glob("*/journal.sqlite")).parent
     return {
         "exit": code,
         "json": _read(folder / "run.json"),

@@ -65,6 +65,10 @@ def test_a_spline_block_gives_its_frames_to_its_segments():
         ("$TOOL=TOOL_DATA[4]\nAGAIN:", None),
         ("$TOOL=TOOL_DATA[4]\nEND\nDEF SUB( )", None),
         ("$TOOL=TOOL_DATA[4]\n$TOOL=(", None),
+        ("$TOOL=TOOL_DATA[4]\nGRIP(,", None),
+        ("$TOOL=TOOL_DATA[4]\nTRIGGER WHEN DISTANCE=0 DELAY=0 DO $TOOL=TOOL_DATA[5]", None),
+        ("$TOOL=TOOL_DATA[4]\nTRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[1]=TRUE", 4),
+        ("$TOOL=TOOL_DATA[4]\nWAIT FOR $IN[1] AND (X>1)\nXP2 XP3 XP4", 4),
     ],
 )
 def test_the_tool_of_a_motion_is_certain_or_has_a_reason(line, tool):

@@ -1,5 +1,7 @@
 """What a line of KRL is understood to be; a line that is not understood keeps its place and has a reason."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +23,9 @@ from cellctl.krl import (
     Reference,
     Spline,
     Unknown,
+    motion_frames,
 )
+from cellctl.pendant_import.krl import krl_points
 
 
 def read(text):
@@ -186,11 +190,33 @@ PIECES = st.sampled_from(
 )  # fmt: skip
 
 
-@given(st.one_of(st.binary(), st.lists(PIECES, max_size=40).map(lambda pieces: "".join(pieces).encode("latin-1"))))
+PROGRAMS = [path.read_bytes() for path in sorted((Path(__file__).parent / "programs").glob("[!.]*"))]
+
+
+@st.composite
+def damaged_programs(draw):
+    """A program with a piece cut out and other bytes in its place."""
+    data = draw(st.sampled_from(PROGRAMS))
+    start = draw(st.integers(0, len(data)))
+    end = draw(st.integers(start, min(len(data), start + 60)))
+    return data[:start] + draw(st.binary(max_size=8)) + data[end:]
+
+
+@given(
+    st.one_of(
+        st.binary(),
+        damaged_programs(),
+        st.lists(PIECES, max_size=40).map(lambda pieces: "".join(pieces).encode("latin-1")),
+    )
+)
 def test_any_bytes_are_read_and_given_back(data):
     file = KrlFile.parse(data, "any")
     places = {statement.span: file.source(statement.span) for statement in file.statements}
     assert file.replaced(places) == data
-    assert all(point.line for point in file.points)
-    ends = [statement.span for statement in file.statements]
-    assert ends == sorted(ends)
+    spans = [statement.span for statement in file.statements]
+    assert spans == sorted(spans)
+    assert len(motion_frames(file, [file])) == len(file.motions)
+    for point in file.points:
+        assert all(data[span.start : span.end].strip() for span in point.spans().values())
+        file.changes(point.name)
+    assert all(raw.line for raw in krl_points(file.text, "any").points)

@@ -50,7 +50,7 @@ def test_names_that_a_controller_refuses_are_refused(name):
 
 
 def test_comments_become_ascii_and_one_line():
-    text = program(["DEF P( )\nEND"], ["Prüfling\nPTP XP1"])
+    text = program(["DEF P( )\nEND"], ["Prüfling\nPTP XP1", "x" * 1000])
     assert "; Pr?fling PTP XP1\n" in text
     with pytest.raises(ValueError, match="may refuse this line"):
         program(["DEF P( )\nXP1=" + "1+" * 300 + "1\nEND"])

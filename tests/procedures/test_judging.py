@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -94,8 +95,8 @@ class Tables:
 
 
 @pytest.mark.parametrize("previous", ["old", None])
-def test_a_table_that_did_no_good_is_taken_back_and_said_to_be(previous: str | None) -> None:
-    context: Any = Context([MINE])
+def test_a_table_that_did_no_good_is_taken_back_and_said_to_be(previous: str | None, tmp_path: Path) -> None:
+    context: Any = Context([MINE], tmp_path / "run")
     robot: Any = Tables("mine", previous)
     row = asyncio.run(take_back_unhelpful(context, robot))
     assert robot.active == previous
@@ -105,8 +106,8 @@ def test_a_table_that_did_no_good_is_taken_back_and_said_to_be(previous: str | N
     assert "no longer in force" in context.said[0]
 
 
-def test_a_table_that_is_not_in_force_any_more_is_not_rolled_back_again() -> None:
-    context: Any = Context([MINE])
+def test_a_table_that_is_not_in_force_any_more_is_not_rolled_back_again(tmp_path: Path) -> None:
+    context: Any = Context([MINE], tmp_path / "run")
     robot: Any = Tables("old", "mine")
     asyncio.run(take_back_unhelpful(context, robot))
     assert robot.active == "old"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row as TargetRow
 from cellctl.formats.table import TableRegion, TableRobot, TableSource
+from cellctl.operations.table_history import TableHistory
 from cellctl.records import Figures, Row, TablePushRow, TableStateRow
 from procedures.steps.sphere.proving import PushInputs, push
 from procedures.steps.sphere.rows import StandOffFigures
@@ -33,6 +35,14 @@ ROOT = Path(__file__).parents[2]
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 ROBOT = RobotFile.load(ROBOT_FILE)
 HOME = [0.0, -90.0, 90.0, 0.0, 45.0, 0.0]
+
+
+@pytest.fixture
+def tmp_path(tmp_path: Path) -> Path:
+    """A run folder, in a folder of runs of its own: the history of tables is beside it."""
+    folder = tmp_path / "runs" / "run"
+    folder.mkdir(parents=True)
+    return folder
 
 
 class Controller:
@@ -271,3 +281,72 @@ def test_the_rows_of_another_table_are_not_driven_to() -> None:
     robot.table = OLD
     with pytest.raises(DeviceRefused, match="not in force; nothing was moved"):
         asyncio.run(require_in_force(robot, MINE.id))
+
+
+def history_of(run_folder: Path) -> list[dict[str, Any]]:
+    """The changes in the history beside the run folder, oldest first."""
+    entries, problems = TableHistory(run_folder.parent, "SIM-1").read()
+    assert problems == []
+    return [entry.to_json() for entry in entries]
+
+
+def test_a_table_that_a_run_pushes_and_takes_back_is_in_the_history_with_the_run_and_the_reason(tmp_path: Path) -> None:
+    table_id, controller = table_in(tmp_path), controller_with(OLD, None)
+    pushed(tmp_path, table_id, controller)
+    withdrawn(tmp_path, controller, replace(PUSHED, id=table_id))
+    push_, back = history_of(tmp_path)
+    assert (push_["action"], push_["run"], push_["source_run"], push_["table"]) == ("push", "run", "run", table_id)
+    assert (push_["replaced"], push_["rows"], push_["method"]) == (OLD.id, 2, "pseudo-target")
+    assert push_["out_of_force"].startswith("withdrawal, back to oldoldoldold by run run: the run ended")
+    assert (back["action"], back["table"], back["reason"]) == (
+        "withdrawal",
+        OLD.id,
+        "the run ended before it was proved",
+    )
+
+
+def test_the_table_of_a_run_survives_the_run_folder(tmp_path: Path) -> None:
+    table_id = pushed(tmp_path, table_in(tmp_path)).id
+    shutil.rmtree(tmp_path)
+    assert TableHistory(tmp_path.parent, "SIM-1").table(table_id).id == table_id
+
+
+def test_a_push_that_was_cut_off_is_uncertain_until_the_clean_up_has_asked_the_controller(tmp_path: Path) -> None:
+    table_id, controller = table_in(tmp_path), controller_with(OLD, None)
+
+    async def cut_off(table: ControllerTable) -> TableState:
+        raise DeviceUncertain("robot", "uncertain which table is in force")
+
+    controller.push_table = cut_off  # type: ignore[method-assign]
+    with pytest.raises(DeviceUncertain):
+        pushed(tmp_path, table_id, controller)
+    assert [change["state"] for change in history_of(tmp_path)] == ["uncertain"]
+    withdrawn(tmp_path, controller, replace(BEGUN, id=table_id))
+    assert [change["state"] for change in history_of(tmp_path)] == ["not in force"]
+
+
+def test_a_push_that_was_cut_off_after_its_activation_is_in_force_once_a_resumed_run_has_seen_it(
+    tmp_path: Path,
+) -> None:
+    table_id, controller = table_in(tmp_path), controller_with(OLD, None)
+    push_table = controller.push_table
+
+    async def cut_off(table: ControllerTable) -> TableState:
+        await push_table(table)
+        raise DeviceUncertain("robot", "uncertain which table is in force")
+
+    controller.push_table = cut_off  # type: ignore[method-assign]
+    with pytest.raises(DeviceUncertain):
+        pushed(tmp_path, table_id, controller)
+    pushed(tmp_path, table_id, controller)
+    assert [change["state"] for change in history_of(tmp_path)] == ["in force"]
+
+
+def test_a_history_that_cannot_be_written_is_reported_and_the_table_is_pushed(tmp_path: Path) -> None:
+    (tmp_path.parent / "tables").write_text("no folder")
+    table_id, robot = table_in(tmp_path), Controller()
+    context = run_of(tmp_path, robot)
+    asyncio.run(push(context, PushInputs(table=table_id)))
+    assert robot.table is not None
+    assert robot.table.id == table_id
+    assert any("the history of tables was not written" in text for text in context.said)

@@ -29,7 +29,7 @@ def hashes(procedure: Path, seed: int, folder: Path, environment: dict[str, str]
     """Run the campaign; SHA-256 of its data set, and of the times in its journal (tables are named after their run)."""
     command = [sys.executable, "-m", "cellctl", "run", str(procedure), "--seed", str(seed), "--runs", str(folder)]
     subprocess.run(command, env={**os.environ, **environment}, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-    run = next(folder.iterdir())
+    run = next(folder.glob("*/journal.sqlite")).parent
     times = "\n".join(f"{entry.time_ns} {type(entry.event).__name__}" for entry in read_journal(run))
     return _sha((run / "dataset.csv").read_bytes()), _sha(times.encode())
 

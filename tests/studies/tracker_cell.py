@@ -79,7 +79,7 @@ def campaign(cell: Path, seed: int, folder: Path) -> Path:
         told = cellctl("run", "tracker_calibration", "--cell", cell, "--seed", str(seed), "--runs", runs)
         if told.returncode:
             raise RuntimeError(f"seed {seed}: {told.stderr}")
-    return next(runs.iterdir())
+    return next(runs.glob("*/journal.sqlite")).parent
 
 
 def main() -> int:

@@ -31,7 +31,7 @@ SWITCHES: dict[str, Mapping[str, float]] = {
     CHANGED: {"compliance": 1.0, "expansion": 1.0},
 }
 GRIPPED, WARM_C = Payload(3.0, (0.0, 0.0, 100.0)), 35.0
-SHORT = dict(zip(METHODS, ("m1", "m2", "m3", "m4"), strict=True))
+SHORT = dict(zip(tuple(METHODS)[:4], ("m1", "m2", "m3", "m4"), strict=True))
 """Method → the paper's number of it."""
 
 
@@ -119,7 +119,7 @@ def _compensated(world: PaperWorld, poses: Poses, result: FitResult) -> Numbers:
         found |= dict(zip((short, f"{short}_angle"), measured(once.compensated_q, short), strict=True))
     for passes in range(PASSES + 1):
         for method in ("pseudo-target", "pseudo-target-matrix"):
-            left = compensate(model.chain, model, targets, q, method=method, passes=passes, tolerance_mm=0.0)
+            left = compensate(model.chain, model, targets, q, method=method, passes=passes)
             found[f"{SHORT[method]}_pass_{passes}_um"] = 1000.0 * float(left.predicted_after_mm.mean())
     return found | {"counted_twice": _counted_twice(model, targets, q)}
 

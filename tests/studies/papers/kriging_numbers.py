@@ -18,7 +18,7 @@ from statements import Numbers, numbers_under
 from world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 from cellctl.analysis.correlation import mantel
-from cellctl.compensation import cyclic_search
+from cellctl.compensation import compensate
 from cellctl.error_maps import ErrorMap
 from cellctl.error_maps.field import AnisotropicField
 from cellctl.error_maps.inverse_distance import tuned_grid
@@ -189,9 +189,13 @@ def compensated(
 ) -> Floats:
     """Errors (N, 3) at the held-out poses, visited again in another order with compensated joints."""
     targets = ARM.chain.forward(test.q)
-    found = cyclic_search(ARM.chain, lambda q: predicted(ARM.joints.readings(q)), targets, test.q)
+
+    def errors(q: Floats) -> Floats:
+        return predicted(ARM.joints.readings(q))
+
+    found = compensate(ARM.chain, errors, targets, test.q, method="cyclic-search", tolerance_mm=1e-3)
     order = world.draws("tour back").permutation(len(test.readings))
-    again = Rows.measured(world, ARM.joints.readings(found.q)[order], f"compensated {name}", temperature_c)
+    again = Rows.measured(world, ARM.joints.readings(found.compensated_q)[order], f"compensated {name}", temperature_c)
     return again.places - targets[order, :3, 3]
 
 

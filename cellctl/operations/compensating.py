@@ -1,0 +1,184 @@
+"""Compensates targets with an identified model, and refuses those for which no joints may be given."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Self, final
+
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.files import InputError, Problem
+from cellctl.formats import ModelFile, RobotFile, TableFile
+from cellctl.formats.compensated_csv import compensated_csv
+from cellctl.formats.table import Row
+from cellctl.formats.table_making import compensated_targets, table_of, target_rows, usual_postures, valid_region
+from cellctl.formats.table_refusals import other_robot, row_problems
+from cellctl.formats.targets import Targets
+from cellctl.operations.learnt_on import LearntOn
+
+if TYPE_CHECKING:
+    from cellctl.compensation import Compensated, PredictedErrors
+
+OUT_OF_REACH = "the target is out of the robot's reach within the measured joints"
+
+_CURE = "move the target, or give another posture near it as A1…An"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class CellRobot:
+    """The robot file of a cell, and the largest correction of a joint that the cell allows, deg."""
+
+    robot: RobotFile
+    correction_deg: float
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Of the cell file `path`; opens no device. Raises InputError."""
+        cell = Cell.load(path, DriverRegistry())
+        return cls(RobotFile.load(cell.robot_file), cell.table_correction_deg)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CompensatedTargets:
+    """Targets, and the joints that take the robot of `model` to them: every target is reached, within the joint limits
+    and the measured region. passes: those asked for, None: until the targets are reached.
+    """
+
+    model: ModelFile
+    wanted: Targets
+    method: str
+    passes: int | None
+    found: Compensated
+    errors: PredictedErrors | None = None
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """Target, joints, predicted errors and σ, as in a table."""
+        return target_rows(self.model, self.wanted.poses, self.found, self.errors)
+
+    def table(self, learnt: LearntOn, created: str) -> TableFile:
+        """The table for the controller `learnt`; created: ISO 8601, a label."""
+        made = "" if self.passes is None else f", {self.passes} pass{'' if self.passes == 1 else 'es'}"
+        return table_of(
+            self.model,
+            self.wanted.poses,
+            self.found,
+            serial=learnt.serial,
+            simulated=learnt.simulated,
+            run=learnt.run,
+            created=created,
+            method=f"{self.method}{made}",
+        )
+
+    def csv(self) -> str:
+        """The rows as CSV."""
+        return compensated_csv(self.model, self.rows)
+
+
+def compensate_targets(
+    model: ModelFile,
+    wanted: Targets,
+    file: str,
+    *,
+    method: str = "pseudo-target",
+    passes: int | None = None,
+    errors: PredictedErrors | None = None,
+    correction_deg: float = math.inf,
+) -> CompensatedTargets:
+    """Joints that take the robot of `model` to the targets `wanted`, of `file`.
+
+    method, passes, errors: as in `compensated_targets`. correction_deg: the largest correction of a joint.
+
+    Raises InputError with every target that is not reached, is outside the measured region or the joint limits, or
+    needs a larger correction, by its line; and for a model that cannot predict a target without further data.
+    """
+    refuse_model(model, file)
+    tried = try_targets(model, wanted, method=method, passes=passes, errors=errors, correction_deg=correction_deg)
+    if refused := [Problem(file, line, 0, what, _CURE) for line, what in tried.refused()]:
+        raise InputError(refused)
+    return CompensatedTargets(model, wanted, method, passes, tried.found, errors)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """Targets as compensated, with the reasons (N,) against each; a target without any may be sent to the robot.
+
+    seconds: to find the joints.
+    """
+
+    wanted: Targets
+    found: Compensated
+    reasons: list[list[str]]
+    seconds: float
+
+    def refused(self) -> list[tuple[int, str]]:
+        """Line and reason, for every reason."""
+        pairs = zip(self.wanted.lines, self.reasons, strict=True)
+        return [(line, reason) for line, reasons in pairs for reason in reasons]
+
+
+def try_targets(
+    model: ModelFile,
+    wanted: Targets,
+    *,
+    method: str,
+    passes: int | None = None,
+    errors: PredictedErrors | None = None,
+    correction_deg: float = math.inf,
+) -> Tried:
+    """Compensate what can be; the others have their reasons. Arguments as in `compensate_targets`."""
+    import numpy as np
+
+    postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
+    started = np.asarray(np.isfinite(postures).all(axis=1))
+    start = np.where(np.isfinite(postures), postures, 0.0)
+    began = time.perf_counter()
+    found = compensated_targets(model, wanted.poses, start, method=method, passes=passes, errors=errors)
+    seconds = time.perf_counter() - began
+    rows = target_rows(model, wanted.poses, found, errors)
+    of_rows = row_problems(rows, valid_region(model), model.robot, correction_deg)
+    reasons = [
+        ([reason] if reason else row) if known else [OUT_OF_REACH]
+        for known, reason, row in zip(started.tolist(), found.reasons, of_rows, strict=True)
+    ]
+    return Tried(wanted, found, reasons, seconds)
+
+
+def refuse_model(model: ModelFile, file: str) -> None:
+    """Raise InputError if targets, as those of `file`, lack data that `model` needs for a prediction."""
+    from cellctl.calibration import MotorTorsion
+
+    loads = model.load_region
+    if loads and loads.min < loads.max and loads.min > 0.0:
+        what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"
+        raise InputError(Problem(file, 0, 0, what, "identify from rows without payload too"))
+    if any(isinstance(effect, MotorTorsion) for effect in model.robot_model().effects):
+        what = "the model includes the flexibility by motor current, and a target has no current"
+        cure = "identify with --model geometry+compliance, and +backlash where the side of approach is known"
+        raise InputError(Problem(file, 0, 0, what, cure))
+
+
+def refuse_other_cell(model: ModelFile, file: str, cell: CellRobot) -> None:
+    """Raise InputError if `model`, of `file`, is not for the robot and the tool of `cell`."""
+    found = []
+    for what in other_robot(model.robot.name, model.robot.tool, cell.robot):
+        tool = "tool" in what
+        cure = "identify the new tool: `cellctl fit … --prior MODEL --free tool`" if tool else "give this robot's model"
+        found.append(Problem(file, 0, 0, what + (": the model is older than the tool" if tool else ""), cure))
+    if not found and _kinematics(model.robot) != _kinematics(cell.robot):
+        what = "links, joints or mounting of the cell's robot file were changed after the model was identified"
+        found.append(Problem(file, 0, 0, what, "identify again with this robot file"))
+    if found:
+        raise InputError(found)
+
+
+def _kinematics(robot: RobotFile) -> object:
+    joints = [(joint.sign, joint.offset) for joint in robot.joints]
+    return robot.convention, robot.links, robot.screws, robot.home, joints, robot.mounting
