@@ -111,6 +111,14 @@ def test_faults_of_the_line(bench):
     assert one.received(one.client, 15)[:2] == b"\x00\x02"
     one.let_pass(0.1)
     assert one.read("$STOPMESS") == "FALSE"
+    one.fault("varproxy.garbage", for_ms=30)
+    one.client.sendall(b"\x00\x01\x00\x0c\x00\x00\x09$STOPMESS")
+    assert one.received(one.client, 15) == b"\x00\x01\x00\x00 no message"
+    one.let_pass(0.1)
+    one.fault("varproxy.unloaded", for_ms=50)
+    assert one.read("KV_GO") is None
+    one.let_pass(0.1)
+    assert one.read("KV_GO") == "0"
     begun = one.kernel.now
     one.fault("varproxy.slow", delay_ms=500, for_ms=100)
     assert one.read("$STOPMESS") == "FALSE"
