@@ -165,11 +165,13 @@ class VarProxyRobot:
 
     async def read_file(self, path: str) -> bytes:
         """The content of a controller's file; see FileStore. Needs a C3 Bridge."""
-        return await ControllerFiles(self.name, self._line).read(path)
+        with self._one_at_a_time():
+            return await ControllerFiles(self.name, self._line).read(path)
 
     async def write_file(self, path: str, content: bytes) -> None:
         """Write a controller's file, read it back and compare; see FileStore. Needs a C3 Bridge."""
-        await ControllerFiles(self.name, self._line).write(path, content)
+        with self._one_at_a_time():
+            await ControllerFiles(self.name, self._line).write(path, content)
 
     # internal
 
