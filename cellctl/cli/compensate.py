@@ -80,7 +80,7 @@ def compensate(
     from cellctl.operations.learnt_on import learnt_on
 
     options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
-    if targets.suffix.lower() in (".src", ".dat"):
+    if targets.suffix.lower() in (".src", ".sub", ".dat"):
         _refuse_for_program(passes, serial)
         compensate_program(model, targets, method, out, cell, json_, options)
         return

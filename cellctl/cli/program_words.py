@@ -23,7 +23,7 @@ def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: d
         figures[name] for name in ("correction_mm", "correction_deg", "before_mm", "after_mm")
     )
     made, left = _count(figures["compensated"], "point"), _count(len(found.left), "place")
-    yield f"{found.program.src.name}: {made} compensated, {left} left unchanged."
+    yield f"{found.program.src.name}: {made} compensated for a {figures['robot']}, {left} left unchanged."
     yield (
         f"The points shift by {shift['mean']:.3f} mm (mean; max {shift['max']:.3f}), "
         f"joints by up to {turned['max']:.3f}°.\n"

@@ -155,6 +155,7 @@ def _figures(
     columns = ("correction_mm", "correction_deg", "before_mm", "after_mm")
     return {
         "method": method,
+        "robot": found.goals.robots.model.robot.name,
         "compensated": len(changed),
         "left": [
             {"file": found.file(one), "line": one.line, "name": one.name, "reason": one.reason} for one in found.left
