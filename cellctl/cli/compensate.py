@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.compensate_program import compensate_program
+from cellctl.operations.program_compensation import ProgramOptions
 
 if TYPE_CHECKING:
     from cellctl.operations.compensating import CompensatedTargets
@@ -29,7 +31,10 @@ _METHODS = (
 
 def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
-    targets: Annotated[Path, typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby.")],
+    targets: Annotated[
+        Path,
+        typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby. Or a KRL program (.src)."),
+    ],
     method: Annotated[
         str, typer.Option(help=f"{', '.join(_METHODS)}, or all: compare them.", metavar="METHOD")
     ] = "pseudo-target",
@@ -40,8 +45,24 @@ def compensate(
     out: arguments.Out = None,
     serial: Annotated[str | None, typer.Option(help="Serial of the controller, if no run names it.")] = None,
     json_: arguments.Json = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Program: the controller's $config.dat, with tools, bases.")
+    ] = None,
+    tool: Annotated[str | None, typer.Option(help="Program: its tool, X,Y,Z,A,B,C, without --config.")] = None,
+    base: Annotated[str | None, typer.Option(help="Program: its base, X,Y,Z,A,B,C, without --config.")] = None,
+    path_tolerance: Annotated[
+        float | None, typer.Option(min=0.001, help="Program: largest deviation on LIN and CIRC, mm. Default: 0.05.")
+    ] = None,
+    insert: Annotated[
+        bool, typer.Option("--insert", help="Program: add points on LIN and CIRC that leave the tolerance.")
+    ] = False,
+    arm_only: Annotated[
+        bool, typer.Option("--arm-only", help="Program: any tool; correct the arm, not the tool.")
+    ] = False,
 ) -> None:
     """Compute compensated joints for targets, as a table, or as CSV for -o FILE.csv.
+
+    Of a KRL program: the same program with compensated points, for -o FOLDER (docs/programs.md).
 
     `cellctl table push` sends the table to the controller.
 
@@ -58,6 +79,12 @@ def compensate(
     from cellctl.operations.compensating import CellRobot, compensate_targets, refuse_other_cell
     from cellctl.operations.learnt_on import learnt_on
 
+    options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
+    if targets.suffix.lower() in (".src", ".dat"):
+        _refuse_for_program(passes, serial)
+        compensate_program(model, targets, method, out, cell, json_, options)
+        return
+    options.refuse()
     _refuse(method, passes, out, json_)
     refuse_outputs({"--out": out, "--json": json_}, [model, targets, cell])
     place = CellRobot.load(cell) if cell else None
@@ -85,6 +112,14 @@ def compensate(
     elif json_ != "-":
         to_stdout(text)
     write_json({**figures, "file": str(out) if out else None}, json_)
+
+
+def _refuse_for_program(passes: int | None, serial: str | None) -> None:
+    from cellctl.files import InputError, Problem
+
+    given = [name for name, value in (("--passes", passes), ("--serial", serial)) if value is not None]
+    if given:
+        raise InputError(Problem(name, 0, 0, "is not for programs", "leave it out") for name in given)
 
 
 def _is_csv(out: Path | None) -> bool:

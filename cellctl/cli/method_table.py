@@ -37,8 +37,9 @@ def _show(found: Sequence[MethodFigures], file: str) -> None:
     console = Console(highlight=False)
     console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate a figure
     console.print(_accuracies(found))
-    console.print()
-    console.print(_passes(found))
+    if any(each.reached for each in found):
+        console.print()
+        console.print(_passes(found))
     for words in _notes(found):
         console.print(words, markup=False, soft_wrap=True)
     named = list(dict.fromkeys(pair for each in found for pair in each.unreached))

@@ -59,9 +59,9 @@ class Unwritten:
             raise InputError(self._problems)
 
 
-def to_stdout(text: str) -> None:
-    """Write a file's `text` to stdout, in UTF-8 as in files, for any terminal encoding."""
-    typer.echo(text.encode(), nl=False)
+def to_stdout(content: str | bytes) -> None:
+    """Write a file's content to stdout, text in UTF-8 as in files, for any terminal encoding."""
+    typer.echo(content.encode() if isinstance(content, str) else content, nl=False)
 
 
 def write_json(result: dict[str, Any], target: str | None) -> None:

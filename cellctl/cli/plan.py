@@ -86,9 +86,9 @@ def plan(
 
 def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
     """The targets. Raises InputError where the options or the region do not allow them."""
-    from cellctl.cli.fit_options import option
     from cellctl.files import InputError
     from cellctl.formats import RobotFile
+    from cellctl.operations.fit_options import option
     from cellctl.planning import OutOfReach, Reach, plan_targets
 
     file = RobotFile.load(robot)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, final
 
-from cellctl.cli.fit_options import option
 from cellctl.files import InputError, Problem
+from cellctl.operations.fit_options import option
 
 if TYPE_CHECKING:
     from cellctl.formats import RobotFile

@@ -26,13 +26,14 @@ def runs(
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import JournalError, fold, read_journal
+    from cellctl.operations.run_summary import run_summary
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
     found: list[dict[str, Any]] = []
     journals = sorted(folder.glob("*/journal.sqlite"), key=lambda path: path.stat().st_mtime, reverse=True)
     for journal in journals:
         try:
-            found.append(_summary(journal.parent, fold(read_journal(journal))))
+            found.append(run_summary(journal.parent, fold(read_journal(journal))))
         except JournalError as error:
             found.append({"run": journal.parent.name, "state": "unreadable", "sentence": error.what})
     write_json({"runs": found}, json_)
@@ -57,12 +58,13 @@ def show(
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import fold, read_journal, run_place
+    from cellctl.operations.run_summary import run_summary
 
     place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
     entries = list(read_journal(place))
     state = fold(entries)
-    summary = _summary(place, state)
+    summary = run_summary(place, state)
     write_json(summary, json_)
     if json_ == "-":
         return
@@ -76,34 +78,6 @@ def show(
 def _aligned(rows: list[list[str]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-def _summary(place: Path, state: RunState) -> dict[str, Any]:
-    from cellctl.journal import RunResult, writer_of
-    from cellctl.operations.results import table_line
-
-    result = RunResult.of(place.name, state)
-    content = result.to_json()
-    writer = writer_of(place)
-    return {
-        "run": place.name,
-        "began": state.started.calendar if state.started else None,
-        "procedure": state.started.procedure.path if state.started else None,
-        "cell": state.started.cell.path if state.started else None,
-        "state": state.state_if(running=bool(writer)),
-        "points": result.points,
-        "attempts": sum(step.attempt for step in state.steps.values()),
-        **{name: content[name] for name in ("verdict", "sentence", "before", "after", "table")},
-        "table_state": result.table.state if result.table else None,
-        "table_words": table_line(state, place) or None,
-        "process": writer.pid if writer else None,
-        **result.section,
-        "lines": result.lines,
-        "reason": state.ended.reason if state.ended else None,
-        "cell_s": round((state.last_ns - state.first_ns) * 1e-9, 3),
-        "seed": state.started.seed if state.started else None,
-        "clock": state.started.clock if state.started else None,
-    }
 
 
 def _lines(summary: dict[str, Any], state: RunState) -> list[str]:

@@ -17,6 +17,7 @@ from cellctl.calibration import RobotModel
 from cellctl.compensation.corrections import METHODS, Method
 from cellctl.compensation.passes import Ends, Passes, angles, distances
 from cellctl.compensation.predictors import NominalWithErrors, PredictedErrors, WithoutZeros
+from cellctl.compensation.write_back import spread
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse
 
 TOLERANCE_MM = 1e-6
@@ -76,7 +77,7 @@ def compensate(
     method: str = "pseudo-target",
     tolerance_mm: float = TOLERANCE_MM,
     passes: int | None = None,
-    region: tuple[ArrayLike, ArrayLike] | None = None,
+    region: ArrayLike | None = None,
     correction_deg: float = MOST_CORRECTION_DEG,
 ) -> Compensated:
     """Joints that take the identified robot to `targets` (N, 4, 4), mm, found from postures near `start` (N, n), rad.
@@ -88,8 +89,8 @@ def compensate(
     model and centres belong together, and targets near a sphere must be built on the centre that came with the model.
 
     method: one of `METHODS`. passes: None repeats until `tolerance_mm` (and a thousandth of it in rad) is left; a
-    number makes so many passes, as the methods are published, and leaves what they leave. region: low and high (n,),
-    rad, of the postures for which `write-back-zeros` chooses its parameters; default 20° around the nominal joints.
+    number makes so many passes, as the methods are published, and leaves what they leave. region: postures (M, n), rad,
+    spread over the region for which write-back chooses its parameters; default 20° around the nominal joints.
     correction_deg: a target for which a joint would be corrected by more is not reached. One target does not change the
     result of another. Joint limits are the caller's, as in `inverse`. Raises ValueError for an unknown method or shapes
     that do not fit.
@@ -106,8 +107,8 @@ def compensate(
         _check_frames(controller, identified)
         sender, robot = controller, WithoutZeros.of(identified, apart=chosen.zeros_apart)
         if chosen.write_back:
-            low, high = region or (first.q.min(axis=0) - _NEAR_RAD, first.q.max(axis=0) + _NEAR_RAD)
-            sender = chosen.write_back(controller, identified, np.array(low, float), np.array(high, float))
+            over = _around(first.q) if region is None else region
+            sender = chosen.write_back(controller, identified, over)
             ends = replace(ends, tolerance_mm=None, most=1)
         made = Passes(sender, robot, chosen, wanted, first)
     made.make(ends)
@@ -121,6 +122,10 @@ def compensate(
         reasons=tuple(made.reasons),
         position_only=chosen.position_only,
     )
+
+
+def _around(q: Floats) -> Floats:
+    return spread(q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD)
 
 
 def _method(name: str, identified: RobotModel | PredictedErrors) -> Method:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import RobotModel
@@ -37,8 +38,8 @@ class Pass:
 Correction = Callable[[SerialChain, Predictor, Floats, Pass], Pass]
 """From the controller's chain, the robot, the targets (N, 4, 4) and a pass: the next one."""
 
-WriteBack = Callable[[SerialChain, RobotModel, Floats, Floats], SerialChain]
-"""From the controller's chain, the identified robot and a box of postures, low and high (n,): the chain to write."""
+WriteBack = Callable[[SerialChain, RobotModel, ArrayLike], SerialChain]
+"""From the controller's chain, the identified robot and postures (M, n) of the region: the chain to write."""
 
 
 @final
@@ -93,7 +94,7 @@ METHODS = {
     "veitschegger-wu": Method(differential, zeros_apart=True),
     "newton-raphson": Method(newton_raphson, zeros_apart=True),
     "cyclic-search": Method(cyclic_search, position_only=True),
-    "write-back-geometry": Method(written, write_back=lambda chain, robot, low, high: with_geometry(chain, robot)),
+    "write-back-geometry": Method(written, write_back=with_geometry),
     "write-back-zeros": Method(written, write_back=with_zeros_and_frames),
 }
 """Veitschegger and Wu 1986, and Newton–Raphson (Gao et al.) are published with one pass."""

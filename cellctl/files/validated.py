@@ -13,6 +13,9 @@ from cellctl.files.strict_yaml import Document, Path
 
 Model = TypeVar("Model", bound=BaseModel)
 
+_LONGEST = 80
+"""Letters of a wrong value that a message shows."""
+
 
 def validated(document: Document, model: type[Model], at: Path = ()) -> Model:
     """The part of `document` at `at` as `model`. Raises InputError with all errors, placed in the file."""
@@ -73,7 +76,8 @@ def _words(detail: Any, path: Path, model: type[BaseModel] | None) -> tuple[str,
             return f"{name}: {detail['ctx']['error']}", ""
         case _:
             given = detail["input"]
-            shown = f" (here: {given!r})" if not isinstance(given, dict | list) else ""
+            text = repr(given) if len(repr(given)) <= _LONGEST else f"{repr(given)[:_LONGEST]}…"
+            shown = f" (here: {text})" if not isinstance(given, dict | list) else ""
             return f"{name}: {plain_words(detail)}{shown}", ""
 
 

@@ -12,18 +12,22 @@ _POSE = ("X", "Y", "Z", "A", "B", "C")
 
 def compensated_csv(model: ModelFile, rows: list[Row]) -> str:
     """CSV with a line for each row: target, compensated joints, pseudo-target, nominal joints, predicted errors, σ."""
-    axes = range(1, model.robot.n + 1)
-    names = [
-        *_POSE,
-        *(f"A{axis}" for axis in axes),
-        *(f"pseudo_{name}" for name in _POSE),
-        *(f"nominal_A{axis}" for axis in axes),
-        "predicted_before_mm",
-        "predicted_after_mm",
-        "sigma_mm",
-    ]
+    return text_of(compensated_records(model, rows))
+
+
+def compensated_records(model: ModelFile, rows: list[Row]) -> list[dict[str, float]]:
+    """The lines of the CSV, by column."""
     pseudo = _pseudo_targets(model, rows)
-    return text_of([dict(zip(names, _cells(row, sent), strict=True)) for row, sent in zip(rows, pseudo, strict=True)])
+    names = columns(model.robot.n)
+    return [dict(zip(names, _cells(row, sent), strict=True)) for row, sent in zip(rows, pseudo, strict=True)]
+
+
+def columns(n: int) -> list[str]:
+    """The columns for a robot of `n` joints."""
+    axes = range(1, n + 1)
+    joints, pseudo = [f"A{axis}" for axis in axes], [f"pseudo_{name}" for name in _POSE]
+    nominal = [f"nominal_A{axis}" for axis in axes]
+    return [*_POSE, *joints, *pseudo, *nominal, "predicted_before_mm", "predicted_after_mm", "sigma_mm"]
 
 
 def _cells(row: Row, pseudo: list[float]) -> list[float]:

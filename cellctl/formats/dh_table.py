@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -48,7 +49,7 @@ def load_dh_table(path: Path, convention: str | None = None) -> RobotDescription
 
 def dh_table_text(robot: RobotDescription, convention: TableConvention) -> str:
     """The robot as a table in `convention`, with its joint map and limits; what the table cannot hold is in base and
-    tool.
+    tool. Raises InputError where a link is too long to be read back: axes just too far from parallel for β.
     """
     import numpy as np
 
@@ -56,6 +57,7 @@ def dh_table_text(robot: RobotDescription, convention: TableConvention) -> str:
 
     chain = (to_mdh if convention == "mdh-hayati" else to_craig)(robot.chain)
     assert isinstance(chain.table, LinkTable)
+    _refuse_long_links(robot.name, chain.table.links)
     rows: list[dict[str, Any]] = [
         {"joint": number, "convention": convention, **_link_cells(link), **_joint_cells(joint)}
         for number, (link, joint) in enumerate(zip(chain.table.links, robot.joints, strict=True), 1)
@@ -64,6 +66,16 @@ def dh_table_text(robot: RobotDescription, convention: TableConvention) -> str:
         if not np.array_equal(frame, np.eye(4)):
             rows.append({"joint": name, "convention": convention, **_frame_cells(frame)})
     return text_of(rows)
+
+
+def _refuse_long_links(name: str, links: Sequence[Link]) -> None:
+    problems = [
+        Problem(name, 0, 0, f"link {number} is {longest / 1000.0:.0f} m long in this table", "write urdf or poe")
+        for number, longest in enumerate((max(abs(link.a), abs(link.d)) for link in links), 1)
+        if longest > _LARGEST["a"]
+    ]
+    if problems:
+        raise InputError(problems)
 
 
 def _link_cells(link: Link) -> dict[str, float | None]:

@@ -16,11 +16,12 @@ LARGEST_BYTES = 20_000_000
 @final
 @dataclass(frozen=True, slots=True)
 class Element:
-    """An element: its name, attributes, children in order, and the line (from 1) on which it begins."""
+    """An element: its name, attributes, children in order, and the line (from 1) and byte (from 0) of its first `<`."""
 
     tag: str
     attributes: dict[str, str]
     line: int
+    start: int = 0
     children: list[Element] = field(default_factory=list)
 
     def each(self, tag: str) -> Iterator[Element]:
@@ -100,7 +101,7 @@ class _Builder:
         return self._open[-1] if len(self._open) > 1 else None
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, self.parser.CurrentLineNumber)
+        element = Element(tag, attributes, self.parser.CurrentLineNumber, self.parser.CurrentByteIndex)
         self._open[-1].children.append(element)
         self._open.append(element)
 

@@ -33,18 +33,17 @@ def compensated_targets(
     method: str = "pseudo-target",
     passes: int | None = None,
     errors: PredictedErrors | None = None,
+    tolerance_mm: float = 1e-6,
 ) -> Compensated:
     """Compensate `targets` (N, 4, 4), mm, in the model's frame, from controller readings `postures` (N, n), deg.
 
-    method, passes: as in `cellctl.compensation.compensate`. errors: predicted position errors, `errors` of an error map
-    in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose joints leave the
-    limits of the robot file is not converged, with the joint as its reason.
+    method, passes, tolerance_mm: as in `cellctl.compensation.compensate`. errors: predicted position errors (`errors`
+    of an error map) in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose
+    joints leave the limits of the robot file is not converged, with the joint as its reason.
     """
-    import numpy as np
-
     from cellctl.compensation import compensate
 
-    joints, region = model.robot.joint_map(), valid_region(model)
+    joints = model.robot.joint_map()
     found = compensate(
         nominal_chain(model),
         errors or model.robot_model(),
@@ -52,9 +51,19 @@ def compensated_targets(
         joints.model(postures),
         method=method,
         passes=passes,
-        region=tuple(np.sort(joints.model([region.min, region.max]), axis=0)),
+        tolerance_mm=tolerance_mm,
+        region=_postures_of_region(model),
     )
     return _within_limits(found, joints.readings(found.compensated_q), model.robot.limits())
+
+
+def _postures_of_region(model: ModelFile) -> Floats:
+    """Model angles (M, n), rad, spread over the rows of the fit; over the joint region where the file has no rows."""
+    from cellctl.compensation.write_back import spread
+
+    region = model.joint_region
+    readings = region.postures or spread(region.min, region.max)
+    return model.robot.joint_map().model(readings)
 
 
 def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Compensated:

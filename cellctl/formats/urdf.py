@@ -31,12 +31,45 @@ class _Joint:
     element: Element
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint of a chain: origin (4, 4), mm, in the parent link; axis (3,), unit vector in its own frame.
+
+    stated: its limits as in the file. Of a fixed joint, axis and limits are None.
+    """
+
+    name: str
+    child: str
+    element: Element
+    origin: Floats
+    axis: Floats | None
+    stated: JointSaid | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class UrdfChain:
+    """A URDF's name and its joints from the root link to the tip."""
+
+    name: str
+    joints: tuple[UrdfJoint, ...]
+
+
 def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
     """The robot whose joints lead from the root link to link `tip`, which may be left out where there is only one.
 
     A joint's reading is its URDF position, in degrees. The base is `base_link` and the flange `tool0`, where these lie
-    before the first and behind the last turning joint; else the root and the tip. Raises InputError, each error with
-    its line: no URDF, branches and no tip named, joints that slide or follow others, closed loops.
+    before the first and behind the last turning joint; else the root and the tip. Raises InputError as `load_chain`.
+    """
+    return _described(load_chain(path, tip))
+
+
+def load_chain(path: Path, tip: str | None = None) -> UrdfChain:
+    """The joints from the root link to link `tip`, which may be left out where there is only one.
+
+    Raises InputError, each error with its line: no URDF, branches and no tip named, joints that slide or follow others,
+    closed loops.
     """
     root = load_xml(path)
     file = _File(str(path))
@@ -44,9 +77,11 @@ def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
         raise InputError(file.problem(root, f"is no URDF: its root is <{root.tag}>, not <robot>"))
     if any(name.startswith("xmlns:xacro") for name in root.attributes):
         raise InputError(file.problem(root, "is a xacro file", "expand it: xacro robot.urdf.xacro > robot.urdf"))
-    chain = _path(file, root, tip)
+    joints = _path(file, root, tip)
     file.stop()
-    return _described(file, root.attributes.get("name") or path.stem, chain)
+    chain = UrdfChain(root.attributes.get("name") or path.stem, tuple(_placed(file, joint) for joint in joints))
+    file.stop()
+    return chain
 
 
 @final
@@ -141,29 +176,37 @@ def _check_kinds(file: _File, root: Element, path: list[_Joint]) -> None:
         file.note(root, "no joint turns between the root link and the tip")
 
 
-def _described(file: _File, name: str, path: list[_Joint]) -> RobotDescription:
+def _placed(file: _File, joint: _Joint) -> UrdfJoint:
+    import numpy as np
+
+    turns = joint.kind in _TURNING
+    along = np.array(_axis(file, joint))
+    axis = along / np.linalg.norm(along) if turns else None
+    stated = _said(file, joint) if turns else None
+    return UrdfJoint(joint.name, joint.child, joint.element, _origin(file, joint.element), axis, stated)
+
+
+def _described(chain: UrdfChain) -> RobotDescription:
     import numpy as np
 
     from cellctl.kinematics import JointAxis, SerialChain, inverse_pose
 
     here, axes, joints = np.eye(4), [], []
     base, flange = here, None
-    for joint in path:
-        here = here @ _origin(file, joint.element)
-        if joint.kind in _TURNING:
-            along = here[:3, :3] @ _axis(file, joint)
-            axes.append((here[:3, 3], along))
-            joints.append(_said(file, joint))
+    for joint in chain.joints:
+        here = here @ joint.origin
+        if joint.axis is not None and joint.stated is not None:
+            axes.append((here[:3, 3], here[:3, :3] @ joint.axis))
+            joints.append(joint.stated)
             flange = None
         elif joint.child == BASE_LINK and not axes:
             base = here
         elif joint.child == FLANGE_LINK:
             flange = here
-    file.stop()
     into, flange = inverse_pose(base), here if flange is None else flange
     lines = [JointAxis.through(into[:3, :3] @ point + into[:3, 3], into[:3, :3] @ along) for point, along in axes]
-    chain = SerialChain.from_axes(lines, into @ flange, base, inverse_pose(flange) @ here)
-    return RobotDescription(name, chain, tuple(joints))
+    placed = SerialChain.from_axes(lines, into @ flange, base, inverse_pose(flange) @ here)
+    return RobotDescription(chain.name, placed, tuple(joints))
 
 
 def _origin(file: _File, joint: Element) -> Floats:

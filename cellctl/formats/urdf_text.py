@@ -48,17 +48,22 @@ def urdf_text(robot: RobotDescription) -> str:
     return "".join(f"{line}\n" for line in [*head, *body, "</robot>"])
 
 
-def _joint(name: str, kind: str, links: list[str], step: Floats, more: tuple[str, ...] = ()) -> str:
+def origin_words(step: Floats) -> tuple[list[str], list[str]]:
+    """A pose (4, 4), mm, as an `<origin>` has it: x, y, z in m; roll, pitch, yaw (R = Rz Ry Rx) in rad."""
     from cellctl.kinematics import abc_from_rotation
 
-    xyz = " ".join(_metres(value) for value in step[:3, 3].tolist())
-    yaw, pitch, roll = (_radians(value) for value in abc_from_rotation(step[:3, :3]).tolist())
+    xyz = [_metres(value) for value in step[:3, 3].tolist()]
+    return xyz, [_radians(value) for value in reversed(abc_from_rotation(step[:3, :3]).tolist())]
+
+
+def _joint(name: str, kind: str, links: list[str], step: Floats, more: tuple[str, ...] = ()) -> str:
+    xyz, rpy = origin_words(step)
     return "\n".join(
         [
             f'  <joint name={quoteattr(name)} type="{kind}">',
             f'    <parent link="{links[0]}"/>',
             f'    <child link="{links[1]}"/>',
-            f'    <origin xyz="{xyz}" rpy="{roll} {pitch} {yaw}"/>',
+            f'    <origin xyz="{" ".join(xyz)}" rpy="{" ".join(rpy)}"/>',
             *(f"    {line}" for line in more),
             "  </joint>",
         ]
@@ -83,7 +88,7 @@ def _moves(joint: JointSaid) -> tuple[str, ...]:
 
 
 def _metres(value_mm: float) -> str:
-    return repr(float(number(value_mm, DECIMALS_MM)) / 1000.0)
+    return number(float(number(value_mm, DECIMALS_MM)) / 1000.0, DECIMALS_MM + 3)
 
 
 def _radians(degrees: float) -> str:

@@ -24,30 +24,33 @@ class LearntOn:
     run: str | None
 
 
-def learnt_on(path: Path, model: ModelFile, serial: str | None) -> LearntOn:
-    """The controller of the model in file `path`: from its provenance, else the journal in its folder, else `serial`.
+def learnt_on(path: Path | None, model: ModelFile, serial: str | None) -> LearntOn:
+    """The controller of the model in file `path` (None: it is in no file): from its provenance, else the journal in its
+    folder, else `serial`.
 
     Raises InputError if none of these states it, or if `serial` differs from the model's controller: a model is valid
     only for the robot, or simulator, on which it was identified.
     """
-    found = _by_provenance(model, path) or _by_journal(path.parent)
+    found = _by_provenance(model, path) or (_by_journal(path.parent) if path else None)
+    name = str(path or "the model")
     if found is None and serial is None:
         what = "does not say on whose controller it was learnt"
-        raise InputError(Problem(str(path), 0, 0, what, "give its serial with --serial"))
+        raise InputError(Problem(name, 0, 0, what, "give its serial with --serial"))
     if found is None:
         assert serial is not None
         return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), None)
     if serial is not None and serial != found.serial:
-        what = f"'{serial}', but {path} was learnt on controller '{found.serial}'"
+        what = f"'{serial}', but {name} was learnt on controller '{found.serial}'"
         raise InputError(Problem("--serial", 0, 0, what, "leave --serial out, or give this robot's own model"))
     return found
 
 
-def _by_provenance(model: ModelFile, path: Path) -> LearntOn | None:
+def _by_provenance(model: ModelFile, path: Path | None) -> LearntOn | None:
     serial = model.provenance.get("robot_serial")
     if serial is None:
         return None
-    return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), model.provenance.get("run", _run_of(path.parent)))
+    run = model.provenance.get("run") or (_run_of(path.parent) if path else None)
+    return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), run)
 
 
 def _by_journal(folder: Path) -> LearntOn | None:

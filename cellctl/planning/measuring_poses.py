@@ -132,6 +132,11 @@ def plan_measuring_poses(
     return _in_order(arm, found, counts, rng)
 
 
+def measuring_postures(arm: MeasuringArm, reach: Reach, count: int, seed: int) -> Array:
+    """Postures (count, n), deg, that can be measured, those at the ends of the joints first. Raises OutOfReach."""
+    return _extremes_first(_postures(arm, reach, count, np.random.default_rng([seed, 11])))
+
+
 def plan_given_poses(
     chain: SerialChain,
     joints: JointMap,

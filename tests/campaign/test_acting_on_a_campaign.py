@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, touches_procedure
+from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, only_run, touches_procedure
 
 from cellctl.journal import OperatorAction, StateChanged, fold, read_journal
 
@@ -30,7 +30,7 @@ def test_a_campaign_is_paused_continued_and_ended_by_sigterm_as_by_ctrl_c(tmp_pa
         os.kill(running.pid, signal.SIGTERM)
         running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 130
-    entries = list(read_journal(next(runs.iterdir())))
+    entries = list(read_journal(only_run(runs)))
     assert fold(entries).state == "aborted"
     events = [entry.event for entry in entries]
     actions = [event for event in events if isinstance(event, OperatorAction)]

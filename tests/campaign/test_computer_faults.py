@@ -14,7 +14,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, controller_states, touches_procedure, unhurried
+from cell_runs import (
+    PATIENCE_S,
+    ROOT,
+    UNHURRIED,
+    cell_with,
+    cellctl,
+    controller_states,
+    only_run,
+    touches_procedure,
+    unhurried,
+)
 
 from cellctl.devices import DeviceError, DeviceUnreachable
 from cellctl.engine import Mailbox, NobodyWatching, State
@@ -45,7 +55,7 @@ def test_a_disk_that_fills_up_ends_the_run_and_what_was_committed_is_kept(small_
     assert "the disk is full" in done.stderr
     assert "the robot is held" in done.stderr
     assert "Traceback" not in done.stderr
-    state = fold(read_journal(next(small_disk.iterdir())))
+    state = fold(read_journal(only_run(small_disk)))
     assert state.started is not None
     assert state.steps["plan"].outcome == "done"
 
@@ -111,7 +121,7 @@ def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_
     assert process.returncode == 4, said
     assert "may still be moving" in said
     assert "Traceback" not in said
-    state = fold(read_journal(next(runs.iterdir())))
+    state = fold(read_journal(only_run(runs)))
     assert state.state == "uncertain"
     assert len(state.data_of("touch")) >= 2
     assert not state.in_flight

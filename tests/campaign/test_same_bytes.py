@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, touches_procedure
+from cell_runs import CELL, PATIENCE_S, ROOT, only_run, touches_procedure
 
 from cellctl.journal import read_journal
 
@@ -23,7 +23,7 @@ def _events(folder, run, **environment):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    _, *later = read_journal(next((folder / run).iterdir()))
+    _, *later = read_journal(only_run(folder / run))
     return [(entry.time_ns, entry.event) for entry in later]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, SELFCAL, cellctl
+from cell_runs import CELL, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
 from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
@@ -150,7 +150,7 @@ def test_ctrl_c_twice_ends_with_130_the_robot_held_and_every_finished_touch_reco
     assert "aborted by the operator" in said
     assert "the robot is held" in said
     assert "Traceback" not in said
-    state = fold(read_journal(next(tmp_path.iterdir())))
+    state = fold(read_journal(only_run(tmp_path)))
     assert state.state == "aborted"
     assert not state.in_flight
     assert state.steps["cleanup.hold"].outcome == "done"

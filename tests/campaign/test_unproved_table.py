@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, touches_procedure
+from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, only_run, touches_procedure
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -148,7 +148,7 @@ def test_kill_minus_nine_of_what_started_the_run_aborts_it_with_its_clean_up(tmp
     assert f"process {parent.pid} (" in said
     assert "--detached" in said
     assert "the robot is held" in said
-    state = fold(read_journal(next(runs.iterdir())))
+    state = fold(read_journal(only_run(runs)))
     assert (state.state, state.steps["cleanup.hold"].outcome) == ("aborted", "done")
 
 

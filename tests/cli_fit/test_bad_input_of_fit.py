@@ -431,6 +431,13 @@ def test_predict_refuses_a_file_with_a_row_that_it_cannot_use(cellctl, files, id
     assert not Path("tcp.csv").exists()
 
 
+def test_predict_refuses_radians_in_columns_of_degrees(cellctl, files, identified, capsys):
+    del identified
+    (files / "joints.csv").write_text("A1,A2,A3\n0.1,0.7,-1.2\n-0.4,0.9,-1.4\n")
+    assert cellctl("predict", "model.json", "joints.csv", "-o", "tcp.csv") == 2
+    assert "joints.csv:1: A1…A3 are radians" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("line", ["nan,34,396,0,30,90", "1e300,34,396,0,30,90", "99999,34,396,0,30,90", "1,2"])
 def test_compensate_refuses_a_target_that_is_none(cellctl, files, identified, capsys, line):
     del identified

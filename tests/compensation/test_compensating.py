@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import RobotModel, ToolDeflection, sigma_among
-from cellctl.compensation import METHODS, compensate, gauge_fixed, postures
+from cellctl.compensation import compensate, gauge_fixed, postures, with_geometry
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
 
 KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
@@ -159,6 +159,17 @@ def test_a_robot_of_seven_joints_is_compensated_too():
     np.testing.assert_allclose(identified.pose(found.compensated_q), chain.forward(q), atol=2e-4)
 
 
+def test_geometry_in_the_controller_takes_over_what_it_can_of_a_deflection(nominal, identified, postures_near_home):
+    over, judged = postures_near_home[:40], postures_near_home[40:]
+
+    def rms(chain):
+        return np.sqrt(np.mean((identified.tcp(judged) - chain.forward(judged)[:, :3, 3]) ** 2))
+
+    as_identified = rms(nominal.with_parameters(ERRORS))
+    assert as_identified > 0.02
+    assert rms(with_geometry(nominal, identified, over)) < 0.5 * as_identified
+
+
 def test_an_unknown_method_is_refused(nominal, identified):
     with pytest.raises(ValueError, match="'newton' is not known"):
         compensate(nominal, identified, np.eye(4)[None], HOME[None], method="newton")
@@ -229,11 +240,3 @@ def best_fit_rest(points, onto):
     u, _, vt = np.linalg.svd(b.T @ a)
     turned = a @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
     return np.linalg.norm(turned - b, axis=1)
-
-
-def test_the_tracker_campaign_offers_every_method():
-    from typing import get_args
-
-    from procedures.steps.tracker.proving import CompensateInputs
-
-    assert get_args(CompensateInputs.model_fields["method"].annotation) == tuple(METHODS)

@@ -81,7 +81,7 @@ def test_joint_zeros_base_and_tool_fitted_for_the_controller_are_better_than_tho
     def rms(chain):
         return np.sqrt(np.mean((real.tcp(q) - chain.forward(q)[:, :3, 3]) ** 2))
 
-    fitted = with_zeros_and_frames(robot.chain(), real, q.min(axis=0), q.max(axis=0))
+    fitted = with_zeros_and_frames(robot.chain(), real, q[:100])
     assert 1e-3 < rms(fitted) < rms(robot.chain())
     assert rms(fitted) < rms(robot.chain().with_parameters(taken))
 
@@ -163,8 +163,8 @@ def test_whatever_the_errors_a_converged_target_is_reached_and_a_bad_one_spoils_
     q[1] = 0.0 if bad == "at zero" else q[1]
     targets = robot.chain().forward(q)
     targets[1, :3, 3] *= 5.0 if bad == "far" else 1.0
-    box = q.min(axis=0) - 0.3, q.max(axis=0) + 0.3
-    found = compensate(robot.chain(), real, targets, q, method=method, region=box)
+    near = q[0] + np.random.default_rng(1).uniform(-0.5, 0.5, (50, robot.n))
+    found = compensate(robot.chain(), real, targets, q, method=method, region=near)
     left = difference(targets, real.chain.forward(found.compensated_q))
     if METHODS[method].write_back is None:
         assert (np.linalg.norm(left[found.converged, :3], axis=1) <= 1.1e-6).all()
@@ -175,7 +175,7 @@ def test_whatever_the_errors_a_converged_target_is_reached_and_a_bad_one_spoils_
     assert np.isfinite(found.compensated_q).all()
     for row in (0, 2):
         only = slice(row, row + 1)
-        alone = compensate(robot.chain(), real, targets[only], q[only], method=method, region=box)
+        alone = compensate(robot.chain(), real, targets[only], q[only], method=method, region=near)
         assert alone.converged[0] == found.converged[row]
         if alone.converged[0]:  # a wandering search near a singularity amplifies the last digit
             np.testing.assert_allclose(alone.compensated_q[0], found.compensated_q[row], atol=1e-6)

@@ -27,6 +27,7 @@ from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
+UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -126,11 +127,26 @@ def shown_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("block", blocks("python"), ids=str)
+def _on_real_data(block: Block) -> bool:
+    """Whether made-up numbers do not do: the program fits the measurements."""
+    return "measurements_grid.csv" in block.text and "cellctl.fit" in block.text
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        pytest.param(each, id=str(each), marks=[pytest.mark.long] if _on_real_data(each) else [])
+        for each in blocks("python")
+    ],
+)
 def test_the_programs_of_a_document_run(
     block: Block, shown_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(shown_files, tmp_path, dirs_exist_ok=True)
+    if _on_real_data(block):
+        if not UR10.exists():
+            pytest.skip(f"{UR10} is not here: see docs/reference/data-sets.md, public data sets")
+        shutil.copy(UR10, tmp_path)
     program = tmp_path / "shown.py"
     program.write_text(block.text)
     monkeypatch.chdir(tmp_path)

@@ -106,6 +106,12 @@ def test_an_error_is_reported_in_words_where_it_stands(text, place, what, cure):
     assert problem.cure == cure
 
 
+def test_a_long_wrong_value_is_shown_by_its_beginning():
+    (problem,) = problems_in(f"{'1,2,3 ' * 1000}\n")
+    assert "(here: '1,2,3 1,2,3" in problem.what
+    assert len(problem.what) < 150
+
+
 def test_an_empty_file_is_reported_to_be_empty():
     (problem,) = problems_in("# nothing yet\n")
     assert "empty" in problem.what

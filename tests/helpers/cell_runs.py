@@ -136,6 +136,12 @@ def run_here(
     return asyncio.run(go())
 
 
+def only_run(runs: Path) -> Path:
+    """The run in a folder of runs, which may also hold the history of tables."""
+    (journal,) = runs.glob("*/journal.sqlite")
+    return journal.parent
+
+
 def controller_states(eki: str) -> list[dict[str, str]]:
     """Some `Stat` documents of the controller, read by hand."""
     host, _, port = eki.rpartition(":")

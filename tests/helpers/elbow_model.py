@@ -1,5 +1,6 @@
 """An older model of the elbow arm, made at the command line, for work that goes on from it."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,11 @@ from cellctl.cli.verbs import app
 def cellctl(*words: object) -> int:
     """The exit code of a call of the command line."""
     return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+
+
+def printed_errors(capsys: pytest.CaptureFixture[str]) -> str:
+    """The errors that a call printed, without their number; progress of a slow call comes before them."""
+    return re.split(r"cellctl: \d+ errors?\n", capsys.readouterr().err)[-1].strip()
 
 
 def identified(folder: Path, before: str) -> Path:

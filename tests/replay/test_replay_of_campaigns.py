@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl
+from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
 
@@ -52,7 +52,7 @@ def killed(common: list[str], runs: Path) -> Path:
     finally:
         process.send_signal(signal.SIGKILL)
         process.communicate(timeout=PATIENCE_S)
-    return next(runs.iterdir())
+    return only_run(runs)
 
 
 def touches(runs: Path) -> int:
@@ -120,7 +120,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
 @pytest.mark.long
 def test_the_shipped_campaign_is_replayed_byte_for_byte(tmp_path):
     assert cellctl("run", SELFCAL, "--runs", tmp_path / "runs").returncode == 0
-    done = cellctl("replay", next((tmp_path / "runs").iterdir()), "--json", tmp_path / "replay.json")
+    done = cellctl("replay", only_run(tmp_path / "runs"), "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "replay.json").read_text())
     assert [each["name"] for each in found["artefacts"]] == FILES

@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.report import ReportSection, Run, Sigma
 from cellctl.report.distributions import before_and_after
 from cellctl.report.figures import error_line
-from cellctl.report.numbers import significant
+from cellctl.report.numbers import fixed, percent, significant
 from procedures.reports.tracker.pictures import arrows_picture, bars_picture
 from procedures.steps.tracker.rows import TargetErrorsRow, TargetFigures, TargetsRow, TrackerVerdict
 
@@ -24,6 +24,9 @@ def build(run: Run) -> Mapping[str, Any] | None:
     lengths = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
     return {
         "sentences": list(_sentences(verdict, verdict.targets, run.state.last(TargetsRow))),
+        "intervals": list(_intervals(verdict.targets)),
+        "share_below": percent(verdict.targets.share_below) if verdict.targets.share_below else "",
+        "left_out": [str(each) for each in verdict.left_out],
         "distribution": before_and_after("targets", *lengths, "position error"),
         "bars": bars_picture(row.number, *lengths, np.array(row.sigma), late),
         "arrows": arrows_picture(np.array(row.place), before, after),
@@ -32,6 +35,8 @@ def build(run: Run) -> Mapping[str, Any] | None:
 
 def _sentences(verdict: TrackerVerdict, found: TargetFigures, made: TargetsRow | None) -> Iterator[str]:
     yield "No held-out pose was used for the identification. Its target is where the registered nominal robot would be."
+    if verdict.model_from:
+        yield f"The model is that of {verdict.model_from}, registered to the instrument by poses that are not judged."
     yield "Before: nominal joints. After: the same target by the controller's table. Errors are 3-D."
     ratio = significant(found.found_sigma / found.predicted_sigma) if found.predicted_sigma else "–"
     yield (
@@ -39,10 +44,23 @@ def _sentences(verdict: TrackerVerdict, found: TargetFigures, made: TargetsRow |
         f"predicted (ratio {ratio}); {significant(found.interleaved_after)} mm of targets interleaved with the fit, "
         f"{significant(found.late_after)} mm of the late block."
     )
-    if made and made.left_out:
-        yield f"{len(made.left_out)} held-out poses have no row in the table."
+    if made:
+        yield f"Method: {made.manner}. Joints are corrected by up to {made.max_correction_deg:.3f}°."
     if verdict.noise_only:
         yield f"The instrument's accuracy {verdict.accuracy} is a profile of noise only, not of its behaviour."
+
+
+def _intervals(found: TargetFigures) -> Iterator[tuple[str, ...]]:
+    """Lines of the table: name, mean and RMS with their 95 % intervals, maximum; mm."""
+    if not found.mean_95 or not found.rms_95:
+        return
+    ends = (("before", found.before), ("after", found.after))
+    for (name, figures), mean, rms in zip(ends, found.mean_95, found.rms_95, strict=True):
+        yield name, *(fixed(figures.mean), _range(mean), fixed(figures.rms), _range(rms), fixed(figures.max))
+
+
+def _range(ends: tuple[float, float]) -> str:
+    return f"{fixed(ends[0])} … {fixed(ends[1])}"
 
 
 def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
@@ -71,8 +89,29 @@ SECTION = ReportSection(
     ),
     template="""\
 <p>{{ sentences | join(" ") }}</p>
+{% if intervals %}
+<table>
+<thead><tr><th></th><th>mean, mm</th><th>95 %</th><th>RMS, mm</th><th>95 %</th><th>max, mm</th></tr></thead>
+<tbody>
+{% for name, mean, of_mean, rms, of_rms, most in intervals %}
+<tr><th>{{ name }}</th><td>{{ mean }}</td><td>{{ of_mean }}</td><td>{{ rms }}</td><td>{{ of_rms }}</td>
+<td>{{ most }}</td></tr>
+{% endfor %}
+</tbody>
+</table>
+<p class="note">Intervals of mean and RMS from the scatter of the errors, as of targets drawn at random. With 95 %
+confidence {{ share_below }} of such targets are below the greatest error after.</p>
+{% endif %}
 <figure>{{ distribution | safe }}</figure>
 <figure>{{ bars | safe }}</figure>
 <figure>{{ arrows | safe }}</figure>
+{% if left_out %}
+<p>{{ left_out | length }} targets were left out:</p>
+<ul>
+{% for each in left_out %}
+<li>{{ each }}</li>
+{% endfor %}
+</ul>
+{% endif %}
 """,
 )

@@ -7,13 +7,16 @@ import numpy as np
 from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile, RobotFile, TableFile
-from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of, valid_region
+from cellctl.formats.table_making import table_of
 from cellctl.operations.table import refuse_table
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.iso9283.cube import Cube, planned_cube
 from procedures.steps.iso9283.cycles import Cycles, cube_rounds
 from procedures.steps.iso9283.plans import CubeRound
-from procedures.steps.iso9283.rows import MODEL_FILE, CubeRow
+from procedures.steps.iso9283.rows import CubeRow
+from procedures.steps.tracker.compensable import Compensable, Manner
+from procedures.steps.tracker.methods import DEFAULT_METHOD
+from procedures.steps.tracker.rows import MODEL_FILE
 
 
 def planned(context: CellContext, edge: float, centre: str, reflectors: int) -> Cube:
@@ -51,22 +54,18 @@ def cube_of(context: StepContext) -> Cube:
 def compensated(context: StepContext, wanted: Cycles) -> tuple[TableFile, list[CubeRound]]:
     """The table of the five points, and the cycles by it. Raises InputError if a point cannot be compensated."""
     model, cube = ModelFile.load(context.run_folder / MODEL_FILE), cube_of(context)
-    joints, region = model.robot.joint_map(), valid_region(model)
-    targets = nominal_chain(model).forward(joints.model(cube.readings))
-    found = compensated_targets(model, targets, cube.readings)
-    commanded, limit = joints.readings(found.compensated_q), table_correction_deg(context.cell)
-    inside = ((commanded >= region.min) & (commanded <= region.max)).all(axis=1)
-    small = np.abs(commanded - cube.readings).max(axis=1) < limit
-    if not (found.converged & inside & small).all():
-        points = ", ".join(f"P{place + 1}" for place in np.flatnonzero(~(found.converged & inside & small)))
-        what = f"cannot compensate {points}: outside the joints of its fit, or by more than {limit:g}°"
+    limit = table_correction_deg(context.cell)
+    made = Compensable.of(model, cube.readings, Manner(DEFAULT_METHOD, None, limit))
+    if not made.good.all():
+        named = (f"P{place}: {reason}" for place, reason in enumerate(made.reasons, 1) if reason)
         cure = "choose a smaller edge, or another centre"
-        raise InputError(Problem(str(context.run_folder / MODEL_FILE), 0, 0, what, cure))
+        file = str(context.run_folder / MODEL_FILE)
+        raise InputError(Problem(file, 0, 0, f"cannot compensate {each}", cure) for each in named)
     identity = context.identity("robot")
     table = table_of(
         model,
-        targets,
-        found,
+        made.targets,
+        made.found,
         serial=identity.serial,
         simulated=identity.simulated,
         run=context.run_name,

@@ -10,8 +10,9 @@ from pydantic import Field
 from cellctl.devices import TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.iso9283.plans import CubeRound
-from procedures.steps.iso9283.rows import MODEL_FILE, IsoVerdict, ReadModelRow
+from procedures.steps.iso9283.rows import IsoVerdict
 from procedures.steps.pushing import PushInputs
+from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
 
 
 class ReadInputs(StepInputs):
@@ -29,7 +30,7 @@ class ReadModel(StepResult):
 @step("iso9283.read_model", reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadInputs) -> ReadModel:
     """Read the model that an earlier run identified, and record it; refuse that of another controller."""
-    from procedures.steps.iso9283.model_reading import read_model_of
+    from procedures.steps.tracker.model_reading import read_model_of
 
     if inputs.run:
         await context.record(await context.clock.compute(read_model_of, context, inputs.run))

@@ -14,8 +14,8 @@ from cellctl.formats import ModelFile, RobotFile
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import Floats, abc_from_rotation, inverse_pose, pose
 from cellctl.procedure import StepContext
-from procedures.steps.iso9283.rows import MODEL_FILE, IsoPoseRow, ReadModelRow, RegistrationRow
-from procedures.steps.tracker.rows import PoseRow, StationRow
+from procedures.steps.iso9283.rows import IsoPoseRow, RegistrationRow
+from procedures.steps.tracker.rows import MODEL_FILE, PoseRow, ReadModelRow, StationRow
 from procedures.steps.tracker.sessions import Sessions
 from procedures.steps.tracker.station import reflector_called, session_now
 

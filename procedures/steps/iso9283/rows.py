@@ -12,20 +12,6 @@ from procedures.steps.tracker.rows import VisitedRow
 Vector = tuple[float, ...]
 When = Literal["before", "after"]
 
-MODEL_FILE = "read_model.json"
-"""The model that was read, in the run folder; `model.json` is a run's own."""
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class ReadModelRow(Row):
-    """The model of an earlier run: the run, the controller on which it was identified, and the model file's text."""
-
-    KIND: ClassVar[str] = "read model"
-    run: str
-    serial: str
-    text: str
-
 
 @final
 @dataclass(frozen=True, kw_only=True)

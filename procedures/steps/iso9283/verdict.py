@@ -17,11 +17,10 @@ from procedures.steps.iso9283.rows import (
     IsoResult,
     IsoRow,
     IsoVerdict,
-    ReadModelRow,
     RegistrationRow,
 )
 from procedures.steps.tracker.measuring import NEAR_SHARE
-from procedures.steps.tracker.rows import SetUpRow
+from procedures.steps.tracker.rows import ReadModelRow, SetUpRow
 
 
 def verdict_of(context: StepContext, speed_percent: float, reflectors: int) -> IsoVerdict:

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from cellctl.compensation import Compensated
 
 
+_TOLERANCE_MM = 1e-4
+"""Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
+
+
 class Wanted(Protocol):
     """The procedure's settings."""
 
@@ -123,7 +127,7 @@ def _compensated(
 ) -> tuple[Compensated, Compensated]:
     """Compensated joints for the targets, and for the ends of the searches from them."""
     both = [
-        compensated_targets(model, _about_identified(model, sphere, readings), readings)
+        compensated_targets(model, _about_identified(model, sphere, readings), readings, tolerance_mm=_TOLERANCE_MM)
         for readings in (np.array([line.start for line in lines]), np.array([line.end for line in lines]))
     ]
     missed = [str(row + 1) for row in np.flatnonzero(~(both[0].converged & both[1].converged))]

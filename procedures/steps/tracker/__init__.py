@@ -1,11 +1,12 @@
 """Campaigns with an instrument that measures reflectors on the robot: the steps of the family `tracker`."""
 
+from procedures.steps.tracker.given_model import read_model, register
 from procedures.steps.tracker.identifying import identify
 from procedures.steps.tracker.instrument import prepare, two_face
 from procedures.steps.tracker.locating import locate
 from procedures.steps.tracker.measuring import measure, measure_compensated
 from procedures.steps.tracker.monuments import check_reflector, monuments
-from procedures.steps.tracker.posing import plan
+from procedures.steps.tracker.posing import plan, plan_targets
 from procedures.steps.tracker.proving import compensate, judge, push, withdraw
 from procedures.steps.tracker.turning import frames, plan_turns
 from procedures.steps.tracker.warming import warm_up
@@ -21,9 +22,12 @@ __all__ = [
     "measure_compensated",
     "monuments",
     "plan",
+    "plan_targets",
     "plan_turns",
     "prepare",
     "push",
+    "read_model",
+    "register",
     "two_face",
     "warm_up",
     "withdraw",

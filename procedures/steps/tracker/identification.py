@@ -9,10 +9,10 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration import Split, fit
+from cellctl.calibration import FitResult, Split, fit
 from cellctl.devices import MeasuredPoint
 from cellctl.files import InputError, sha256_of
-from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
+from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, fit_report, measurements
 from cellctl.formats.measurements import Kind, ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Row
@@ -46,23 +46,43 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     """
     from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
 
-    robot, setup = RobotFile.load(context.robot_file), context.recorded(SetUpRow)[-1]
+    robot = RobotFile.load(context.robot_file)
     data, ambiguous = pose_data(context)
-    points = [row.point for row in context.recorded(PoseRow)]
     measure: Kind = "pose" if data.has("QW") else "position"
     measured = measurements(robot, data, measure=measure, model=model)
     if wrong := wrong_setup(context, measured, f"--measure {measure}"):
         return wrong
-    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    split = held_out_split(measured)
     result = fit(measured.task, split)
     report = fit_report(measured, result)
-    provenance = {
+    story = FitStory.of(measured, result, split, report)
+    file = ModelFile.of(robot, measured, result, provenance(context, data))
+    six = [six_row(measured, result, split)] if measure == "pose" else []
+    rows = (*identification_rows(story), *six)
+    return Found(data.text(), file.text(), fit_verdict(context, measured, result, report, ambiguous), rows)
+
+
+def held_out_split(measured: Measurements) -> Split:
+    """The rows of the set `test` judge."""
+    return Split.by_column(np.array([of == "test" for of in measured.sets]))
+
+
+def provenance(context: StepContext, data: DataSet) -> dict[str, str]:
+    """Of a model file that this run makes."""
+    return {
         "cell_sha256": sha256_of(context.cell.text),
         "data_sha256": sha256_of(data.text()),
         "robot_serial": context.identity("robot").serial,
         "run": context.run_name,
     }
-    verdict = TrackerVerdict(
+
+
+def fit_verdict(
+    context: StepContext, measured: Measurements, result: FitResult, report: dict[str, Any], ambiguous: int
+) -> TrackerVerdict:
+    """The verdict of held-out poses on the model; ambiguous: poses without a session."""
+    setup, points = context.recorded(SetUpRow)[-1], [row.point for row in context.recorded(PoseRow)]
+    return TrackerVerdict(
         verdict=report["verdict"],
         sentence=report["sentence"],
         before=Figures(**report["nominal"]),
@@ -72,7 +92,7 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
         accuracy=points[0].accuracy,
         noise_only=points[0].noise_only,
         noise_scale=float(result.identification.noise[0]),
-        sessions=tuple(dict.fromkeys(data.texts("session"))),
+        sessions=tuple(dict.fromkeys(measured.texts("session"))),
         ambiguous=ambiguous,
         load=setup.load,
         held_out=HeldOutFigures(
@@ -82,10 +102,6 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
             predicted=report["predicted_test_rms"],
         ),
     )
-    story = FitStory.of(measured, result, split, report)
-    file = ModelFile.of(robot, measured, result, provenance)
-    six = [six_row(measured, result, split)] if measure == "pose" else []
-    return Found(data.text(), file.text(), verdict, (*identification_rows(story), *six))
 
 
 def pose_data(context: StepContext) -> tuple[DataSet, int]:

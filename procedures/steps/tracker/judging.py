@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from cellctl.calibration import ErrorFigures, compared_errors, paired_verdict
 from cellctl.formats import TableFile
 from cellctl.kinematics import Bools, Floats
+from cellctl.metrology.error_intervals import ErrorIntervals
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
 from procedures.steps.tracker.points import points_of
-from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetErrorsRow, TargetFigures, TrackerVerdict
+from procedures.steps.tracker.rows import (
+    CompensatedRow,
+    LeftOut,
+    PoseRow,
+    TargetErrorsRow,
+    TargetFigures,
+    TargetPlanRow,
+    TargetsRow,
+    TrackerVerdict,
+)
 from procedures.steps.tracker.sessions import Sessions
 from procedures.steps.tracker.station import reflector_at
 
@@ -74,19 +84,61 @@ def verdict_of(context: StepContext) -> tuple[TrackerVerdict, TargetErrorsRow | 
         late_after=_rms(errors[1][targets.late]),
         predicted_sigma=_rms(sigma),
         found_sigma=_rms(errors[1]),
+        **_sureness(errors),
     )
-    tables, verdict = context.recorded(TableStateRow), paired_verdict(*errors)
+    tables, verdict, made = context.recorded(TableStateRow), paired_verdict(*errors), context.recorded(TargetsRow)[-1]
+    left_out = (*_left_out_before(context), *_left_out(made))
     found = replace(
         held_out,
         verdict=verdict,
         sentence=_sentence(verdict, errors),
-        lines=(held_out.sentence, *held_out.lines),
+        lines=(*_lines(held_out, figures, made, len(left_out)), *held_out.lines),
+        method=made.method,
+        left_out=left_out,
         before=before,
         after=after,
         targets=figures,
         table=tables[-1] if tables else None,
     )
     return found, _errors_row(context, targets, sigma)
+
+
+def _sureness(errors: tuple[Floats, Floats]) -> dict[str, Any]:
+    """The fields of `TargetFigures` that state how sure the others are; none for a single target."""
+    if len(errors[0]) < 2:
+        return {}
+    before, after = (ErrorIntervals.of(each) for each in errors)
+    return {
+        "mean_95": (before.mean, after.mean),
+        "rms_95": (before.rms, after.rms),
+        "share_below": after.share_below,
+    }
+
+
+def _lines(held_out: TrackerVerdict, found: TargetFigures, made: TargetsRow, left_out: int) -> Iterator[str]:
+    """Lines below the verdict: how sure it is, by which method and model; then the model's own verdict."""
+    if found.mean_95 and found.rms_95 and found.share_below:
+        (_, mean), (_, rms) = found.mean_95, found.rms_95
+        yield (
+            f"After, 95 % intervals: mean {mean[0]:.3f} to {mean[1]:.3f} mm, RMS {rms[0]:.3f} to {rms[1]:.3f} mm; with "
+            f"95 % confidence {100.0 * found.share_below:.0f} % of such targets are below the greatest error."
+        )
+    model = f", with the model of {held_out.model_from}" if held_out.model_from else ""
+    yield f"Compensated by {made.manner}{model}."
+    if left_out:
+        yield f"{left_out} targets were left out; the report names them, with the reasons."
+    yield held_out.sentence
+
+
+def _left_out_before(rows: Rows) -> tuple[LeftOut, ...]:
+    """Targets that were left out before anything moved."""
+    return tuple(each for row in rows.recorded(TargetPlanRow) for each in row.left_out)
+
+
+def _left_out(made: TargetsRow) -> Iterator[LeftOut]:
+    """Targets that have no row in the table."""
+    for number, reason in zip(made.left_out, made.reasons, strict=False):
+        yield LeftOut(target=f"pose {number}", reason=reason)
 
 
 def _errors_row(context: StepContext, targets: Targets, sigma: Floats) -> TargetErrorsRow:

@@ -75,9 +75,13 @@ def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None)
     """
     robot = RobotFile.load(context.robot_file)
     home = np.array(postures_of(context.cell, robot, "turn").home)
-    poses = _poses(context, robot, wanted, station, home)
+    return rounds_of(context, _poses(context, robot, wanted, station, home), home, wanted.monuments_every)
+
+
+def rounds_of(context: CellContext, poses: MeasuringPoses, home: Floats, monuments_every: int) -> list[Round]:
+    """Visits in rounds of `monuments_every`, each from the return pose and back to it; home (n,), deg."""
     plans = _plans(context, poses, home)
-    rounds = [plans[first : first + wanted.monuments_every] for first in range(0, len(plans), wanted.monuments_every)]
+    rounds = [plans[first : first + monuments_every] for first in range(0, len(plans), monuments_every)]
     return [
         Round(poses=_from_return_pose(context, each, home), back=_back(context, each, home, len(plans) + number))
         for number, each in enumerate(rounds)
@@ -111,12 +115,17 @@ def pose_limits(
     return reach, sight, options
 
 
+def pose_seed(context: CellContext) -> int:
+    """Of the poses that are drawn in a run."""
+    return int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
+
+
 def _poses(
     context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
     reach, sight, options = pose_limits(context, wanted.reflectors, station)
     counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
-    seed = int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
+    seed = pose_seed(context)
     chain, joints = robot.chain(), robot.joint_map()
     if wanted.pose_file:
         file = Path(context.cell.file).parent / wanted.pose_file

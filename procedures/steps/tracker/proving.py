@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -10,23 +10,20 @@ from cellctl.devices import TableStore
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.judged import Judged
 from procedures.steps.pushing import Pushed, PushInputs
+from procedures.steps.tracker.methods import DEFAULT_METHOD, check_method
 from procedures.steps.tracker.plans import Round
 from procedures.steps.tracker.rows import TrackerVerdict
 
 
 class CompensateInputs(StepInputs):
-    """monuments_every: targets between two visits to the monuments. method: one of `cellctl.compensation.METHODS`."""
+    """monuments_every: targets between two visits to the monuments. method: one of `cellctl.compensation.METHODS`.
+
+    passes: of the method; 0: until it converges.
+    """
 
     monuments_every: Annotated[int, Field(ge=5)] = 30
-    method: Literal[
-        "pseudo-target",
-        "pseudo-target-matrix",
-        "veitschegger-wu",
-        "newton-raphson",
-        "cyclic-search",
-        "write-back-geometry",
-        "write-back-zeros",
-    ] = "pseudo-target"
+    method: str = DEFAULT_METHOD
+    passes: Annotated[int, Field(ge=0)] = 0
 
 
 class Compensation(StepResult):
@@ -36,7 +33,7 @@ class Compensation(StepResult):
     table: str | None
 
 
-@step("tracker.compensate", title="compensating targets")
+@step("tracker.compensate", check=check_method, title="compensating targets")
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Compensate the held-out poses and write their table into the run folder, if the model is better than nominal."""
     from procedures.steps.tracker.target_table import compensated_rounds
@@ -44,7 +41,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     if not context.recorded(TrackerVerdict)[-1].better:
         context.say("the model is no better than nominal on held-out poses: nothing is compensated or pushed")
         return Compensation(rounds=[], table=None)
-    found = await context.clock.compute(compensated_rounds, context, inputs.monuments_every, inputs.method)
+    found = await context.clock.compute(compensated_rounds, context, inputs)
     await context.write_artefact("table.json", found.table)
     await context.record(found.row)
     context.say(found.sentence)

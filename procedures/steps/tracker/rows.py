@@ -13,6 +13,20 @@ Matrix = tuple[tuple[float, ...], ...]
 PoseSet = Literal["fit", "test"]
 When = Literal["start", "during", "end"]
 
+MODEL_FILE = "read_model.json"
+"""The model that was read, in the run folder; `model.json` is a run's own."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ReadModelRow(Row):
+    """The model of an earlier run: the run, the controller on which it was identified, and the model file's text."""
+
+    KIND: ClassVar[str] = "read model"
+    run: str
+    serial: str
+    text: str
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -223,10 +237,32 @@ class WarmUpRow(Row):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class TargetsRow(Row):
-    """The table of the held-out targets: its id, rows, largest correction (deg), and date.
+class LeftOut:
+    """A target that is not measured or compensated: its name, and why."""
 
-    left_out: numbers of held-out poses without a row: the monuments do not show in which session they are.
+    target: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.target}: {self.reason}"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class TargetPlanRow(Row):
+    """The targets that will be measured: how many, and those left out before anything moved."""
+
+    KIND: ClassVar[str] = "target plan"
+    targets: int
+    left_out: tuple[LeftOut, ...]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class TargetsRow(Row):
+    """The table of the held-out targets: its id, rows, largest correction (deg), date, and the method of compensation.
+
+    left_out: numbers of held-out poses without a row; reasons: of each of them. passes: the most that the method made.
     """
 
     KIND: ClassVar[str] = "targets"
@@ -235,6 +271,15 @@ class TargetsRow(Row):
     created: str
     max_correction_deg: float
     left_out: tuple[int, ...]
+    reasons: tuple[str, ...] = ()
+    method: str = "pseudo-target"
+    passes: int | None = None
+
+    @property
+    def manner(self) -> str:
+        """Method and passes, in words."""
+        passes = "passes until it converges" if self.passes is None else f"passes: {self.passes} at most"
+        return f"{self.method} ({passes})"
 
 
 @final
@@ -271,7 +316,9 @@ class HeldOutFigures:
 class TargetFigures:
     """Held-out targets measured before, by nominal joints, and after, by the table: errors of `n`, mm.
 
-    predicted_sigma, found_sigma: RMS (3-D) of the predicted σ and of the errors after.
+    predicted_sigma, found_sigma: RMS (3-D) of the predicted σ and of the errors after. mean_95, rms_95: 95 % intervals
+    of mean and RMS, before and after, mm. share_below: with 95 % confidence at least this share of such targets has an
+    error below the greatest found.
     """
 
     before: Figures
@@ -281,6 +328,9 @@ class TargetFigures:
     late_after: float
     predicted_sigma: float
     found_sigma: float
+    mean_95: tuple[tuple[float, float], ...] | None = None
+    rms_95: tuple[tuple[float, float], ...] | None = None
+    share_below: float | None = None
 
 
 @final
@@ -319,7 +369,8 @@ class TrackerVerdict(VerdictRow):
     """The verdict on held-out poses; with `targets`, that of the whole campaign.
 
     accuracy: profile of the instrument; noise_only: of its noise alone. noise_scale: of the fit. sessions: of the data
-    set. ambiguous: poses that no session could be given to. load: the cell file's.
+    set. ambiguous: poses that no session could be given to. load: the cell file's. model_from: run whose model was
+    read, None if the run identified its own. method: of compensation. left_out: targets that were left out.
     """
 
     SECTION: ClassVar[tuple[str, ...]] = (
@@ -331,6 +382,9 @@ class TrackerVerdict(VerdictRow):
         "sessions",
         "ambiguous",
         "load",
+        "model_from",
+        "method",
+        "left_out",
     )
     accuracy: str
     noise_only: bool
@@ -340,3 +394,6 @@ class TrackerVerdict(VerdictRow):
     load: str
     held_out: HeldOutFigures | None = None
     targets: TargetFigures | None = None
+    model_from: str | None = None
+    method: str | None = None
+    left_out: tuple[LeftOut, ...] = ()

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 
-from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, postures_of
-from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of, valid_region
-from cellctl.kinematics import Bools, Floats
+from cellctl.formats.table_making import table_of
 from cellctl.procedure import StepContext
+from procedures.steps.tracker.compensable import Compensable, Manner
 from procedures.steps.tracker.plans import PosePlan, Round
 from procedures.steps.tracker.rows import PoseRow, ReturnRow, TargetsRow
 from procedures.steps.tracker.sessions import Sessions
+from procedures.steps.tracker.target_planning import manner_of
 from procedures.steps.tracker.turn_planning import APPROACH_DEG, return_pose, rounded, turn_posture
-
-_SHARE_OF_LIMIT = 0.9
-"""A target whose correction is nearer to the cell's limit is left out: the posture is near a singularity."""
 
 
 @final
@@ -33,60 +30,83 @@ class Prepared:
     sentence: str
 
 
-def compensated_rounds(context: StepContext, monuments_every: int, method: str) -> Prepared:
+class Wanted(Protocol):
+    """The procedure's settings."""
+
+    @property
+    def monuments_every(self) -> int:
+        """Targets between two visits to the monuments."""
+
+    @property
+    def method(self) -> str:
+        """Method of compensation."""
+
+    @property
+    def passes(self) -> int:
+        """Its passes, 0: until it converges."""
+
+
+def compensated_rounds(context: StepContext, wanted: Wanted) -> Prepared:
     """The table of the held-out poses, and their plans. Targets: where the registered nominal robot would be, in the
     instrument's frame of the first session. Raises InputError if no target can be compensated.
     """
-    model = ModelFile.load(context.run_folder / "model.json")
-    sessions = Sessions.of(context)
-    rows = [row for row in context.recorded(PoseRow) if row.set == "test"]
+    model, manner = ModelFile.load(context.run_folder / "model.json"), manner_of(context, wanted.method, wanted.passes)
+    sessions, rows = Sessions.of(context), [row for row in context.recorded(PoseRow) if row.set == "test"]
     known = [row for row in rows if sessions.session(row.visit)]
-    readings = np.array([row.commanded for row in known])
-    targets = nominal_chain(model).forward(model.robot.joint_map().model(readings))
-    found = compensated_targets(model, targets, readings, method=method)
-    commanded = model.robot.joint_map().readings(found.compensated_q)
-    region = valid_region(model)
-    inside = ((commanded >= region.min) & (commanded <= region.max)).all(axis=1)
-    good = _good(context, found.converged & inside, commanded - readings)
-    if not good.any():
-        what = "no held-out pose can be compensated within the limit of a correction"
+    if not known:
+        what = f"no held-out pose can be compensated: {_AMBIGUOUS}"
+        raise InputError(context.cell.problem(("station",), what, "stand the instrument firmly, then begin anew"))
+    tried = Compensable.of(model, np.array([row.commanded for row in known]), manner)
+    if not tried.good.any():
+        what = f"no held-out pose can be compensated; the first one: {tried.reasons[0]}"
         raise InputError(context.cell.problem(("limits",), what, "limits: {table: {correction_deg: …}}"))
-    known = [row for row, is_good in zip(known, good, strict=True) if is_good]
-    identity = context.identity("robot")
-    table = table_of(
-        model,
-        targets[good],
-        compensated_targets(model, targets[good], readings[good], method=method),
-        method=method,
-        serial=identity.serial,
-        simulated=identity.simulated,
-        run=context.run_name,
-        created=context.calendar,
-    )
-    left_out = tuple(sorted({row.number for row in rows} - {row.number for row in known}))
+    used = [row for row, is_good in zip(known, tried.good, strict=True) if is_good]
+    table = _table(context, model, Compensable.of(model, tried.readings[tried.good], manner), manner)
+    reasons = {row.number: reason for row, reason in zip(known, tried.reasons, strict=True)}
+    left_out = sorted({row.number for row in rows} - {row.number for row in used})
     row = TargetsRow(
         table=table.id,
         rows=len(table.rows),
         created=table.created,
         max_correction_deg=table.max_correction_deg,
-        left_out=left_out,
+        left_out=tuple(left_out),
+        reasons=tuple(reasons.get(number, _AMBIGUOUS) for number in left_out),
+        method=manner.method,
+        passes=manner.passes,
     )
-    plans = _plans(context, table, known)
+    return Prepared(_rounds(context, table, used, wanted.monuments_every), table.text(), row, _sentence(row))
+
+
+_AMBIGUOUS = "the station moved between the visits to the monuments before and after it"
+
+
+def _table(context: StepContext, model: ModelFile, targets: Compensable, manner: Manner) -> TableFile:
+    identity = context.identity("robot")
+    return table_of(
+        model,
+        targets.targets,
+        targets.found,
+        method=manner.name,
+        serial=identity.serial,
+        simulated=identity.simulated,
+        run=context.run_name,
+        created=context.calendar,
+    )
+
+
+def _sentence(row: TargetsRow) -> str:
+    sentence = f"{row.rows} held-out poses compensated, joints by up to {row.max_correction_deg:.3f}°"
+    named = "; ".join(f"pose {number}: {reason}" for number, reason in zip(row.left_out, row.reasons, strict=True))
+    return f"{sentence}; {len(row.left_out)} left out: {named}" if named else sentence
+
+
+def _rounds(context: StepContext, table: TableFile, rows: list[PoseRow], monuments_every: int) -> list[Round]:
+    plans = _plans(context, table, rows)
     first = 1 + max(each.number for each in (*context.recorded(PoseRow), *context.recorded(ReturnRow)))
-    rounds = [
+    return [
         _round(context, plans[start : start + monuments_every], first + number)
         for number, start in enumerate(range(0, len(plans), monuments_every))
     ]
-    sentence = f"{row.rows} held-out poses compensated, joints by up to {row.max_correction_deg:.3f}°"
-    if left_out:
-        sentence += f"; {len(left_out)} left out: near a singularity, at the edge of the fit's joints, or ambiguous"
-    return Prepared(rounds, table.text(), row, sentence)
-
-
-def _good(context: StepContext, reached: Bools, corrections: Floats) -> Bools:
-    """Which targets (N,) get a row: those reached inside the measured region, with a correction below the limit."""
-    limit = _SHARE_OF_LIMIT * table_correction_deg(context.cell)
-    return np.asarray(reached & (np.abs(corrections).max(axis=1) < limit))
 
 
 def _plans(context: StepContext, table: TableFile, rows: list[PoseRow]) -> list[PosePlan]:

@@ -1,11 +1,11 @@
-"""The rows of the fit and the held-out rows of `cellctl fit`."""
+"""The rows of a fit, and its held-out rows."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cellctl.cli.fit_options import Judging, option
 from cellctl.files import InputError, Problem
+from cellctl.operations.fit_options import Judging, option
 
 if TYPE_CHECKING:
     from cellctl.calibration import Split

@@ -1,4 +1,6 @@
-"""The options of `cellctl fit`: reports all their errors at once, and interprets them."""
+"""The options of a fit: reports all their errors at once, and interprets them. Errors name an option as on the command
+line (`--holdout`).
+"""
 
 from __future__ import annotations
 
@@ -34,6 +36,8 @@ class Judging:
             found.append(option("holdout", f"{self.holdout:g} is no share", "a number between 0 and 1"))
         if self.folds is not None and self.folds < 2:
             found.append(option("folds", f"{self.folds} is too few", "2 or more"))
+        if self.seed < 0:
+            found.append(option("seed", f"{self.seed} is negative", "0 or more"))
         if self.column not in (None, "set"):
             cure = "name the column set, with fit or test in it"
             found.append(option("column", f"'{self.column}' is not known", cure))

@@ -1,0 +1,105 @@
+"""Columns of the user (DataFrame, mapping of arrays) to data sets, and columns of a result to a DataFrame.
+
+pandas is optional: it is imported only where a DataFrame is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from cellctl.facade.arrays import refused
+from cellctl.files import InputError, sha256_of
+from cellctl.formats import DataSet
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Columns = Mapping[str, "NDArray[Any]"]
+
+
+def is_frame(source: object) -> bool:
+    """Whether `source` is a pandas DataFrame."""
+    return any(
+        each.__module__.split(".")[0] == "pandas" and each.__name__ == "DataFrame" for each in type(source).mro()
+    )
+
+
+def data_set_of(source: Any, name: str) -> DataSet:
+    """A data set from a DataFrame or a mapping of arrays (N,); `name` names it in errors. NaN, None and pandas' NA are
+    missing values, as in the CSV that pandas writes.
+
+    Raises InputError for columns of unequal length, of more than one dimension, or of the same name.
+    """
+    columns = _of_frame(source, name) if is_frame(source) else _of_mapping(source, name)
+    lengths = {key: len(values) for key, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        some = ", ".join(f"{key}: {count}" for key, count in list(lengths.items())[:12])
+        raise refused(name, f"has columns of different length ({some})", "one value for each row in every column")
+    records = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    found = DataSet.of_records(records, name)
+    return replace(found, sha256=sha256_of(found.text()))
+
+
+def by_index(error: InputError) -> InputError:
+    """The same error, with rows of a data set from memory named by index: `q[3]` in place of line 5 of its CSV."""
+    return InputError(
+        replace(each, file=f"{each.file}[{each.line - 2}]" if each.line > 1 else each.file, line=0)
+        for each in error.problems
+    )
+
+
+def frame_of(columns: Columns) -> Any:
+    """A DataFrame of `columns`. Raises ImportError with the cure where pandas is not installed."""
+    try:
+        import pandas
+    except ImportError as error:
+        words = "a DataFrame needs pandas: pip install 'cellctl[dataframes]'; to_dict() gives the same as arrays"
+        raise ImportError(words) from error
+    return pandas.DataFrame(dict(columns))
+
+
+def columns_of(records: Iterable[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
+    """Columns (N,) of `records` that all have the same keys; None becomes NaN."""
+    import numpy as np
+
+    rows = list(records)
+    return (
+        {key: np.array([np.nan if row[key] is None else row[key] for row in rows]) for key in rows[0]} if rows else {}
+    )
+
+
+def _of_frame(frame: Any, name: str) -> dict[str, list[Any]]:
+    names = [str(column) for column in frame.columns]
+    twice = sorted({each for each in names if names.count(each) > 1})
+    if twice:
+        raise refused(name, f"has the column {', '.join(twice)} more than once", "remove or rename one")
+    missing = frame.isna()
+    return {
+        key: [
+            None if gone else _plain(value)
+            for value, gone in zip(frame[own].tolist(), missing[own].tolist(), strict=True)
+        ]
+        for key, own in zip(names, frame.columns, strict=True)
+    }
+
+
+def _of_mapping(columns: Mapping[str, Any], name: str) -> dict[str, list[Any]]:
+    import numpy as np
+
+    found = {}
+    for key, values in columns.items():
+        array = np.asarray(values)
+        if array.ndim != 1:
+            cure = "one array (N,) for each column, such as A1, A2, …, X, Y, Z"
+            raise refused(name, f"column '{key}' has the shape {array.shape}", cure)
+        found[str(key)] = [_plain(value) for value in array.tolist()]
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """A cell: NaN is a missing value; text without the spaces around it, as in a file."""
+    if isinstance(value, str):
+        return value.strip()
+    return None if isinstance(value, float) and value != value else value

@@ -1,0 +1,202 @@
+"""A robot or an identified model in another form, with what that form cannot hold and what this costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from cellctl.files import InputError, Problem
+
+if TYPE_CHECKING:
+    from cellctl.formats import ModelFile
+    from cellctl.formats.description import RobotDescription
+    from cellctl.formats.exports import Cost, JointZeros
+    from cellctl.kinematics import Convention, Floats, TableConvention
+
+ROBOT_FILES: dict[str, Convention] = {"mdh-hayati": "mdh-hayati", "dh-craig": "dh-craig", "poe": "poe"}
+JOINT_ZEROS = ("kuka", "abb", "fanuc")
+"""Forms that hold joint zeros, not the geometry of the links; they need a model."""
+_WITHOUT_MOUNTING = ("urdf", "dh-csv")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What is converted. file: its name in errors. robot: with the identified geometry; nominal: without it, and the
+    same where the source is no model. model: None where it is none.
+    """
+
+    file: str
+    robot: RobotDescription
+    nominal: RobotDescription
+    model: ModelFile | None = None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """table: convention of a DH table. into: the user's own file, tip: its last link. tool, base: KUKA's numbers."""
+
+    table: TableConvention | None = None
+    into: Path | None = None
+    tip: str | None = None
+    tool: int = 1
+    base: int = 1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Exported:
+    """content: of the file. left_out: what has no place in the form; cost: of that. notes: what else to do or know.
+    figures: for the JSON.
+    """
+
+    content: str | bytes
+    left_out: tuple[str, ...]
+    cost: Cost | None
+    notes: tuple[str, ...]
+    figures: dict[str, Any]
+
+    def lines(self) -> list[str]:
+        """What is left out and its cost, and the notes, a sentence each."""
+        if not self.left_out:
+            return list(self.notes)
+        cost = f"; without it the TCP is off by {self.cost.words}" if self.cost else ""
+        return [f"left out, as this form has no place for it: {', '.join(self.left_out)}{cost}", *self.notes]
+
+
+def model_source(model: ModelFile, file: str) -> Source:
+    """A model; `file` names it in errors."""
+    from cellctl.formats.description import RobotDescription
+
+    identified = RobotDescription.of(model.robot, model.robot_model().chain)
+    return Source(file, identified, RobotDescription.of(model.robot), model)
+
+
+def read_source(path: Path, tip: str | None, table: str | None, repeatability: float | None) -> Source:
+    """The robot or model of a file, by its suffix. Raises InputError where it is none, or states its repeatability."""
+    from cellctl.formats import ModelFile, RobotFile
+    from cellctl.formats.description import RobotDescription
+    from cellctl.formats.dh_table import load_dh_table
+    from cellctl.formats.urdf import load_urdf
+
+    model = None
+    match path.suffix.lower():
+        case ".json":
+            model = ModelFile.load(path)
+            robot = RobotDescription.of(model.robot, model.robot_model().chain)
+        case ".yaml" | ".yml":
+            robot = RobotDescription.of(RobotFile.load(path))
+        case ".urdf":
+            robot = load_urdf(path, tip)
+        case ".csv":
+            robot = load_dh_table(path, table)
+        case _:
+            cure = "its name ends in .yaml (robot file), .json (model), .urdf or .csv (DH table)"
+            raise InputError(Problem(str(path), 0, 0, "has a name of no known file type", cure))
+    if repeatability is not None:
+        if robot.repeatability is not None:
+            what = f"says its repeatability: {robot.repeatability:g} mm"
+            raise InputError(Problem(str(path), 0, 0, what, "leave --repeatability out"))
+        robot = replace(robot, repeatability=repeatability)
+    return Source(str(path), robot, RobotDescription.of(model.robot) if model else robot, model)
+
+
+def exported(source: Source, form: str, options: ExportOptions) -> Exported:
+    """The robot in `form`. Raises InputError where the source has no such form."""
+    mounting = ["mounting"] if form in _WITHOUT_MOUNTING and source.robot.mounting != "floor" else []
+    if form in JOINT_ZEROS:
+        return _of_joint_zeros(source, form, options)
+    content, notes, figures = _geometry(source, form, options)
+    if source.model is None:
+        return Exported(content, tuple(mounting), None, tuple(notes), figures)
+    from cellctl.formats.exports import costs_of
+
+    effects, assumed = _effects(source.model)
+    if not effects:
+        return Exported(content, tuple(mounting), None, tuple(notes), figures)
+    cost, registered = costs_of(source.model, source.robot.chain)
+    notes = [f"with base and tool registered anew: {registered.words}", *notes, *assumed]
+    return Exported(content, (*mounting, *effects), cost, tuple(notes), {**figures, "registered": registered.figures()})
+
+
+def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
+    """Titles of the effects, which no form has a place for, and which of them the distance from the model lacks."""
+    from cellctl.formats.exports import effects_left_out
+
+    found = effects_left_out(model)
+    uncounted = [title for title, counted in found.items() if not counted]
+    return list(found), [f"{title} is not in this distance: its conditions are unknown" for title in uncounted]
+
+
+def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | bytes, list[str], dict[str, Any]]:
+    """Content, notes and figures of a form that holds the geometry of the links."""
+    from cellctl.formats.dh_table import dh_table_text
+    from cellctl.formats.robot_text import robot_text
+    from cellctl.formats.urdf_text import urdf_text
+
+    robot = source.robot
+    if form in ROBOT_FILES:
+        return robot_text(robot, ROBOT_FILES[form], source.file), [], {}
+    if form == "dh-csv":
+        own = robot.chain.convention
+        return dh_table_text(robot, options.table or ("mdh-hayati" if own == "poe" else own)), [], {}
+    if form == "ur-calibration":
+        return _ur_calibration(source, options)
+    if options.into is None:
+        return urdf_text(robot), [], {}
+    return _urdf_into(source, options.into, options.tip)
+
+
+def _urdf_into(source: Source, into: Path, tip: str | None) -> tuple[bytes, list[str], dict[str, Any]]:
+    from cellctl.formats.exports import urdf_into
+
+    content, lacking = urdf_into(into, source.nominal, source.robot, tip)
+    notes = ["base and tool of the fit are not in the URDF: its own stay"]
+    return content, [*notes, *([f"the URDF lacks {lacking}"] if lacking else [])], {}
+
+
+def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[str], dict[str, Any]]:
+    from cellctl.formats.exports import hash_of, ur_calibration
+
+    found = ur_calibration(source.nominal, source.robot, source.file, hash_of(options.into) if options.into else None)
+    notes = [f"not in this form: the TCP in tool0 is {_words(found.tcp)}; the base is {_words(found.base)}"]
+    if options.into is None:
+        notes.append("the hash is not the controller's: the driver will report a mismatch; --into keeps that of a file")
+    return found.text, notes, {"tcp_in_tool0": found.tcp.tolist(), "base": found.base.tolist()}
+
+
+def _of_joint_zeros(source: Source, form: str, options: ExportOptions) -> Exported:
+    from cellctl.formats.exports import abb_text, fanuc_text, joint_zeros, kuka_text
+
+    if source.model is None:
+        what = f"is no model: it has no identified joint zeros for --to {form}"
+        raise InputError(Problem(source.file, 0, 0, what, "give a model file (.json) of `cellctl fit`"))
+    zeros = joint_zeros(source.model)
+    notes = [f"distance from the model with base and tool alone: {zeros.before.words}"]
+    if form == "kuka":
+        content = kuka_text(source.robot.name, zeros, options.tool, options.base)
+    else:
+        content = abb_text(zeros) if form == "abb" else fanuc_text(zeros)
+        notes.append(f"the offsets go with the tool {_words(zeros.tool)} and the base {_words(zeros.base)}")
+    effects, assumed = _effects(source.model)
+    left_out = ("lengths and axes of the links", *effects)
+    return Exported(content, left_out, zeros.after, (*notes, *assumed), _figures(zeros))
+
+
+def _figures(zeros: JointZeros) -> dict[str, Any]:
+    return {
+        "offsets_deg": zeros.offsets.tolist(),
+        "base": zeros.base.tolist(),
+        "tool": zeros.tool.tolist(),
+        "without_offsets": zeros.before.figures(),
+    }
+
+
+def _words(frame: Floats) -> str:
+    from cellctl.kinematics import abc_from_rotation
+
+    xyz = ", ".join(f"{value:.4f}" for value in frame[:3, 3].tolist())
+    abc = ", ".join(f"{value:.5f}" for value in abc_from_rotation(frame[:3, :3]).tolist())
+    return f"X, Y, Z = {xyz} mm and A, B, C = {abc}°"

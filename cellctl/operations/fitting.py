@@ -1,0 +1,183 @@
+"""A fit from its input to model and report: shared by `cellctl fit` and `cellctl.fit`. Prints and writes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
+
+from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.files import Document, InputError, Problem, load_yaml, sha256_of
+from cellctl.operations.fit_options import Asked, Judging
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from cellctl.calibration import FitResult, Split
+    from cellctl.formats import Artefact, DataSet, Measurements, ModelFile, RobotFile
+
+    Shown: TypeAlias = Callable[[str], AbstractContextManager[Progress]]
+
+NO_CHECK = "--no-check skips this check and fits anyway: do not use such a model before you know the cause"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FitInput:
+    """The input of a fit, read. document: the robot file with its positions."""
+
+    document: Document
+    robot: RobotFile
+    data: DataSet
+    artefact: Artefact | None = None
+    prior: ModelFile | None = None
+
+    @classmethod
+    def read(
+        cls,
+        robot: Callable[[], tuple[Document, RobotFile]],
+        data: Callable[[], DataSet],
+        artefact: Callable[[], Artefact | None],
+        prior: Callable[[], ModelFile | None],
+    ) -> Self:
+        """Read all parts. Raises InputError with the errors of all of them at once."""
+        (document, robot_file), rows, points, older = _all_of([robot, data, artefact, prior])
+        return cls(document, robot_file, rows, points, older)
+
+    @classmethod
+    def load(cls, robot: Path, data: Path, asked: Asked) -> Self:
+        """Read the files of a fit. Raises InputError with all their errors; swapped files are recognised."""
+        from cellctl.formats import DataSet, ModelFile, load_artefact
+
+        artefact, prior = asked.artefact, asked.prior
+        try:
+            return cls.read(
+                lambda: robot_of(robot),
+                lambda: DataSet.load(data),
+                lambda: load_artefact(artefact) if artefact else None,
+                lambda: ModelFile.load(prior) if prior else None,
+            )
+        except InputError as error:
+            if _is_robot(data):
+                what = f"is taken for the robot file, and the data set {data} is a robot file: they are swapped"
+                cure = f"cellctl fit {data} {robot}"
+                raise InputError(Problem(str(robot), 0, 0, what, cure)) from error
+            raise
+
+    @property
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of the parts, for the model's provenance."""
+        found = {"data_sha256": self.data.sha256}
+        if self.artefact:
+            found["artefact_sha256"] = sha256_of(self.artefact.model_dump())
+        if self.prior:
+            found["prior_sha256"] = sha256_of(self.prior.text())
+        return found
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit: its usable rows, their split, the result, and the report, which is the JSON of `cellctl fit` without
+    `seconds`.
+    """
+
+    given: FitInput
+    measured: Measurements
+    split: Split
+    result: FitResult
+    report: dict[str, Any]
+
+    def model(self) -> ModelFile:
+        """The model file."""
+        from cellctl.formats import ModelFile
+
+        given = self.given
+        return ModelFile.of(given.robot, self.measured, self.result, given.hashes, given.prior)
+
+    def page(self, robot: str, data: str) -> str:
+        """The report as an HTML page; `robot`, `data`: names of these files on it."""
+        from cellctl.report.fit import FitStory, fit_page
+
+        sources = {"robot file": robot, "data set": f"{data}, SHA-256 {self.given.data.sha256[:12]}…"}
+        return fit_page(FitStory.of(self.measured, self.result, self.split, self.report, sources))
+
+
+def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | None = None, *, check: bool) -> Fitted:
+    """Fit the robot to the data set, and judge it on held-out rows.
+
+    check: look for set-up errors first. shown: makes the progress report of `check` and of `fit`. The options are
+    checked before (`Asked.refuse`). Raises InputError where data, options and files do not allow a fit.
+    """
+    from cellctl.calibration import fit
+    from cellctl.formats import fit_report
+    from cellctl.formats.measurements import refuse_alike
+    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
+    from cellctl.operations.fit_split import split_of
+
+    measured = _measured(given, asked)
+    refuse_alike(measured)
+    split, labels = split_of(measured, judging)
+    progress = shown or _silently
+    if check and not asked.free_groups:  # free parameters may deviate as much as an error would
+        files = SetupFiles(given.document, Path(given.data.file), asked.artefact)
+        with progress("check") as told:
+            refuse_setup_errors(measured, files, NO_CHECK, told)
+    with progress("fit") as told:
+        result = fit(measured.task, split, told)
+    return Fitted(given, measured, split, result, fit_report(measured, result, labels))
+
+
+def robot_of(path: Path) -> tuple[Document, RobotFile]:
+    """The robot file, read once: it may change while the fit runs, or be a pipe."""
+    from cellctl.formats import RobotFile
+
+    document = load_yaml(path)
+    return document, RobotFile.from_document(document)
+
+
+def _silently(_: str) -> AbstractContextManager[Progress]:
+    from contextlib import nullcontext
+
+    return nullcontext(silent)
+
+
+def _is_robot(path: Path) -> bool:
+    """Whether a file contains a robot, even with errors."""
+    try:
+        content = load_yaml(path).data
+    except InputError:
+        return False
+    return isinstance(content, dict) and {"convention", "joints"} <= content.keys()
+
+
+def _measured(given: FitInput, asked: Asked) -> Measurements:
+    """The usable rows for the fit."""
+    from cellctl.formats import from_prior, measurements, only
+
+    measured = measurements(
+        given.robot,
+        given.data,
+        measure=asked.measure,  # type: ignore[arg-type]  # `Asked.refuse` has looked at it
+        model=asked.model,
+        artefact=given.artefact,
+        use_distances=asked.distances,
+        spacings=asked.spacings,
+        own=asked.own_groups,
+    )
+    if given.prior:
+        return from_prior(measured, given.prior, asked.free_groups, str(asked.prior))
+    return only(measured, asked.free_groups) if asked.free_groups else measured
+
+
+def _all_of(loaders: list[Callable[[], Any]]) -> list[Any]:
+    loaded, problems = [], []
+    for load in loaders:
+        try:
+            loaded.append(load())
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return loaded

@@ -1,0 +1,98 @@
+"""Prediction of an identified robot's TCP: shared by `cellctl predict` and `Model.predict`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+from cellctl.files import InputError, Problem
+
+if TYPE_CHECKING:
+    from cellctl.calibration import Postures
+    from cellctl.formats import DataSet, ModelFile
+    from cellctl.kinematics import Bools, Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Predicted TCPs at N readings.
+
+    readings (N, n), deg. poses (N, 4, 4), mm, in the model's frame. sigma_mm (N,): 1 σ, 3-D, in that frame;
+    sigma_among_mm (N,): of the TCPs relative to each other, None for fewer than four. inside (N,): within the measured
+    region. assumed: conditions that the model needs and the rows do not state, one sentence each.
+    """
+
+    readings: Floats
+    poses: Floats
+    sigma_mm: Floats
+    sigma_among_mm: Floats | None
+    inside: Bools
+    assumed: tuple[str, ...]
+
+    def records(self) -> list[dict[str, Any]]:
+        """The rows of `cellctl predict`: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen."""
+        import numpy as np
+
+        from cellctl.kinematics import abc_from_rotation
+
+        turns = abc_from_rotation(self.poses[:, :3, :3])
+        values = np.column_stack([self.readings, self.poses[:, :3, 3], turns, self.sigma_mm])
+        joints = (f"A{number}" for number in range(1, self.readings.shape[1] + 1))
+        names = [*joints, "X", "Y", "Z", "A", "B", "C", "sigma"]
+        among = _cells(self.sigma_among_mm, len(values))
+        return [
+            {**dict(zip(names, row, strict=True)), "sigma_among": own, "seen": int(inside)}
+            for row, own, inside in zip(np.round(values, 9).tolist(), among, self.inside, strict=True)
+        ]
+
+    def text(self) -> str:
+        """The records as CSV."""
+        from cellctl.formats.dataset import text_of
+
+        return text_of(self.records())
+
+
+def predict_rows(model: ModelFile, data: DataSet) -> Predicted:
+    """The TCP at the joints and conditions of each row. Raises InputError with every row that cannot be used: leaving
+    some out would shift the others' lines.
+    """
+    from cellctl.formats.columns import Sieve, joint_readings
+    from cellctl.formats.measurements import Conditions
+
+    sieve = Sieve(data)
+    readings = joint_readings(sieve, model.robot)
+    conditions = Conditions(sieve, model.robot, readings)
+    if sieve.rejected():
+        raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
+    _refuse_radians(model, data, readings)
+    at = conditions.at(range(len(readings)))
+    if refused := list(model.load_region.refused(at) if model.load_region else ()):
+        raise InputError(Problem(data.file, data.lines[row], 0, reason, cure) for row, reason, cure in refused)
+    found = model.predict(readings, at)
+    return Predicted(
+        readings,
+        found.poses,
+        found.sigma_mm,
+        model.sigma_among(readings, at),
+        model.inside(readings),
+        _assumed(model, at),
+    )
+
+
+def _refuse_radians(model: ModelFile, data: DataSet, readings: Floats) -> None:
+    """Raise InputError where all readings, deg, are outside the measured region, and all would be inside as radians."""
+    import numpy as np
+
+    if data.has("A1") and not model.inside(readings).any() and model.inside(np.rad2deg(readings)).all():
+        last = readings.shape[1]
+        what = f"A1…A{last} are radians: no row is inside the measured region as degrees, and all are as radians"
+        raise InputError(Problem(data.file, 1, 0, what, f"write degrees, or name the columns q1…q{last}"))
+
+
+def _assumed(model: ModelFile, at: Postures) -> tuple[str, ...]:
+    return tuple(words for effect in model.robot_model().effects for words in effect.lacks(at))
+
+
+def _cells(sigma: Floats | None, rows: int) -> list[float | None]:
+    return [None] * rows if sigma is None else [round(float(value), 9) for value in sigma]

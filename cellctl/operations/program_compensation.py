@@ -1,0 +1,197 @@
+"""A KRL program and its files, compensated: shared by `cellctl compensate` and `Model.compensate_program`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from cellctl.files import InputError, Problem
+
+if TYPE_CHECKING:
+    from cellctl.formats import ModelFile
+    from cellctl.operations.compensated_program import CompensatedProgram
+    from cellctl.operations.compensating import CellRobot
+    from cellctl.operations.program_files import ProgramFiles
+    from cellctl.operations.program_motions import Kind, Program
+    from cellctl.operations.program_paths import Path as ProgramPath
+    from cellctl.operations.program_points import Part
+
+DEFAULT_TOLERANCE_MM = 0.05
+
+_FRAME = 6
+_METHODS = ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson")
+
+
+@final
+@dataclass(frozen=True)
+class ProgramOptions:
+    """Options of `compensate` for programs. config: `$config.dat`. tool, base: X,Y,Z,A,B,C. path_tolerance: mm; points
+    are inserted where the deviation is larger, if `insert`. arm_only: the tool is the program's.
+    """
+
+    config: Path | None = None
+    tool: str | None = None
+    base: str | None = None
+    path_tolerance: float | None = None
+    insert: bool = False
+    arm_only: bool = False
+
+    def refuse(self) -> None:
+        """Raise InputError if any of them is given: the targets are not a program."""
+        given = [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value]
+        if given:
+            raise InputError(Problem(given[0], 0, 0, "is for programs (.src)", "leave it out"))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CompensatedFiles:
+    """A compensated program, with its paths between the points, and what it was compensated by."""
+
+    program: CompensatedProgram
+    paths: list[ProgramPath]
+    method: str
+    tolerance_mm: float
+
+    def texts(self) -> dict[Part, bytes]:
+        """The content of the changed files."""
+        from cellctl.operations.program_text import program_text
+
+        return program_text(self.program, self.paths)
+
+    def figures(self, files: list[Path]) -> dict[str, Any]:
+        """All that is known of the compensated program, as JSON; files: those written."""
+        return _figures(self.program, self.paths, self.tolerance_mm, self.method, files)
+
+
+def compensate_files(
+    identified: ModelFile, name: str, files: ProgramFiles, method: str, options: ProgramOptions, place: CellRobot | None
+) -> CompensatedFiles:
+    """Compensate the points of a program. name: of the model in errors. place: of the cell that it is for.
+
+    Raises InputError for wrong options and files, and with all reasons if no point can be changed.
+    """
+    found = _compensated(identified, name, files, method, options, place)
+    if not found.changed:
+        raise _nothing(found)
+    tolerance = DEFAULT_TOLERANCE_MM if options.path_tolerance is None else options.path_tolerance
+    return CompensatedFiles(found, _paths(found, options.insert, tolerance, method), method, tolerance)
+
+
+def refuse_method(method: str) -> None:
+    """Raise InputError for a method that is not for programs."""
+    if method not in _METHODS:
+        raise InputError(Problem("--method", 0, 0, f"'{method}' is not for programs", f"one of: {', '.join(_METHODS)}"))
+
+
+def _compensated(
+    identified: ModelFile, name: str, files: ProgramFiles, method: str, options: ProgramOptions, place: CellRobot | None
+) -> CompensatedProgram:
+    from cellctl.devices.cell import TABLE_CORRECTION_DEG
+    from cellctl.operations.compensated_program import compensate_program as compensated
+    from cellctl.operations.compensating import refuse_model, refuse_other_cell
+    from cellctl.operations.program_motions import Program
+    from cellctl.operations.program_robots import ProgramRobots
+
+    tool, base = (_frame(name, getattr(options, name)) for name in ("tool", "base"))
+    refuse_model(identified, str(files.src))
+    if place:
+        refuse_other_cell(identified, name, place)
+    src, dat, configured = files.load()
+    program = Program(src, dat, configured, tool, base)
+    _refuse_several(program)
+    limit = place.correction_deg if place else TABLE_CORRECTION_DEG
+    return compensated(program, ProgramRobots(identified, options.arm_only), method=method, limit_deg=limit)
+
+
+def _refuse_several(program: Program) -> None:
+    """Refuse a stated tool or base that would stand for several of the program."""
+    kinds: tuple[Kind, ...] = ("tool", "base")
+    several = {kind: names for kind in kinds if getattr(program, kind) and (names := program.several(kind))}
+    if several:
+        raise InputError(
+            Problem(f"--{kind}", 0, 0, f"the program uses several: {', '.join(names)}", "give --config '$config.dat'")
+            for kind, names in several.items()
+        )
+
+
+def _frame(name: str, text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != _FRAME or not all(math.isfinite(number) for number in numbers):
+        raise InputError(Problem(f"--{name}", 0, 0, f"'{text}' is not X,Y,Z,A,B,C", "six numbers, mm and degrees"))
+    return numbers
+
+
+def _paths(found: CompensatedProgram, insert: bool, tolerance: float, method: str) -> list[ProgramPath]:
+    from cellctl.operations.program_paths import program_paths, with_points_between
+
+    paths = program_paths(found)
+    return [with_points_between(found, path, tolerance, method) for path in paths] if insert else paths
+
+
+def _nothing(found: CompensatedProgram) -> Exception:
+    """The error where no point can be compensated: every reason, with its place."""
+    problems = [Problem(found.file(left), left.line, 0, left.words) for left in found.left]
+    if not problems:
+        problems = [Problem(found.program.src.name, 0, 0, "has no motion")]
+    return InputError(problems, "no point was compensated, nothing was written")
+
+
+def _figures(
+    found: CompensatedProgram, paths: Sequence[ProgramPath], tolerance: float, method: str, files: list[Path]
+) -> dict[str, Any]:
+    """All that is known of the compensated program, as JSON."""
+    from cellctl.formats.table_making import mean_rms_max
+
+    changed = list(found.changed.values())
+    columns = ("correction_mm", "correction_deg", "before_mm", "after_mm")
+    return {
+        "method": method,
+        "compensated": len(changed),
+        "left": [
+            {"file": found.file(one), "line": one.line, "name": one.name, "reason": one.reason} for one in found.left
+        ],
+        **{name: mean_rms_max([getattr(one, name) for one in changed]) for name in columns},
+        "points": [
+            {
+                "file": found.program.parts[one.written.part].name,
+                "line": one.written.point.line,
+                "name": one.written.point.name,
+                "motions": list(one.lines),
+                "numbers": {label: float(text) for label, text in one.numbers.items()},
+                **{name: getattr(one, name) for name in columns},
+                "turn": list(one.turn) if one.turn else None,
+            }
+            for one in changed
+        ],
+        "path_tolerance_mm": tolerance,
+        "paths": [_path(path) for path in paths],
+        "tool_shift_mm": None if found.goals.robots.arm_only else found.goals.robots.tool_shift_mm,
+        "files": [str(path) for path in files],
+    }
+
+
+def _path(path: ProgramPath) -> dict[str, Any]:
+    def number(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    return {
+        "line": path.move.line,
+        "kind": path.move.statement.kind,
+        "before_mm": number(path.before_mm),
+        "bound_mm": number(path.final_mm),
+        "undivided_mm": number(path.bound_mm),
+        "largest_sample_mm": number(path.sampled_mm),
+        "at_share": number(path.share),
+        "inserted": 0 if path.between is None else len(path.between.sent) - 1,
+        "remarks": [*path.remarks, *([path.undivided] if path.undivided else [])],
+        "reason": path.reason,
+    }

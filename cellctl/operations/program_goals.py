@@ -1,0 +1,267 @@
+"""Where the tool shall be at each point of a program, and in which posture: goals for the compensation.
+
+All poses are in the robot's base frame (ROBROOT), mm.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TypeAlias, final
+
+import numpy as np
+
+from cellctl.compensation.curves import Arc, Line, Segment
+from cellctl.compensation.paths import posture_at
+from cellctl.compensation.stated_posture import stated_posture
+from cellctl.formats.table_making import valid_region
+from cellctl.kinematics import Floats, JointMap, inverse, pose_from_xyz_abc
+from cellctl.kinematics.configuration import status_of
+from cellctl.krl import CARTESIAN, Span
+from cellctl.operations.program_motions import Frame, Move, Program
+from cellctl.operations.program_points import Part, Written
+from cellctl.operations.program_robots import ProgramRobots, Robots
+
+Key: TypeAlias = tuple[Part, Span]
+
+_SAME_POSTURE = np.deg2rad(3.0)
+_STATUS_BITS = 7
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """pose (4, 4): where the tool shall be. q (n,): model angles, rad, of the nominal robot there. gives: components of
+    the point that are written from it. base: of the point; None where its numbers are joint readings.
+    """
+
+    written: Written
+    robots: Robots
+    pose: Floats
+    q: Floats
+    gives: tuple[str, ...]
+    base: Floats | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """The end of a motion: pose (4, 4) of the tool, and model angles (n,), rad, of the nominal robot."""
+
+    pose: Floats
+    q: Floats
+
+
+@final
+class ProgramGoals:
+    """Goes through a program once. goals: by point. left: reason by point that stays. segments: the wanted way of each
+    LIN and CIRC, by the index of the motion. arrivals: of the motions, where they are
+    certain. robots: those of the model.
+    """
+
+    def __init__(self, program: Program, robots: ProgramRobots) -> None:
+        self._program, self.robots = program, robots
+        self.model = robots.model
+        self.goals: dict[Key, list[Goal]] = defaultdict(list)
+        self.left: dict[Key, str] = {}
+        self.segments: dict[int, Segment] = {}
+        self.arrivals: dict[int, Arrival] = {}
+        region = valid_region(self.model)
+        self._near = (np.array(region.min) + np.array(region.max)) / 2.0
+        self._refuse_contradictions()
+        for number, move in enumerate(program.moves):
+            self._take(number, move)
+        for key in self.left:
+            self.goals.pop(key, None)
+
+    @cached_property
+    def uses(self) -> dict[Key, list[Move]]:
+        """The motions of each point."""
+        found: dict[Key, list[Move]] = defaultdict(list)
+        for move in self._program.moves:
+            for written in move.uses:
+                found[written.key].append(move)
+        return found
+
+    @cached_property
+    def _targets(self) -> set[Key]:
+        return {move.target.key for move in self._program.moves if move.target}
+
+    def _refuse_contradictions(self) -> None:
+        """Points that one change cannot suit in all their motions."""
+        for key, moves in self.uses.items():
+            for kind in ("tool", "base"):
+                frames: set[Frame] = {move.tool if kind == "tool" else move.base for move in moves}
+                if len({frame.numbers for frame in frames}) > 1:
+                    names = ", ".join(sorted(frame.name for frame in frames))
+                    self._leave(key, f"used with several {kind}s: {names}")
+            if len({move.angle_deg for move in moves}) > 1:
+                self._leave(key, "used with different circular angles")
+
+    def _leave(self, key: Key, reason: str) -> None:
+        self.left.setdefault(key, reason)
+
+    def _take(self, number: int, move: Move) -> None:
+        reason = self._reason(move)
+        robots = reason or self.robots.of(move.tool)
+        if isinstance(robots, str):
+            for written in move.uses:
+                self._leave(written.key, robots)
+            return
+        assert move.target is not None
+        if move.target.point.is_joints:
+            self._take_joints(number, move, robots)
+        else:
+            self._take_position(number, move, robots)
+
+    def _reason(self, move: Move) -> str:
+        """Why the points of a motion cannot be understood; empty where they can."""
+        if move.fault or move.target is None:
+            return f"its motion in line {move.line} is not understood: {move.fault}"
+        if move.tool.numbers is None:
+            return move.tool.reason
+        joints = [written.point.is_joints for written in move.uses]
+        if any(joints) and move.kind != "PTP":
+            return f"{move.kind} to joint readings"
+        missing = [
+            f"A{axis}" for axis in range(1, self.model.robot.n + 1) if f"A{axis}" not in move.target.point.values
+        ]
+        if any(joints) and missing:
+            return f"{move.target.name} has no {', '.join(missing)}"
+        return "" if any(joints) or move.base.numbers is not None else move.base.reason
+
+    def _take_joints(self, number: int, move: Move, robots: Robots) -> None:
+        assert move.target is not None
+        axes = tuple(f"A{axis}" for axis in range(1, self.model.robot.n + 1))
+        readings = np.array([move.target.point.values[axis] for axis in axes])
+        q = self._joints.model(readings)
+        self._put(number, move.target, Goal(move.target, robots, robots.nominal.forward(q), q, axes, None))
+
+    def _take_position(self, number: int, move: Move, robots: Robots) -> None:
+        assert move.target is not None
+        assert move.base.numbers is not None
+        base = pose_from_xyz_abc(move.base.numbers[:3], move.base.numbers[3:])
+        pose = base @ _pose(move.target)
+        try:
+            segment = self._segment(move, pose, base)
+        except ValueError as error:
+            for written in move.uses:
+                self._leave(written.key, f"{error}, in line {move.line}")
+            return
+        q = self._posture(move, pose if segment is None else segment.finish, segment, robots)
+        if q is None:
+            return
+        if segment is not None:
+            self.segments[number] = segment
+        if move.auxiliary is not None:
+            self._take_auxiliary(move, segment, robots, base, q)
+        if move.angle_deg is not None and segment is None:
+            self._leave(move.target.key, f"the start of the circle in line {move.line} is not certain")
+        elif isinstance(segment, Arc) and segment.angle is not None:
+            self._put_turned_on(number, move, segment, robots, base, q)
+        else:
+            self._put(number, move.target, Goal(move.target, robots, pose, q, CARTESIAN, base))
+
+    def _segment(self, move: Move, pose: Floats, base: Floats) -> Segment | None:
+        """The wanted way; None for PTP and splines, or where the start is not certain. Raises ValueError: no circle."""
+        start = self.arrivals.get(move.start) if move.start is not None else None
+        if move.kind == "LIN" and start:
+            return Line(start.pose, pose)
+        if move.kind != "CIRC" or move.auxiliary is None or not start:
+            return None
+        angle = None if move.angle_deg is None else float(np.deg2rad(move.angle_deg))
+        return Arc.of(start.pose, (base @ _pose(move.auxiliary))[:3, 3], pose, angle)
+
+    def _posture(self, move: Move, finish: Floats, segment: Segment | None, robots: Robots) -> Floats | None:
+        """Model angles at the end of a motion; None, and the point stays, where there are none."""
+        assert move.target is not None
+        values = move.target.point.values
+        status, turn = (int(values[name]) if name in values else None for name in "ST")
+        start = self.arrivals.get(move.start) if move.start is not None else None
+        q = posture_at(robots.nominal, segment, start.q, 1.0) if segment and start else None
+        if q is not None and not self._agrees(q, status, robots):
+            self._leave(
+                move.target.key, f"S {status} is not the posture in which LIN or CIRC arrives in line {move.line}"
+            )
+            return None
+        if q is None:
+            found = self._stated(robots, finish, status, turn)
+            if isinstance(found, str):
+                self._leave(move.target.key, found)
+                return None
+            q = self._joints.model(found)
+        return q
+
+    def _stated(self, robots: Robots, pose: Floats, status: int | None, turn: int | None) -> Floats | str:
+        """Readings (n,), deg, of the posture that S and T choose, or why there is none."""
+        limits = self.model.robot.limits()
+        known = status if self.model.robot.n == 6 else None
+        find = partial(stated_posture, robots.nominal, self._joints, limits, pose, self._near)
+        if (found := find(status=known, turn=turn)) is not None:
+            return found
+        if find() is None:
+            return "out of the robot's reach or of its joint limits"
+        return f"S {status}, T {turn} are of no posture within the joint limits that reaches it"
+
+    def _agrees(self, q: Floats, status: int | None, robots: Robots) -> bool:
+        if status is None or self.model.robot.n != 6:
+            return True
+        return int(status_of(robots.nominal, self._joints, self._joints.readings(q))) == status & _STATUS_BITS
+
+    def _take_auxiliary(self, move: Move, arc: Segment | None, robots: Robots, base: Floats, end: Floats) -> None:
+        """The auxiliary point: its place, with the orientation that the way has there, as its own is not used. Where
+        the start of the circle is not certain, its own.
+        """
+        assert move.auxiliary is not None
+        if move.auxiliary.key in self._targets:
+            return
+        if isinstance(arc, Arc):
+            pose, q = arc.poses(arc.shares[:1])[0], self._on_the_way(move, arc, robots, arc.shares[0])
+        else:
+            pose = base @ _pose(move.auxiliary)
+            found = inverse(robots.nominal, pose, end)
+            q = found.q if found.converged else None
+        if q is None:
+            self._leave(move.auxiliary.key, f"the circle in line {move.line} cannot be followed to it")
+        else:
+            self._add(move.auxiliary, Goal(move.auxiliary, robots, pose, q, CARTESIAN[:3], base))
+
+    def _put_turned_on(self, number: int, move: Move, arc: Arc, robots: Robots, base: Floats, q: Floats) -> None:
+        """The end point of a circle with a circular angle: its place gives X, Y, Z; the way's end gives A, B, C."""
+        assert move.target is not None
+        share = arc.shares[1]
+        at_place = self._on_the_way(move, arc, robots, share)
+        if at_place is None:
+            self._leave(move.target.key, f"the circle in line {move.line} cannot be followed to it")
+            return
+        place = Goal(move.target, robots, arc.poses([share])[0], at_place, CARTESIAN[:3], base)
+        self._add(move.target, place)
+        self._put(number, move.target, Goal(move.target, robots, arc.finish, q, CARTESIAN[3:], base))
+
+    def _on_the_way(self, move: Move, arc: Arc, robots: Robots, share: float) -> Floats | None:
+        assert move.start is not None
+        return posture_at(robots.nominal, arc, self.arrivals[move.start].q, share)
+
+    def _put(self, number: int, written: Written, goal: Goal) -> None:
+        """The goal at the end of a motion."""
+        self.arrivals[number] = Arrival(goal.pose, goal.q)
+        self._near = self._joints.readings(goal.q)
+        self._add(written, goal)
+
+    def _add(self, written: Written, goal: Goal) -> None:
+        """One goal for each set of components; a point that is reached in two postures stays."""
+        known = [each for each in self.goals[written.key] if each.gives == goal.gives]
+        if not known:
+            self.goals[written.key].append(goal)
+        elif np.abs((known[0].q - goal.q + np.pi) % (2.0 * np.pi) - np.pi).max() > _SAME_POSTURE:
+            self._leave(written.key, "its motions reach it in different postures")
+
+    @cached_property
+    def _joints(self) -> JointMap:
+        return self.model.robot.joint_map()
+
+
+def _pose(written: Written) -> Floats:
+    values = [written.point.values[label] for label in CARTESIAN]
+    return pose_from_xyz_abc(values[:3], values[3:])

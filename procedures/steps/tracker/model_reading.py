@@ -1,0 +1,45 @@
+"""Reads the model that an earlier run identified, and refuses one that is not of the cell's robot and tool."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cellctl.devices.cell import table_correction_deg
+from cellctl.files import InputError, Problem
+from cellctl.formats import ModelFile, RobotFile
+from cellctl.journal import run_place
+from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
+from cellctl.operations.learnt_on import learnt_on
+from cellctl.procedure import StepContext
+from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
+
+
+def read_model_of(context: StepContext, run: str, file: str = "", of_reflector: bool = False) -> ReadModelRow:
+    """The model of the run in folder `run`, or of that name beside this run; or the model in `file`.
+
+    of_reflector: its tool has to be the reflector, which a model from touches does not have. Raises InputError without
+    one, and for a model of another controller, robot or tool, or one that cannot predict a target.
+    """
+    if run and file:
+        what = "a run and a model file are named, and one model compensates"
+        raise InputError(Problem("--set model_file", 0, 0, what, "name the run or the file"))
+    path = Path(file) if file else run_place(Path(run), context.run_folder.parent) / "model.json"
+    model = ModelFile.load(path)
+    found, own = learnt_on(path, model, None), context.identity("robot").serial
+    if found.serial != own:
+        what = f"was identified on controller '{found.serial}', and this one is '{own}'"
+        raise InputError(Problem(str(path), 0, 0, what, "name a run on this robot"))
+    robot = RobotFile.load(context.robot_file)
+    refuse_other_cell(model, str(path), CellRobot(robot, table_correction_deg(context.cell)))
+    refuse_model(model, str(path))
+    if of_reflector and model.frame_of_points:
+        what = "is a model from touches: its tool is what touched, and no reflector is in it"
+        cure = "identify from an instrument's poses; `cellctl run sphere_by_tracker` judges a model from touches"
+        raise InputError(Problem(str(path), 0, 0, what, cure))
+    return ReadModelRow(run=found.run or path.stem, serial=found.serial, text=path.read_text(encoding="utf-8"))
+
+
+def read_model(context: StepContext) -> ModelFile | None:
+    """The model that this run read, from its run folder; None without one."""
+    read = context.recorded(ReadModelRow)
+    return ModelFile.load(context.run_folder / MODEL_FILE) if read else None
