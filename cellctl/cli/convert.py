@@ -63,8 +63,9 @@ def convert(
     """Convert a robot file or model to another form.
 
     mdh-hayati, dh-craig, poe, urdf and dh-csv have the same TCP at the same readings; so has ur-calibration, without
-    base and tool. kuka, abb and fanuc are joint zeros, which need a model. What a form cannot hold is named on stderr,
-    with the distance that it costs. URDF joints are the controller's readings, in radians.
+    base and tool. kuka, abb and fanuc are joint zeros, which need a model. What a form cannot hold is named on stderr;
+    of a model with effects the form nearest to the whole model is written, and its distance stated. URDF joints are the
+    controller's readings, in radians.
 
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
     """

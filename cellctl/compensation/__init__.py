@@ -7,10 +7,10 @@ give the chain of a controller into which parameters are written.
 
 from cellctl.compensation.compensating import Compensated, compensate
 from cellctl.compensation.corrections import METHODS
+from cellctl.compensation.nearest_chain import with_frames, with_geometry, with_zeros_and_frames, zeros_of
 from cellctl.compensation.postures import postures
 from cellctl.compensation.predictors import PredictedErrors
 from cellctl.compensation.uncertainty import gauge_fixed
-from cellctl.compensation.write_back import with_geometry, with_zeros_and_frames
 
 __all__ = [
     "METHODS",
@@ -19,6 +19,8 @@ __all__ = [
     "compensate",
     "gauge_fixed",
     "postures",
+    "with_frames",
     "with_geometry",
     "with_zeros_and_frames",
+    "zeros_of",
 ]

@@ -12,12 +12,12 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import qmc
 
-from cellctl.calibration import RobotModel
+from cellctl.calibration import At, RobotModel
 from cellctl.compensation.corrections import METHODS, Method
 from cellctl.compensation.passes import Ends, Passes, angles, distances
 from cellctl.compensation.predictors import NominalWithErrors, PredictedErrors, WithoutZeros
-from cellctl.compensation.write_back import spread
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse
 
 TOLERANCE_MM = 1e-6
@@ -77,7 +77,7 @@ def compensate(
     method: str = "pseudo-target",
     tolerance_mm: float = TOLERANCE_MM,
     passes: int | None = None,
-    region: ArrayLike | None = None,
+    region: At | None = None,
     correction_deg: float = MOST_CORRECTION_DEG,
 ) -> Compensated:
     """Joints that take the identified robot to `targets` (N, 4, 4), mm, found from postures near `start` (N, n), rad.
@@ -89,8 +89,8 @@ def compensate(
     model and centres belong together, and targets near a sphere must be built on the centre that came with the model.
 
     method: one of `METHODS`. passes: None repeats until `tolerance_mm` (and a thousandth of it in rad) is left; a
-    number makes so many passes, as the methods are published, and leaves what they leave. region: postures (M, n), rad,
-    spread over the region for which write-back chooses its parameters; default 20° around the nominal joints.
+    number makes so many passes, as the methods are published, and leaves what they leave. region: M postures, spread
+    over the region for which write-back chooses its parameters; default: angles up to 20° around the nominal joints.
     correction_deg: a target for which a joint would be corrected by more is not reached. One target does not change the
     result of another. Joint limits are the caller's, as in `inverse`. Raises ValueError for an unknown method or shapes
     that do not fit.
@@ -125,7 +125,9 @@ def compensate(
 
 
 def _around(q: Floats) -> Floats:
-    return spread(q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD)
+    """256 postures (256, n) spread over a box around q (N, n), rad, the same each time."""
+    low, high = q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD
+    return np.asarray(low + qmc.Sobol(len(low), scramble=False).random(256) * (high - low))
 
 
 def _method(name: str, identified: RobotModel | PredictedErrors) -> Method:

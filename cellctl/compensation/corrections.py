@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Self, final
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration import RobotModel
+from cellctl.calibration import At, RobotModel
+from cellctl.compensation.nearest_chain import with_geometry, with_zeros_and_frames
 from cellctl.compensation.predictors import Predictor
-from cellctl.compensation.write_back import with_geometry, with_zeros_and_frames
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse, inverse_pose, rotation_vector
 
 
@@ -38,8 +37,8 @@ class Pass:
 Correction = Callable[[SerialChain, Predictor, Floats, Pass], Pass]
 """From the controller's chain, the robot, the targets (N, 4, 4) and a pass: the next one."""
 
-WriteBack = Callable[[SerialChain, RobotModel, ArrayLike], SerialChain]
-"""From the controller's chain, the identified robot and postures (M, n) of the region: the chain to write."""
+WriteBack = Callable[[SerialChain, RobotModel, At], SerialChain]
+"""From the controller's chain, the identified robot and M postures of the region: the chain to write."""
 
 
 @final

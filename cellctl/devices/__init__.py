@@ -55,6 +55,7 @@ from cellctl.devices.tables import (
     TableState,
     TableStore,
 )
+from cellctl.devices.variables import FileStore, VariableStore
 
 __all__ = [
     "Address",
@@ -74,6 +75,7 @@ __all__ = [
     "DeviceUncertain",
     "DeviceUnreachable",
     "DriverDescription",
+    "FileStore",
     "Finding",
     "Guard",
     "Health",
@@ -104,6 +106,7 @@ __all__ = [
     "TargetLost",
     "Temperatures",
     "TwoFaceError",
+    "VariableStore",
     "Vector3",
     "Weather",
 ]

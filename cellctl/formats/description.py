@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from cellctl.kinematics import JointMap, SerialChain
 
 
-LEVEL = 1e-9
-"""A frame tilted by less than this is upright, rad: rounding."""
+LEVEL = 1e-3
+"""A frame tilted by less than this is upright, rad: less than an instrument's base is known to be level."""
 
 
 @final

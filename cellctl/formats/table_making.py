@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cellctl.files import sha256_of
+from cellctl.formats.measured_postures import measured_postures
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
 from cellctl.formats.table import JOINT_DECIMALS, Row, TableFile, TableRegion, TableRobot, TableSource, table_rows
@@ -52,18 +53,9 @@ def compensated_targets(
         method=method,
         passes=passes,
         tolerance_mm=tolerance_mm,
-        region=_postures_of_region(model),
+        region=measured_postures(model),
     )
     return _within_limits(found, joints.readings(found.compensated_q), model.robot.limits())
-
-
-def _postures_of_region(model: ModelFile) -> Floats:
-    """Model angles (M, n), rad, spread over the rows of the fit; over the joint region where the file has no rows."""
-    from cellctl.compensation.write_back import spread
-
-    region = model.joint_region
-    readings = region.postures or spread(region.min, region.max)
-    return model.robot.joint_map().model(readings)
 
 
 def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Compensated:

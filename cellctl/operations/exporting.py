@@ -11,7 +11,7 @@ from cellctl.files import InputError, Problem
 if TYPE_CHECKING:
     from cellctl.formats import ModelFile
     from cellctl.formats.description import RobotDescription
-    from cellctl.formats.exports import Cost, JointZeros
+    from cellctl.formats.exports import Cost, FittedForm, JointZeros
     from cellctl.kinematics import Convention, Floats, TableConvention
 
 ROBOT_FILES: dict[str, Convention] = {"mdh-hayati": "mdh-hayati", "dh-craig": "dh-craig", "poe": "poe"}
@@ -104,21 +104,31 @@ def read_source(path: Path, tip: str | None, table: str | None, repeatability: f
 
 
 def exported(source: Source, form: str, options: ExportOptions) -> Exported:
-    """The robot in `form`. Raises InputError where the source has no such form."""
-    mounting = ["mounting"] if form in _WITHOUT_MOUNTING and source.robot.mounting != "floor" else []
+    """The robot in `form`; of a model with effects, the geometry nearest to the whole model.
+
+    Raises InputError where the source has no such form.
+    """
     if form in JOINT_ZEROS:
         return _of_joint_zeros(source, form, options)
-    content, notes, figures = _geometry(source, form, options)
-    if source.model is None:
-        return Exported(content, tuple(mounting), None, tuple(notes), figures)
-    from cellctl.formats.exports import costs_of
+    effects, assumed = _effects(source.model) if source.model else ([], [])
+    fitted = None
+    if source.model and effects:
+        from cellctl.formats.description import RobotDescription
+        from cellctl.formats.exports import fitted_geometry
 
-    effects, assumed = _effects(source.model)
-    if not effects:
+        fitted = fitted_geometry(source.model)
+        source = replace(source, robot=RobotDescription.of(source.model.robot, fitted.chain))
+    mounting = ["mounting"] if form in _WITHOUT_MOUNTING and source.robot.mounting != "floor" else []
+    content, notes, figures = _geometry(source, form, options)
+    if fitted is None:
         return Exported(content, tuple(mounting), None, tuple(notes), figures)
-    cost, registered = costs_of(source.model, source.robot.chain)
-    notes = [f"with base and tool registered anew: {registered.words}", *notes, *assumed]
-    return Exported(content, (*mounting, *effects), cost, tuple(notes), {**figures, "registered": registered.figures()})
+    compared = f"links, base and tool are fitted to the whole model; {_of_nominal(fitted)}"
+    notes = [*fitted.warnings, compared, *notes, *assumed]
+    return Exported(content, (*mounting, *effects), fitted.cost, tuple(notes), {**figures, **fitted.figures()})
+
+
+def _of_nominal(fitted: FittedForm) -> str:
+    return f"the nominal robot, its base and tool registered, is off by {fitted.nominal.words}"
 
 
 def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
@@ -174,7 +184,7 @@ def _of_joint_zeros(source: Source, form: str, options: ExportOptions) -> Export
         what = f"is no model: it has no identified joint zeros for --to {form}"
         raise InputError(Problem(source.file, 0, 0, what, "give a model file (.json) of `cellctl fit`"))
     zeros = joint_zeros(source.model)
-    notes = [f"distance from the model with base and tool alone: {zeros.before.words}"]
+    notes = [*zeros.form.warnings, _of_nominal(zeros.form)]
     if form == "kuka":
         content = kuka_text(source.robot.name, zeros, options.tool, options.base)
     else:
@@ -190,7 +200,7 @@ def _figures(zeros: JointZeros) -> dict[str, Any]:
         "offsets_deg": zeros.offsets.tolist(),
         "base": zeros.base.tolist(),
         "tool": zeros.tool.tolist(),
-        "without_offsets": zeros.before.figures(),
+        **zeros.form.figures(),
     }
 
 

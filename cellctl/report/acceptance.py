@@ -26,6 +26,11 @@ class Decision:
     reason: str
     greatest_mm: float | None = None
 
+    @property
+    def decided(self) -> bool:
+        """Whether it is accepted or rejected."""
+        return self.word != NO_DECISION
+
     @classmethod
     def of(cls, run: Run, limit_mm: float | None, budget: Budget | None) -> Self:
         """By RULE."""

@@ -15,9 +15,10 @@ from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
-from cellctl.formats.exports import abb_text, costs_of, fanuc_text, joint_zeros, kuka_text, measured_postures
+from cellctl.formats.exports import Cost, abb_text, fanuc_text, joint_zeros, kuka_text, measured_postures
 from cellctl.formats.load_region import LoadRegion
-from cellctl.kinematics import inverse_pose
+from cellctl.formats.table_making import nominal_chain
+from cellctl.kinematics import abc_from_rotation, inverse_pose
 from cellctl.krl.krl_file import KrlFile
 
 ZEROS_DEG = [0.0, 0.31, -0.22, 0.4, -0.17, 0.0]
@@ -94,6 +95,31 @@ def test_the_stated_distance_is_that_of_a_controller_with_the_nominal_arm():
     assert zeros.after.rms_mm < zeros.before.rms_mm
 
 
+def test_these_numbers_take_a_controller_to_the_targets_at_the_joints_of_write_back_zeros(tmp_path, monkeypatch):
+    """`compensate --method write-back-zeros` and `convert --to kuka` write the same offsets, base and tool."""
+    robot, load = library_robot("kr300_r2500"), LoadRegion(min=0.0, max=100.0, at=[0.0, 0.0, 200.0])
+    amounts = {"compliance_load2": 1e-6, "compliance_load3": 1e-6, "backlash2": 2e-4, "theta2": 0.003, "a2": 0.8}
+    model = model_of(robot, amounts, (JointCompliance(6, load_known=True), Backlash(6)), REGION)
+    model.model_copy(update={"load_region": load}).save(tmp_path / "m.json")
+    readings = np.array([[10.0, -70.0, 60.0, 20.0, 50.0, 30.0], [-20.0, -90.0, 80.0, -30.0, 60.0, -10.0]])
+    targets = nominal_chain(model).forward(robot.joint_map().model(readings))
+    rows = np.hstack([targets[:, :3, 3], abc_from_rotation(targets[:, :3, :3]), readings])
+    header = "X,Y,Z,A,B,C,A1,A2,A3,A4,A5,A6"
+    np.savetxt(tmp_path / "t.csv", rows, delimiter=",", header=header, comments="", fmt="%.12f")
+    monkeypatch.chdir(tmp_path)
+    app(["compensate", "m.json", "t.csv", "--method", "write-back-zeros", "-o", "joints.csv"], standalone_mode=False)
+    app(["convert", "m.json", "--to", "kuka", "-o", "offsets.dat"], standalone_mode=False)
+    text = (tmp_path / "offsets.dat").read_text()
+    frames, offsets = krl_frames(text), np.array(krl_offsets(text))
+    assert np.abs(offsets).max() > 0.1
+    for target, row in zip(targets, csv.DictReader((tmp_path / "joints.csv").open()), strict=True):
+        joints = np.array([float(row[f"A{axis}"]) for axis in range(1, 7)])
+        flange = nominal_flange("kr300_r2500", joints + offsets)
+        shown = inverse_pose(frames["BASE"]) @ flange @ frames["TOOL"]
+        np.testing.assert_allclose(shown[:3, 3], target[:3, 3], atol=2e-3)  # five decimals of a degree
+        np.testing.assert_allclose(shown[:3, :3], target[:3, :3], atol=1e-6)
+
+
 def test_no_other_offsets_come_nearer():
     model = perturbed(library_robot("kr5_r1400"), 8, 1e-3, 0.5)
     zeros, at = joint_zeros(model), measured_postures(model)
@@ -167,9 +193,10 @@ def test_the_command_says_what_mastering_cannot_hold_and_what_it_costs(tmp_path,
     said = capsys.readouterr().err
     assert "left out, as this form has no place for it: lengths and axes of the links; without" in said
     assert "the TCP is off by 0.000 mm RMS" in said
-    assert "with base and tool alone" in said
+    assert "the nominal robot, its base and tool registered, is off by" in said
+    assert "warning" not in said
     result = json.loads((tmp_path / "r.json").read_text())
-    assert result["without_offsets"]["rms_mm"] > 1.0
+    assert result["nominal"]["rms_mm"] > 1.0
     assert krl_offsets((tmp_path / "k.dat").read_text()) == pytest.approx(result["offsets_deg"], abs=1e-5)
 
 
@@ -200,7 +227,7 @@ def test_an_effect_without_a_place_is_named_and_its_distance_is_that_of_the_effe
         )
         said = capsys.readouterr().err
         found = re.search(
-            r"left out, .*: backlash; without it the TCP is off by (\S+) mm RMS, (\S+) mm at most, over 300 postures",
+            r"left out, .*backlash; without it the TCP is off by (\S+) mm RMS, (\S+) mm at most, over 300 postures",
             said,
         )
         assert found, said
@@ -226,8 +253,11 @@ def test_the_distance_is_that_under_the_payloads_of_the_fit(tmp_path):
     load = LoadRegion(min=0.0, max=100.0, at=[0.0, 0.0, 200.0])
     amounts = dict.fromkeys(("compliance_load2", "compliance_load3"), 1e-06)
     model = model_of(library_robot("kr300_r2500"), amounts, (springs,), REGION)
-    unloaded, loaded = (
-        costs_of(each, each.robot_model().chain)[0] for each in (model, model.model_copy(update={"load_region": load}))
-    )
+
+    def cost(each):
+        arm, at = each.robot_model(), measured_postures(each)
+        return Cost.of(arm.chain, at.q, arm.pose(at))
+
+    unloaded, loaded = cost(model), cost(model.model_copy(update={"load_region": load}))
     assert unloaded.rms_mm < 1e-9
     assert 0.5 < loaded.rms_mm < 20.0

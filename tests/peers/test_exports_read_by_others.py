@@ -6,6 +6,7 @@ written from the description package's documentation, because that package was n
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import subprocess
 import sys
@@ -18,7 +19,10 @@ from real_ur10 import DATA, fitted_ur10
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from cellctl.compensation import with_frames
 from cellctl.formats import ModelFile
+from cellctl.formats.exports import effects_left_out, fitted_geometry, measured_postures
+from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import inverse_pose, pose_from_xyz_abc
 
 urdf = pytest.importorskip("pytransform3d.urdf")
@@ -88,11 +92,17 @@ def real_ur10(tmp_path_factory):
     return fitted_ur10(tmp_path_factory.mktemp("ur10"))
 
 
+def chain_of(model):
+    """The geometry that is written: of a model with effects that nearest to the whole model."""
+    return fitted_geometry(model).chain if effects_left_out(model) else model.robot_model().chain
+
+
 def assert_urdf_has_the_models_tcp(model, folder):
     text = converted(model, folder, "--to", "urdf")
     names = [f"joint_{joint}" for joint in range(1, model.robot.n + 1)]
+    chain = chain_of(model)
     for readings in random_readings(model):
-        wanted = model.robot_model().chain.forward(model.robot.joint_map().model(readings))
+        wanted = chain.forward(model.robot.joint_map().model(readings))
         assert_same(read(text, names, readings, "tcp", "world"), wanted)
 
 
@@ -127,7 +137,7 @@ def assert_xacro_has_the_models_flange(model, folder):
     run = [sys.executable, "-c", "import xacro; xacro.main()", str(MACRO), f"kinematics:={folder / 'calibration.yaml'}"]
     done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
-    chain, half = model.robot_model().chain, pose_from_xyz_abc([0.0] * 3, [180.0, 0.0, 0.0])
+    chain, half = chain_of(model), pose_from_xyz_abc([0.0] * 3, [180.0, 0.0, 0.0])
     rest = None
     for readings in random_readings(model):
         flange = inverse_pose(chain.base_now) @ chain.forward_flange(model.robot.joint_map().model(readings))
@@ -146,3 +156,24 @@ def test_xacro_and_pytransform3d_find_the_models_robot_in_a_ur_calibration(name,
 def test_the_measured_ur10_is_the_same_robot_to_others(real_ur10, tmp_path):
     assert_urdf_has_the_models_tcp(real_ur10, tmp_path)
     assert_xacro_has_the_models_flange(real_ur10, tmp_path)
+
+
+@pytest.mark.long
+def test_a_urdf_of_the_measured_ur10_with_effects_is_far_nearer_to_the_measured_positions_than_nominal(tmp_path):
+    """At rows that the fit did not use; the nominal robot has base and tool registered at the model's postures."""
+    if not DATA.exists():
+        pytest.skip(f"the UR10 measurements are not at {DATA}")
+    model = fitted_ur10(tmp_path, "geometry+compliance+harmonics")
+    tree = converted(model, tmp_path, "--to", "urdf")
+    names = [f"joint_{joint}" for joint in range(1, 7)]
+    nominal = with_frames(nominal_chain(model), model.robot_model(), measured_postures(model))
+    rows = [row for row in csv.DictReader((tmp_path / "ur10.csv").open()) if row["set"] != "fit"][::30]
+    q = np.array([[float(row[f"q{joint}"]) for joint in range(1, 7)] for row in rows])
+    measured = np.array([[float(row[axis]) for axis in "XYZ"] for row in rows])
+    readings = model.robot.joint_map().readings(q)
+    written = np.array([read(tree, names, each, "tcp", "world")[:3, 3] for each in readings])
+    mean_mm = np.linalg.norm(written - measured, axis=1).mean()
+    nominal_mm = np.linalg.norm(nominal.forward(q)[:, :3, 3] - measured, axis=1).mean()
+    assert len(rows) == 100
+    assert nominal_mm > 0.7
+    assert mean_mm < 0.6 * nominal_mm

@@ -5,17 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, final
 
-from cellctl.formats.exports.nearest import nearest_chain
+from cellctl.formats.measured_postures import measured_postures
 
 if TYPE_CHECKING:
-    from cellctl.calibration import Postures
     from cellctl.formats.model import ModelFile
     from cellctl.kinematics import Floats, SerialChain
-
-DRAWN = 300
-"""Postures drawn in the measured region of a model that keeps too few of its own."""
-LEAST = 30
-SEED = 20_131
 
 
 @final
@@ -45,29 +39,10 @@ class Cost:
         return {"rms_mm": self.rms_mm, "max_mm": self.max_mm, "postures": self.postures}
 
 
-def measured_postures(model: ModelFile) -> Postures:
-    """Its measured postures, or postures drawn over its joint region where it keeps few.
-
-    The approach of each joint is drawn, and the payload between those of the fit; temperature and currents are unknown.
-    """
-    import numpy as np
-
-    from cellctl.calibration import Postures
-
-    region, loads, rng = model.joint_region, model.load_region, np.random.default_rng(SEED)
-    readings = np.array(region.postures or [])
-    if len(readings) < LEAST:
-        readings = rng.uniform(region.min, region.max, (DRAWN, model.robot.n))
-    approach = rng.choice([-1.0, 1.0], readings.shape)
-    payload = rng.uniform(loads.min, loads.max, len(readings)) if loads else None
-    at = np.tile(loads.at, (len(readings), 1)) if loads and loads.at else None
-    return Postures(model.robot.joint_map().model(readings), approach, payload=payload, payload_at=at)
-
-
 def effects_left_out(model: ModelFile) -> dict[str, bool]:
     """Titles of the effects with amounts other than 0, which a form of geometry alone lacks.
 
-    The value is whether `costs_of` counts it: not where it needs a temperature or currents.
+    The value is whether a `Cost` counts it: not where it needs a temperature or currents.
     """
     import numpy as np
 
@@ -83,13 +58,3 @@ def effects_left_out(model: ModelFile) -> dict[str, bool]:
             found[effect.title.lower()] = bool(np.abs(moved).max() > 1e-9)
         start = end
     return found
-
-
-def costs_of(model: ModelFile, chain: SerialChain) -> tuple[Cost, Cost]:
-    """Cost of a form whose TCP is that of `chain`, in the model's frame; and with base and tool registered anew."""
-    import numpy as np
-
-    at = measured_postures(model)
-    goal = model.robot_model().pose(at)
-    registered, _ = nearest_chain(chain, at.q, goal, np.zeros(chain.n, bool))
-    return Cost.of(chain, at.q, goal), Cost.of(registered, at.q, goal)

@@ -32,7 +32,7 @@ from drivers.kuka_rsi.eki.table_rows import (
     staging,
     written_rows,
 )
-from drivers.kuka_rsi.seen_through import see_through
+from drivers.seen_through import see_through
 
 _LOOK = "Connect again and ask which table is active (cellctl table show) before anything relies on one."
 

@@ -9,7 +9,7 @@ from typing import final
 from cellctl.devices import DeviceError, DeviceFault, DeviceLost, DeviceRefused, DeviceUncertain, LimitExceeded
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.robot.lines import ControllerLines
-from drivers.kuka_rsi.seen_through import see_through
+from drivers.seen_through import see_through
 
 _HALT_S = 10.0
 

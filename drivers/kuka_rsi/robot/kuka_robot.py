@@ -35,8 +35,8 @@ from drivers.kuka_rsi.robot.health import health_of
 from drivers.kuka_rsi.robot.holding import Holding
 from drivers.kuka_rsi.robot.lines import ControllerLines
 from drivers.kuka_rsi.robot.searching import Search
-from drivers.kuka_rsi.seen_through import see_through
 from drivers.kuka_rsi.settings import RsiSettings
+from drivers.seen_through import see_through
 
 _SLOW_AXIS_DEG_S = 30.0
 """Least speed of any axis at 100 %; a move's time limit follows from it."""

@@ -14,8 +14,8 @@ from drivers.kuka_rsi.eki.channel import EkiChannel
 from drivers.kuka_rsi.eki.refusals import cure_of, refusal
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
-from drivers.kuka_rsi.seen_through import see_through
 from drivers.kuka_rsi.settings import RsiSettings
+from drivers.seen_through import see_through
 
 _BEAT_S = 0.05
 

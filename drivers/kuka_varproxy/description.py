@@ -1,0 +1,24 @@
+"""The description of this driver: its entry point."""
+
+from __future__ import annotations
+
+from cellctl.devices import Address, DriverDescription, Finding, Surroundings, TableRobot
+from drivers.kuka_varproxy.controller_files.generate import controller_files
+from drivers.kuka_varproxy.limits import MoveLimits, findings
+from drivers.kuka_varproxy.robot import VarProxyRobot
+from drivers.kuka_varproxy.settings import ProxyPlace
+
+
+def open_robot(name: str, address: Address, surroundings: Surroundings) -> TableRobot:
+    """The robot at `kuka+varproxy://HOST[:7000]`; opens nothing.
+
+    `surroundings.limits` may set `speed_percent`. Raises ValueError for an error in the address or the limits.
+    """
+    return VarProxyRobot(name, ProxyPlace.of(address), surroundings.clock, MoveLimits.of(surroundings.limits))
+
+
+def _findings(address: Address, surroundings: Surroundings) -> list[Finding]:
+    return findings(surroundings.limits)
+
+
+DRIVER = DriverDescription(open_robot, VarProxyRobot, check_setup=_findings, controller_files=controller_files)
