@@ -17,6 +17,7 @@ from cellctl.cli.compensate import compensate
 from cellctl.cli.convert import convert
 from cellctl.cli.doctor import doctor
 from cellctl.cli.ends import Interrupted
+from cellctl.cli.export import export
 from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
@@ -101,6 +102,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "runs": runs,
     "report": report,
     "replay": replay,
+    "export": export,
     "plan": plan,
     "import": import_data,
     "fit": fit,

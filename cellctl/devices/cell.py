@@ -13,6 +13,7 @@ from cellctl.devices.addresses import Address
 from cellctl.devices.protocols import Finding, Surroundings
 from cellctl.devices.reach import reach_of
 from cellctl.devices.registry import DriverRegistry
+from cellctl.devices.report_facts import ReportFacts, unknown_instruments
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.validated import validated
 from cellctl.robots import near, robot_file
@@ -52,6 +53,7 @@ class _CellModel(BaseModel):
     floor: dict[str, Any] | None = None
     currents: dict[str, Any] | None = None
     load: dict[str, Any] | None = None
+    report: ReportFacts | None = None
     simulate: _Simulate | None = None
 
 
@@ -95,6 +97,7 @@ class Cell:
             what = f"there is no robot file '{model.model}', nor a robot of this name"
             problems.append(document.problem(("model",), what, f"check the path, or {near(Path(model.model).stem)}"))
         problems += _table_limits(document, model)
+        problems += unknown_instruments(document, model.report or ReportFacts(), addresses)
         for name in model.limits.keys() - addresses.keys() - {TABLE}:
             problems.append(document.problem(("limits", name), f"limits for '{name}', which is no device", key=True))
         if problems:

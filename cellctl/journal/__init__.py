@@ -23,6 +23,7 @@ from cellctl.journal.events import (
 )
 from cellctl.journal.lock import Writer
 from cellctl.journal.pushed_table import PushedTable
+from cellctl.journal.readable import ReadableJournal
 from cellctl.journal.reader import is_being_written, journal_in, read_journal, run_place, writer_of
 from cellctl.journal.result import RunResult
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
@@ -40,6 +41,7 @@ __all__ = [
     "Outcome",
     "PushedTable",
     "RawEvent",
+    "ReadableJournal",
     "Recorded",
     "RecordedRow",
     "RunEnded",

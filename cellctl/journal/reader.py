@@ -31,15 +31,13 @@ def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
     Raises JournalError if the journal is missing, damaged, of another program or of a newer version.
     """
     path = journal_in(run)
-    with closing(_opened(path)) as connection:
-        _refuse(path, connection)
-        with named_errors(path):
-            for seq, time_ns, *columns in connection.execute(SELECT, (after,)):
-                try:
-                    event = decode(tuple(columns))
-                except (ValueError, TypeError) as error:
-                    raise JournalError(path, f"event {seq} is damaged: {error}", "restore it from a copy") from error
-                yield Entry(seq, time_ns, event)
+    with closing(opened_journal(path)) as connection, named_errors(path):
+        for seq, time_ns, *columns in connection.execute(SELECT, (after,)):
+            try:
+                event = decode(tuple(columns))
+            except (ValueError, TypeError) as error:
+                raise JournalError(path, f"event {seq} is damaged: {error}", "restore it from a copy") from error
+            yield Entry(seq, time_ns, event)
 
 
 def is_being_written(run: Path) -> bool:
@@ -54,8 +52,18 @@ def writer_of(run: Path) -> Writer | None:
 
 def refuse_foreign(path: Path) -> None:
     """Raise JournalError unless `path` is a journal that this version reads."""
-    with closing(_opened(path)) as connection:
+    opened_journal(path).close()
+
+
+def opened_journal(path: Path) -> sqlite3.Connection:
+    """The journal, open for reading. Raises JournalError unless it is one that this version reads."""
+    connection = _opened(path)
+    try:
         _refuse(path, connection)
+    except JournalError:
+        connection.close()
+        raise
+    return connection
 
 
 def _opened(path: Path) -> sqlite3.Connection:

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar, final
 
+from cellctl.devices.report_facts import ReportFacts
 from cellctl.files import Document, InputError, parse_yaml, sha256_of
+from cellctl.files.validated import validated
 from cellctl.formats import Artefact, DataSet, ModelFile, artefact_of
 from cellctl.journal import RunState, fold, is_being_written, journal_in, read_journal
 from cellctl.records import VerdictRow
@@ -22,8 +24,8 @@ class Run:
     """The data of a run.
 
     cell, artefact: from the cell's text in the journal. table: the table file's content. hashes: SHA-256 of the files
-    beside the journal. verdict: the last; None if the run has none. complaints: unreadable and
-    inconsistent files, as text.
+    beside the journal. verdict: the last; None if the run has none. facts: the cell file's `report:`. complaints:
+    unreadable and inconsistent files, as text.
     """
 
     folder: Path
@@ -36,6 +38,7 @@ class Run:
     table: Mapping[str, Any] | None
     hashes: Mapping[str, str]
     verdict: VerdictRow | None
+    facts: ReportFacts
     complaints: tuple[str, ...]
 
     @classmethod
@@ -59,9 +62,14 @@ class Run:
             table=_tried(lambda: _if_there(folder / "table.json", _table), complaints),
             hashes=_hashes(folder),
             verdict=_tried(lambda: state.last(VerdictRow), complaints),
+            facts=_tried(lambda: _facts(cell), complaints) or ReportFacts(),
             complaints=(),
         )
         return replace(run, complaints=(*complaints, *_mismatches(run)))
+
+    def with_facts(self, facts: Mapping[str, Any]) -> Self:
+        """The run with these fields of its `facts` replaced."""
+        return replace(self, facts=self.facts.model_copy(update=dict(facts)))
 
     @property
     def name(self) -> str:
@@ -105,6 +113,11 @@ class Run:
 
 def _cell(state: RunState) -> Document | None:
     return parse_yaml(state.started.cell.text, state.started.cell.path) if state.started else None
+
+
+def _facts(cell: Document | None) -> ReportFacts | None:
+    there = cell is not None and isinstance(cell.data, dict) and cell.data.get("report")
+    return validated(cell, ReportFacts, ("report",)) if cell is not None and there else None
 
 
 def _artefact(cell: Document | None) -> Artefact | None:

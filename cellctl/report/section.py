@@ -9,6 +9,7 @@ from importlib.resources import files
 from typing import Any, Self, final
 
 from cellctl.records import Row
+from cellctl.report.budget import Contribution
 from cellctl.report.run import Run
 from cellctl.report.sigmas import Sigma
 
@@ -24,7 +25,8 @@ class ReportSection:
     id: unique. title: its heading; "" for none. order: sections are shown in ascending order. needs: row classes; the
     section is left out if the run lacks rows of one of them. build: from the run, the template's data; None
     if there is nothing to show. template: Jinja text; it may include and import the templates of `cellctl.report`.
-    error_lines: lines for the table of errors at the top (`cellctl.report.figures.error_line`).
+    error_lines: lines for the table of errors at the top (`cellctl.report.figures.error_line`). environment: name and
+    text of each recorded condition. contributions: to the uncertainty budget, of what the section knows.
     sigmas: each σ that the section shows.
     """
 
@@ -35,6 +37,8 @@ class ReportSection:
     template: str
     needs: tuple[type[Row], ...] = ()
     error_lines: Callable[[Run], Sequence[Mapping[str, Any]]] = field(default=lambda _: ())
+    environment: Callable[[Run], Mapping[str, str]] = field(default=lambda _: {})
+    contributions: Callable[[Run], Sequence[Contribution]] = field(default=lambda _: ())
     sigmas: tuple[Sigma, ...] = ()
 
     def serves(self, run: Run) -> bool:

@@ -87,3 +87,16 @@ def test_a_device_cannot_have_a_name_that_the_ready_file_or_the_limits_use(load,
 def test_devices_that_are_no_mapping_are_refused_in_our_words(load, text: str, kind: str) -> None:
     cure = "write `NAME: ADDRESS` lines below it"
     assert refused(load, text) == [(3, f"`devices:` is {kind}", cure)]
+
+
+def test_errors_in_what_the_report_states_are_reported_at_their_line(load) -> None:
+    text = f"devices: {{probe: '{PROBE}'}}\nreport:\n  custmer: ACME\n  limit_mm: 0\n  calibrated:\n"
+    found = refused(load, text + "    probe: {date: last spring}\n")
+    assert [line for line, _, _ in found] == [5, 6, 8]
+    assert found[0][2] == "did you mean 'customer'?"
+    assert "'last spring' is no date; write it as 2026-03-01" in found[2][1]
+
+
+def test_a_calibration_date_of_no_device_is_refused(load) -> None:
+    text = f"devices: {{probe: '{PROBE}'}}\nreport: {{calibrated: {{tracker: {{date: 2026-03-01}}}}}}\n"
+    assert refused(load, text) == [(4, "there is no device 'tracker'", "known are probe, artefact")]

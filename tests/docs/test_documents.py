@@ -183,6 +183,9 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
             file.write_text(shipped + block.text)
             done = cellctl("check", ROOT / "procedures" / "sphere_selfcal.yaml", "--cell", file)
             assert done.returncode == 0, done.stderr
+        case {"report": _}:
+            file.write_text(CELL.read_text() + block.text)
+            Cell.load(file, DriverRegistry())
         case _:
             raise AssertionError("a kind of file that this test does not know")
 

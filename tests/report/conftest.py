@@ -155,14 +155,25 @@ def fitted(touches):
 
 
 def run_folder(
-    folder, campaign=None, *, rows=(), verdict=None, ended="finished", reason="", failed="", real=False, table=None
+    folder,
+    campaign=None,
+    *,
+    rows=(),
+    verdict=None,
+    ended="finished",
+    reason="",
+    failed="",
+    real=False,
+    table=None,
+    cell="",
 ):
     """A run's folder. campaign: with its touches, data set, model and verdict; rows: (kind, data) besides;
     verdict: added to the verdict's fields; failed: text of a step's failure; ended None: the process died.
+    cell: added to the cell file.
     """
     folder.mkdir(parents=True)
     ticks = count(0, 1_000_000_000)
-    cell = CELL if real else CELL + "simulate: {seed: 1}\n"
+    cell = CELL + cell + ("" if real else "simulate: {seed: 1}\n")
     with Journal.create(folder, lambda: next(ticks)) as journal:
         journal.append(_started(cell))
         journal.append(StateChanged("idle", "running"))

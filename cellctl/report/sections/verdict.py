@@ -1,11 +1,10 @@
-"""The run, its outcome, its verdict, and its measuring conditions."""
+"""The outcome of the run and its verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from cellctl.report.conditions import NOT_RECORDED, temperature
 from cellctl.report.figures import fit_lines
 from cellctl.report.run import Run
 from cellctl.report.section import ReportSection
@@ -14,8 +13,8 @@ _ENDS = {"failed": "failed", "aborted": "was aborted", "uncertain": "ended uncer
 
 
 def build(run: Run) -> Mapping[str, Any]:
-    """State, sentence and conditions."""
-    started, verdict = run.state.started, run.verdict
+    """State and sentence."""
+    verdict = run.verdict
     return {
         "end": _end(run),
         "finished": run.word == "finished",
@@ -23,21 +22,7 @@ def build(run: Run) -> Mapping[str, Any]:
         "sentence": verdict.sentence if verdict else "",
         "below": verdict.lines if verdict else (),
         "points": run.state.measurements,
-        "conditions": [
-            ("date", started.calendar if started else NOT_RECORDED),
-            ("operator", (started.operator if started else "") or NOT_RECORDED),
-            *((name, _device(who)) for name, who in run.state.identities.items()),
-            *([] if run.state.identities else [("instruments", NOT_RECORDED)]),
-            ("temperature", temperature(run.data)),
-        ],
     }
-
-
-def _device(who: Mapping[str, Any]) -> str:
-    """`KR5, serial 1, simulated`."""
-    serial = f"serial {who['serial']}" if who.get("serial") else f"serial {NOT_RECORDED}"
-    model = str(who.get("model") or f"model {NOT_RECORDED}")
-    return ", ".join([model, serial, *(["simulated"] if who.get("simulated") else [])])
 
 
 def _end(run: Run) -> str:
@@ -53,7 +38,6 @@ SECTION = ReportSection(
     build=build,
     error_lines=lambda run: fit_lines(run.figures),
     template="""\
-{% from "pairs.html" import pairs %}
 <div class="verdict{{ '' if finished and passed else ' bad' }}">
 {% if not finished %}
 <p class="sentence">{{ end }}</p>
@@ -68,6 +52,5 @@ SECTION = ReportSection(
 <p class="sentence">Finished, without a verdict: this procedure identifies nothing.</p>
 {% endif %}
 </div>
-{{ pairs(conditions) }}
 """,
 )

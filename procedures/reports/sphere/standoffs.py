@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.report import ReportSection, Run, Sigma
+from cellctl.report import Contribution, ReportSection, Run, Sigma
 from cellctl.report.distributions import before_and_after, one_by_one
 from cellctl.report.figures import error_line
 from cellctl.report.numbers import percent, significant
@@ -67,6 +67,21 @@ def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
     return [error_line("stand-off targets", found.n, before, after, found.predicted_sigma)]
 
 
+def contributions(run: Run) -> list[Contribution]:
+    """The centre of the proof sphere, which every stand-off error refers to.
+
+    Of n touches from all sides, each with scatter s: s · √(3 / n) in any direction; s from the residuals and n − 3
+    degrees of freedom.
+    """
+    proof = run.state.last(ProofRow)
+    number = len(proof.identified_residuals) if proof else 0
+    if proof is None or number <= 3:
+        return []
+    scatter = np.sqrt(np.sum(np.square(proof.identified_residuals)) / (number - 3))
+    what, source = f"centre of sphere {proof.sphere}", f"{number} touches that located it"
+    return [Contribution(what, "A", source, error_mm=float(scatter * np.sqrt(3.0 / number)))]
+
+
 SECTION = ReportSection(
     id="sphere-standoffs",
     title="Proof by stand-offs",
@@ -74,6 +89,7 @@ SECTION = ReportSection(
     needs=(StandOffRow,),
     build=build,
     error_lines=error_lines,
+    contributions=contributions,
     sigmas=(
         Sigma(
             "predicted σ of a stand-off",

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from cellctl.report import ReportSection, Run, Sigma
+import numpy as np
+
+from cellctl.report import Contribution, ReportSection, Run, Sigma
 from cellctl.report.numbers import fixed, significant, with_sigma
 from procedures.reports.tracker.pictures import nests_picture
 from procedures.steps.tracker.rows import (
@@ -29,6 +31,29 @@ def build(run: Run) -> Mapping[str, Any]:
         "picture": nests_picture(run.state.recorded(NestRow), visits, returns),
         "pairs_": [*_instrument(run), *_checks(run), *_conditions(run)],
     }
+
+
+def environment(run: Run) -> Mapping[str, str]:
+    """The air by the instrument's weather, and the temperatures of the cell at the start."""
+    setup = run.state.last(SetUpRow)
+    air, cell = (setup.weather, setup.temperatures) if setup else (None, None)
+    of_air = {
+        "air temperature": f"{air.temperature_c:.1f} °C",
+        "air pressure": f"{air.pressure_hpa:.1f} hPa",
+        "relative humidity": f"{air.humidity_percent:.0f} %",
+    } if air else {}  # fmt: skip
+    sensors = {f"{name} temperature": getattr(cell, name) for name in ("base", "fixture")} if cell else {}
+    return {**of_air, **{name: f"{value:.1f} °C" for name, value in sensors.items() if value is not None}}
+
+
+def contributions(run: Run) -> list[Contribution]:
+    """The part of every point that is alike: no scatter shows it."""
+    points = [row.point for row in run.state.recorded(PoseRow)]
+    if not points:
+        return []
+    common = float(np.mean([np.trace(np.array(point.common)) for point in points])) ** 0.5
+    source = f"accuracy profile {points[0].accuracy}: zero and scale of the range, refraction, centring"
+    return [Contribution.of_errors("instrument: alike in all points", "B", source, common, 3)]
 
 
 def _sentence(visits: int, moved: list[MonumentsRow]) -> str:
@@ -78,6 +103,8 @@ SECTION = ReportSection(
     order=70,
     needs=(NestRow,),
     build=build,
+    environment=environment,
+    contributions=contributions,
     sigmas=(
         Sigma(
             "error of the reflector constant ± σ",

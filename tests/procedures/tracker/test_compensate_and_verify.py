@@ -4,6 +4,7 @@ one that the run identifies first.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from cellctl.procedure import CellFiles
 from cellctl.records import TableStateRow
 from cellctl.report import write_report
 from procedures.steps.tracker.methods import check_method
-from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetPlanRow, TargetsRow, TrackerVerdict
+from procedures.steps.tracker.rows import CompensatedRow, PoseRow, SetUpRow, TargetPlanRow, TargetsRow, TrackerVerdict
 
 PROCEDURE = PROCEDURES / "compensate_and_verify.yaml"
 FEW: dict[str, Any] = {"targets": 8, "registration_poses": 15, "poses_fit": 30, "model": "geometry"}
@@ -259,3 +260,14 @@ def test_a_robot_that_is_not_as_the_model_says_gets_no_table(runs: Path, own: Fa
 def test_an_unknown_method_is_refused_before_the_run_with_the_nearest_one() -> None:
     with pytest.raises(InputError, match="did you mean 'newton-raphson'"):
         check_method(CellFiles(load_yaml(CELL), ROBOT, 1), {"method": "newton-rapson"})
+
+
+def test_the_report_states_the_air_and_the_instruments_common_error_in_its_budget(own: FakeRun) -> None:
+    page = write_report(own.folder).read_text()
+    setup, points = own.journal.recorded(SetUpRow)[-1], [row.point for row in own.journal.recorded(PoseRow)]
+    assert setup.weather is not None
+    common = np.sqrt(np.mean([np.sum(np.diag(point.common)) for point in points]))
+    line = page.partition("instrument: alike in all points")[2].partition("</tr>")[0]
+    assert [float(text) for text in re.findall(r'number">([0-9.]+)<', line)] == pytest.approx([common] * 2, rel=0.05)
+    assert f"<dt>air pressure</dt><dd>{setup.weather.pressure_hpa:.1f} hPa</dd>" in page
+    assert f"<dt>relative humidity</dt><dd>{setup.weather.humidity_percent:.0f} %</dd>" in page
