@@ -91,7 +91,7 @@ def test_a_reflector_that_is_lost_for_good_ends_the_run_after_three_attempts(tmp
 
 @pytest.mark.long
 def test_a_reflector_that_is_lost_while_the_table_is_proved_takes_the_table_back(tmp_path: Path, capsys: Any) -> None:
-    ended = run(tmp_path, meanwhile=at(tmp_path, "targets[0].compensated[1]", fault="tracker.reflector_lost"))
+    ended = run(tmp_path, meanwhile=at(tmp_path, "push", fault="tracker.reflector_lost"))
     end = told(ended, tmp_path, capsys)
     assert end.exit == 3
     assert "tracker: " in end.stderr
