@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, final
 
@@ -156,14 +156,15 @@ def _errors_row(context: StepContext, targets: Targets, sigma: Floats) -> Target
 
 
 def predicted_sigma(context: StepContext, targets: Targets) -> Floats:
-    """1 σ (N,), 3-D, mm, of the errors after: model, repeatability of the robot, and the measured point."""
+    """1 σ (N,), 3-D, mm, of the errors after: model, what the method leaves by the model, repeatability of the robot,
+    and the measured point."""
     table = TableFile.load(context.run_folder / "table.json")
-    model_sigma: Mapping[int, float] = {
-        row.number: table.rows[row.row - 1].sigma_mm for row in context.recorded(CompensatedRow)
-    }
-    repeatability = _repeatability(context)
-    model = np.array([model_sigma[int(number)] for number in targets.numbers])
-    return np.asarray(np.sqrt(model**2 + repeatability**2 + targets.noise**2))
+    rows = {row.number: table.rows[row.row - 1] for row in context.recorded(CompensatedRow)}
+    each = [rows[int(number)] for number in targets.numbers]
+    model, left = (
+        np.array(column) for column in zip(*((row.sigma_mm, row.predicted_after_mm) for row in each), strict=True)
+    )
+    return np.asarray(np.sqrt(model**2 + left**2 + _repeatability(context) ** 2 + targets.noise**2))
 
 
 def _repeatability(context: StepContext) -> float:
