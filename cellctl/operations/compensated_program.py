@@ -43,13 +43,14 @@ class Left:
 class Compensation:
     """One goal compensated. q (n,): compensated model angles, rad. sent (4, 4): pose to which the controller is sent,
     robot's base frame, mm. before_mm: distance of the identified robot's tool from the goal with the joints of the
-    original point.
+    original point. inside: these joints lie in the model's measured region.
     """
 
     goal: Goal
     q: Floats
     sent: Floats
     before_mm: float
+    inside: bool
 
 
 @final
@@ -104,7 +105,7 @@ def compensate_program(
     limit_deg: largest correction of a joint. A point stays, with its reason, wherever anything about it is not certain.
     """
     goals = ProgramGoals(program, robots)
-    compensated = _compensated(list(_flat(goals)), method)
+    compensated = _compensated(robots.model, list(_flat(goals)), method)
     changed = dict[Key, Changed]()
     for key, parts in compensated.items():
         made = _changed(robots.model, goals, parts, limit_deg)
@@ -119,7 +120,7 @@ def _flat(goals: ProgramGoals) -> Iterable[Goal]:
     return (goal for each in goals.goals.values() for goal in each)
 
 
-def _compensated(goals: Sequence[Goal], method: str) -> dict[Key, list[Compensation | str]]:
+def _compensated(model: ModelFile, goals: Sequence[Goal], method: str) -> dict[Key, list[Compensation | str]]:
     """Each goal compensated, all of one tool at once; the reason where the method does not reach it."""
     found = dict[Key, list[Compensation | str]]()
     by_robots = dict[bytes, list[Goal]]()
@@ -132,8 +133,9 @@ def _compensated(goals: Sequence[Goal], method: str) -> dict[Key, list[Compensat
         joints = joints_for(robots.nominal, robots.identified, wanted, q, method=method)
         sent = robots.nominal.forward(joints.compensated_q)
         before = np.linalg.norm(robots.identified.tcp(q) - wanted[:, :3, 3], axis=1)
+        inside = model.inside(model.robot.joint_map().readings(q))
         for row, goal in enumerate(alike):
-            made = Compensation(goal, joints.compensated_q[row], sent[row], float(before[row]))
+            made = Compensation(goal, joints.compensated_q[row], sent[row], float(before[row]), bool(inside[row]))
             found[goal.written.key].append(joints.reasons[row] or made)
     return found
 
@@ -182,7 +184,7 @@ def _refusal(model: ModelFile, part: Compensation, limit_deg: float) -> str | No
     for readings in (before, after):
         if (what := _outside(readings, np.array(region.min), np.array(region.max))) is not None:
             return f"{what}: outside the measured region of the model"
-    if not model.inside(before[None]).all():
+    if not part.inside:
         return "outside the measured region of the model's residual field"
     if least_singular(nominal, part.goal.q) < SINGULAR:
         return "at a singularity: a small correction of the tool would be a large one of the joints"
