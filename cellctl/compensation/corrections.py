@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from cellctl.calibration import At, RobotModel
 from cellctl.compensation.nearest_chain import with_geometry, with_zeros_and_frames
 from cellctl.compensation.predictors import Predictor
-from cellctl.kinematics import Bools, Floats, SerialChain, inverse, inverse_pose, rotation_vector
+from cellctl.kinematics import Bools, Floats, SerialChain, inverse, inverse_pose, pose_difference
 
 
 @final
@@ -57,7 +57,7 @@ class Method:
 
 def differential(controller: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
     """T_s ← T_s + (T_d − f*(f⁻¹(T_s))) as a shift and a small rotation vector along the measuring frame's axes."""
-    return _sent(controller, _moved(now.pseudo, difference(targets, robot.pose(now.q))), now)
+    return _sent(controller, _moved(now.pseudo, pose_difference(targets, robot.pose(now.q))), now)
 
 
 def matrix_form(controller: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
@@ -67,7 +67,7 @@ def matrix_form(controller: SerialChain, robot: Predictor, targets: Floats, now:
 
 def newton_raphson(_: SerialChain, robot: Predictor, targets: Floats, now: Pass) -> Pass:
     """q ← q + δq with J δq = T_d − f₂(q) by least squares; the controller's inverse is not needed again."""
-    rest = difference(targets, robot.pose(now.q))
+    rest = pose_difference(targets, robot.pose(now.q))
     return replace(now, q=now.q + np.einsum("nij,nj->ni", np.linalg.pinv(robot.jacobian(now.q)), rest))
 
 
@@ -97,12 +97,6 @@ METHODS = {
     "write-back-zeros": Method(written, write_back=with_zeros_and_frames),
 }
 """Veitschegger and Wu 1986, and Newton–Raphson (Gao et al.) are published with one pass."""
-
-
-def difference(goal: Floats, actual: Floats) -> Floats:
-    """Shift (mm) and rotation vector (rad) from actual to goal (N, 6), along the measuring frame's axes."""
-    turn = np.matmul(goal[:, :3, :3], np.swapaxes(actual[:, :3, :3], -1, -2))
-    return np.concatenate([goal[:, :3, 3] - actual[:, :3, 3], rotation_vector(turn)], axis=-1)
 
 
 def _sent(controller: SerialChain, pseudo: Floats, now: Pass) -> Pass:

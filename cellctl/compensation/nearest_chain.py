@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellctl.calibration import At, Postures, RobotModel
-from cellctl.kinematics import Bools, Floats, SerialChain, rotation_vector
+from cellctl.kinematics import Bools, Floats, SerialChain, pose_difference
 
 LEVER_MM = 10.0
 """Distance from the TCP at which a difference in orientation counts as one in position."""
@@ -73,7 +73,8 @@ def _nearest(
         chain = controller.with_parameters(values)
         columns = chain.parameter_jacobian(q)[:, :, free] * unit
         columns[:, 3:] *= LEVER_MM
-        left = _difference(goal, chain.forward(q))
+        left = pose_difference(goal, chain.forward(q))
+        left[:, 3:] *= LEVER_MM
         hold = float(np.sqrt(np.mean(left[:, :3] ** 2))) / prior_mm
         rows = np.concatenate([columns.reshape(-1, len(unit)), hold * np.eye(len(unit))])
         wanted = np.concatenate([left.ravel(), hold * ((begin - values)[free] / unit)])
@@ -82,9 +83,3 @@ def _nearest(
         if np.abs(step).max() < _DONE:
             break
     return controller.with_parameters(values)
-
-
-def _difference(goal: Floats, actual: Floats) -> Floats:
-    """Shift and rotation (N, 6) from actual to goal, both in mm, the rotation at its lever."""
-    turn = rotation_vector(np.matmul(goal[:, :3, :3], np.swapaxes(actual[:, :3, :3], -1, -2)))
-    return np.concatenate([goal[:, :3, 3] - actual[:, :3, 3], LEVER_MM * turn], axis=-1)

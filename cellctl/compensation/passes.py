@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
-from cellctl.compensation.corrections import Method, Pass, difference
+from cellctl.compensation.corrections import Method, Pass
 from cellctl.compensation.predictors import Predictor
 from cellctl.compensation.reasons import OUT_OF_REACH, branch_reason, rest_reason, unreached_reason
-from cellctl.kinematics import Bools, Floats, InverseResult, SerialChain
+from cellctl.kinematics import Bools, Floats, InverseResult, SerialChain, pose_difference
 
 RAD_PER_MM = 1e-3
 """Tolerance of the orientation, rad, for one of 1 mm: equal at a metre from the TCP."""
@@ -48,7 +48,7 @@ class Passes:
         self._sender, self._robot, self._method, self._targets, self._first = sender, robot, method, targets, first
         self._now = Pass(first.q.copy(), targets.copy(), first.converged)
         self.q = first.q.copy()
-        self.left = difference(targets, robot.pose(first.q + robot.zeros))
+        self.left = pose_difference(targets, robot.pose(first.q + robot.zeros))
         self.history = [self.left.copy()]
         self.reasons = ["" if reached else OUT_OF_REACH for reached in first.converged.tolist()]
 
@@ -72,7 +72,7 @@ class Passes:
     def _pass(self, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]], ends: Ends) -> Bools:
         """One pass of the targets `rows`; which of them may have another. The nearest joints so far are kept."""
         step = self._method.correction(self._sender, self._robot, self._targets[rows], self._now.pick(rows))
-        q, left = step.q - self._robot.zeros, difference(self._targets[rows], self._robot.pose(step.q))
+        q, left = step.q - self._robot.zeros, pose_difference(self._targets[rows], self._robot.pose(step.q))
         change = q - self._first.q[rows]
         small = np.abs(change).max(axis=1) <= _ASTRAY * ends.most_rad
         good = np.asarray(step.reached & small)

@@ -68,6 +68,14 @@ def inverse_pose(matrix: ArrayLike) -> Floats:
     return pose(back, -np.einsum("...ij,...j->...i", back, forward[..., :3, 3]))
 
 
+def pose_difference(goal: Floats, actual: Floats) -> Floats:
+    """Shift (mm) and rotation vector (rad) (..., 6) from poses `actual` (..., 4, 4) to `goal`, along the outer frame's
+    axes.
+    """
+    turn = np.matmul(goal[..., :3, :3], np.swapaxes(actual[..., :3, :3], -1, -2))
+    return np.concatenate([goal[..., :3, 3] - actual[..., :3, 3], rotation_vector(turn)], axis=-1)
+
+
 def rotation_vector(rotation: ArrayLike) -> Floats:
     """Axis times angle (..., 3), rad, of rotation matrices (..., 3, 3); the angle in 0…π.
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cellctl.kinematics.arrays import Bools, Floats
 from cellctl.kinematics.chain import SerialChain
-from cellctl.kinematics.frames import rotation_vector
+from cellctl.kinematics.frames import pose_difference
 
 
 @final
@@ -46,14 +46,14 @@ def inverse(
     q = np.array(np.broadcast_to(begin, (*batch, chain.n)).reshape(-1, chain.n))
     reach = max(chain.reach_mm, 1.0)
     damping = np.full(len(q), 1e-6)
-    error = _error(chain.forward(q), goal)
+    error = pose_difference(goal, chain.forward(q))
     active = ~_within(error, tolerance_mm, tolerance_rad)
     for _ in range(iterations):
         rows = np.flatnonzero(active)
         if not rows.size:
             break
         tried = q[rows] + _steps(chain.tool_jacobian(q[rows]), error[rows], damping[rows], reach, step_rad)
-        new_error = _error(chain.forward(tried), goal[rows])
+        new_error = pose_difference(goal[rows], chain.forward(tried))
         better = _size(new_error, reach) < _size(error[rows], reach)
         q[rows[better]], error[rows[better]] = tried[better], new_error[better]
         damping[rows] = np.maximum(damping[rows] * np.where(better, 1e-2, 1e2), 1e-12)
@@ -64,12 +64,6 @@ def inverse(
         np.linalg.norm(error[:, :3], axis=-1).reshape(batch),
         np.linalg.norm(error[:, 3:], axis=-1).reshape(batch),
     )
-
-
-def _error(actual: Floats, goal: Floats) -> Floats:
-    """Position and rotation (N, 6) from actual to goal, mm and rad, along the measuring frame's axes."""
-    turn = np.matmul(goal[:, :3, :3], np.swapaxes(actual[:, :3, :3], -1, -2))
-    return np.concatenate([goal[:, :3, 3] - actual[:, :3, 3], rotation_vector(turn)], axis=-1)
 
 
 def _within(error: Floats, tolerance_mm: float, tolerance_rad: float) -> Bools:

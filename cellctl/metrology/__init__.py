@@ -14,7 +14,7 @@ from cellctl.metrology.floor import FloorRatio, expected_floor, floor_ratio
 from cellctl.metrology.four_point import FoundTool, tool_at_point
 from cellctl.metrology.gravity import Gravity, gravity_in_base
 from cellctl.metrology.iso9283 import Performance, cube_points, performance
-from cellctl.metrology.measured_pose import MeasuredPose, nees, nees_range, pose_difference
+from cellctl.metrology.measured_pose import MeasuredPose, nees, nees_range
 from cellctl.metrology.monuments import Growth, NestLoose, StationMotion, StationState, robot_growth, station_motion
 from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, plate_pose
 from cellctl.metrology.points import Points
@@ -66,7 +66,6 @@ __all__ = [
     "nees_range",
     "performance",
     "plate_pose",
-    "pose_difference",
     "reflector_on_flange",
     "rigid_and_scale",
     "rigid_transform",

@@ -14,9 +14,9 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.kinematics import Floats, SerialChain, inverse_pose, pose
+from cellctl.kinematics import Floats, SerialChain, inverse_pose, pose, pose_difference
 from cellctl.metrology.circles import Circle, fit_circle
-from cellctl.metrology.measured_pose import MeasuredPose, pose_difference
+from cellctl.metrology.measured_pose import MeasuredPose
 from cellctl.metrology.points import Points
 
 LEAST_DISTANCE_MM = 1.0

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from cellctl.kinematics import Floats, inverse_pose, pose, rotation_vector
+from cellctl.kinematics import Floats, inverse_pose, pose, pose_difference
 
 
 @final
@@ -47,12 +47,6 @@ class MeasuredPose:
     def nees(self, true: ArrayLike) -> float:
         """eᵀ C⁻¹ e / 6 of its error from the pose `true` (4, 4); 1 on average if the covariance is right."""
         return nees(pose_difference(self.matrix, np.asarray(true, float)), self.covariance)
-
-
-def pose_difference(found: Floats, expected: Floats) -> Floats:
-    """Slide (mm) and turn (rad) (6,) from pose `expected` to pose `found`, along the outer frame's axes."""
-    turn = rotation_vector(found[:3, :3] @ expected[:3, :3].T)
-    return np.concatenate([found[:3, 3] - expected[:3, 3], turn])
 
 
 def moved_by(matrix: Floats, change: Floats) -> Floats:

@@ -8,11 +8,11 @@ from kr5_model import ROBOT
 
 from cellctl.calibration import RobotModel
 from cellctl.compensation import METHODS, compensate
-from cellctl.compensation.corrections import difference
 from cellctl.error_maps.field import AnisotropicField
 from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
 from cellctl.error_maps.perceptron import Perceptron
 from cellctl.formats import RobotFile
+from cellctl.kinematics import pose_difference
 
 CHAIN = RobotFile.load(ROBOT).chain()
 ACTUAL = CHAIN.with_parameters({"theta2": 0.003, "a2": -0.7, "d4": 0.8, "alpha4": 0.0009})
@@ -56,7 +56,7 @@ def test_the_identified_model_predicts_positions_too() -> None:
     found = compensate(CHAIN, robot, TARGETS, START, method="cyclic-search")
     assert found.position_only
     assert found.predicted_after_mm.max() <= 1e-6
-    turned = np.degrees(np.linalg.norm(difference(TARGETS, robot.pose(found.compensated_q))[:, 3:], axis=1))
+    turned = np.degrees(np.linalg.norm(pose_difference(TARGETS, robot.pose(found.compensated_q))[:, 3:], axis=1))
     np.testing.assert_allclose(found.error_deg[-1], turned)
     assert turned.min() > 0.05
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from cellctl.calibration import RobotModel
 from cellctl.compensation import METHODS, compensate, with_zeros_and_frames
-from cellctl.compensation.corrections import difference
 from cellctl.formats import RobotFile
+from cellctl.kinematics import pose_difference
 from cellctl.kinematics.configuration import status_of
 
 ROBOTS = {
@@ -40,7 +40,7 @@ def test_the_identified_robot_is_at_every_target_that_is_reached_and_the_others_
     q = robot.joint_map().model(readings(robot, 60))
     targets = robot.chain().forward(q)
     found = compensate(robot.chain(), real, targets, q, method=method)
-    left = difference(targets, real.chain.forward(found.compensated_q))[found.converged]
+    left = pose_difference(targets, real.chain.forward(found.compensated_q))[found.converged]
     assert np.linalg.norm(left[:, :3], axis=1).max() <= 1e-6
     assert np.linalg.norm(left[:, 3:], axis=1).max() <= 1e-9
     assert found.converged.sum() >= 57
@@ -55,7 +55,7 @@ def test_cyclic_search_reaches_the_positions(name):
     q = robot.joint_map().model(readings(robot, 60))
     targets = robot.chain().forward(q)
     found = compensate(robot.chain(), real, targets, q, method="cyclic-search")
-    left = difference(targets, real.chain.forward(found.compensated_q))[found.converged]
+    left = pose_difference(targets, real.chain.forward(found.compensated_q))[found.converged]
     assert found.converged.sum() >= 57
     assert np.linalg.norm(left[:, :3], axis=1).max() <= 1e-6
     assert np.rad2deg(np.linalg.norm(left[:, 3:], axis=1)).mean() > 0.02
@@ -165,7 +165,7 @@ def test_whatever_the_errors_a_converged_target_is_reached_and_a_bad_one_spoils_
     targets[1, :3, 3] *= 5.0 if bad == "far" else 1.0
     near = q[0] + np.random.default_rng(1).uniform(-0.5, 0.5, (50, robot.n))
     found = compensate(robot.chain(), real, targets, q, method=method, region=near)
-    left = difference(targets, real.chain.forward(found.compensated_q))
+    left = pose_difference(targets, real.chain.forward(found.compensated_q))
     if METHODS[method].write_back is None:
         assert (np.linalg.norm(left[found.converged, :3], axis=1) <= 1.1e-6).all()
     if method in EXACT:
