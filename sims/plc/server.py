@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import random
-import socket
-from contextlib import suppress
 from functools import partial
 from typing import final
 
@@ -14,101 +12,52 @@ from sims.plc.frames import Frame, FrameStream
 from sims.plc.functions import NO_TARGET, answer, exception
 from sims.plc.process import PlcProgram
 from sims.simulator import Request, Setup, with_settings
-from sims.wires import Wire
-
-MOST_CLIENTS = 8
+from sims.tcp_server import Client, TcpServer
 
 
 @final
-class Client:
-    """One connection. `wire`: counts its bytes if it is the cell's host, None for another client."""
+class Talk:
+    """What one client asks: its requests are done one after another, each after its own delay."""
 
-    def __init__(self, kernel: Kernel, stream: socket.socket, server: PlcServer, wire: Wire | None) -> None:
-        self.wire = wire
-        self._kernel, self._socket, self._server = kernel, stream, server
+    def __init__(self, kernel: Kernel, client: Client, server: PlcServer) -> None:
+        self._kernel, self._client, self._server = kernel, client, server
         self._stream = FrameStream()
         self._free_ns = 0
-        stream.setblocking(False)
-        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if wire:
-            wire.opened()
-        kernel.watch(stream, self.receive)
 
-    @property
-    def open(self) -> bool:
-        """Whether the connection is open."""
-        return self._socket.fileno() >= 0
-
-    def receive(self) -> bool:
-        """Take what can be read at once; whether that was anything. Hang up at its end, or where it is no Modbus."""
-        data = b""
-        with suppress(ConnectionError):
-            try:
-                data = self._socket.recv(65536)
-            except BlockingIOError:
-                return False
+    def feed(self, data: bytes) -> bool:
+        """Take the requests in `data`; False where they are no Modbus."""
         for frame in self._stream.feed(data):
-            self._take(frame)
-        if self.wire:
-            self.wire.read(len(data))
-        if not data or self._stream.broken:
-            self.close()
-        return self.open
-
-    def close(self) -> None:
-        """Hang up."""
-        if not self.open:
-            return
-        self._kernel.unwatch(self._socket)
-        self._socket.close()
-        if self.wire:
-            self.wire.cut()
-        self._server.left(self)
-
-    def _take(self, request: Frame) -> None:
-        """Requests of one connection are done one after another, each after its own delay."""
-        self._free_ns = max(self._free_ns, self._kernel.now) + self._server.delay_ns()
-        self._kernel.at(self._free_ns, partial(self._do, request))
+            self._free_ns = max(self._free_ns, self._kernel.now) + self._server.delay_ns()
+            self._kernel.at(self._free_ns, partial(self._do, frame))
+        return not self._stream.broken
 
     def _do(self, request: Frame) -> None:
-        if not self.open:
-            return
-        data = Frame(request.transaction, request.unit, self._server.answer(request)).encode()
-        try:
-            sent = self._socket.send(data)
-        except OSError:
-            sent = 0
-        if self.wire:
-            self.wire.wrote(sent)
-        if sent < len(data):  # it does not read, or has gone
-            self.close()
+        if self._client.open:
+            self._client.send(Frame(request.transaction, request.unit, self._server.answer(request)).encode())
 
 
 @final
 class PlcServer:
-    """Listens on a free port of 127.0.0.1. The first client is the cell's host; the bytes of others are not counted.
+    """Answers Modbus requests on a free port of 127.0.0.1.
 
     Fault `plc.gone`: every connection is closed, and a new one finds nobody who answers.
     """
 
     def __init__(self, setup: Setup) -> None:
         settings, seed = setup.settings, setup.cell.simulate.seed
-        self._kernel, self._wire, self._unit = setup.kernel, setup.wire, unit_of(setup.address)
+        self._unit = unit_of(setup.address)
         self._least_ns = round(settings["delay_least_ms"] * 1e6)
         self._most_ns = max(self._least_ns, round(settings["delay_most_ms"] * 1e6))
         self._draw = random.Random(f"{seed} plc delays")
         clamp_ns = round(settings["clamp_ms"] * 1e6)
         words = low_first(setup.address)
         self.program = PlcProgram(setup.kernel, setup.scene, setup.faults, seed, clamp_ns, low_first=words)
-        self._clients: list[Client] = []
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.setblocking(False)
-        self.port: int = self._listener.getsockname()[1]
+        self._end = TcpServer(setup.kernel, setup.wire, lambda client: Talk(setup.kernel, client, self))
+        self.port = self._end.port
         self.address = with_settings(setup.address, f"127.0.0.1:{self.port}")
         self.requests: dict[str, Request] = {}
-        setup.faults.on_start("plc.gone", self._go)
-        setup.faults.on_end("plc.gone", self._return)
-        self._kernel.watch(self._listener, self._accept)
+        setup.faults.on_start("plc.gone", self._end.hang_up)
+        setup.faults.on_end("plc.gone", self._end.listen)
 
     def delay_ns(self) -> int:
         """Time from a request to its answer."""
@@ -120,40 +69,6 @@ class PlcServer:
             return exception(request.pdu, NO_TARGET)
         return answer(request.pdu, self.program)
 
-    def left(self, client: Client) -> None:
-        """A client has gone."""
-        with suppress(ValueError):
-            self._clients.remove(client)
-
     def close(self) -> None:
         """Hang up on every client, and stop listening."""
-        self._go()
-        self._listener.close()
-
-    def _go(self) -> None:
-        self._kernel.unwatch(self._listener)
-        for client in list(self._clients):
-            client.close()
-        self._wire.cut()
-
-    def _return(self) -> None:
-        self._kernel.watch(self._listener, self._accept)
-
-    def _accept(self) -> None:
-        """Take all who wait. What one has written is read at once: its host counts it from its connection on."""
-        while stream := self._caller():
-            for client in list(self._clients):
-                while client.receive():  # its end may be waiting to be read: then the wire is free
-                    pass
-            if len(self._clients) == MOST_CLIENTS:
-                stream.close()
-                continue
-            taken = any(client.wire for client in self._clients)
-            client = Client(self._kernel, stream, self, None if taken else self._wire)
-            self._clients.append(client)
-            client.receive()
-
-    def _caller(self) -> socket.socket | None:
-        with suppress(OSError):
-            return self._listener.accept()[0]
-        return None
+        self._end.close()
