@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 from typing import final
 
 from cellctl.clock import Clock, Wire
-from cellctl.devices import DeviceLost, DeviceUnreachable
+from cellctl.devices import DeviceLost
 from drivers.kuka_varproxy.messages import Answer, AnswerStream, Kind, request
+from drivers.tcp_connection import connected, hang_up
 
 ANSWER_S = 5.0
 """Longest wait for an answer, in the cell's time. A variable takes several ms."""
 
-_OPEN_S = 5.0
 _CHUNK = 65536
 _LAST_NUMBER = 0xFFFF
 _CURE = (
@@ -43,16 +42,10 @@ class ProxyLine:
 
     async def open(self) -> None:
         """Connect. Raises DeviceUnreachable."""
-        host, port = self._place
-        try:
-            with self._clock.standing():
-                async with asyncio.timeout(_OPEN_S):  # wall time: the host's network stack uses it
-                    reader, self._writer = await asyncio.open_connection(host, port)
-                self._wire = self._clock.wire(self._device)
-        except (OSError, TimeoutError) as error:
-            cure = "Is the proxy started on the controller, and is its port released in the NAT of the KLI network?"
-            what = f"no variable proxy at {host}:{port} ({error or 'no answer'})"
-            raise DeviceUnreachable(self._device, what, cure) from error
+        cure = "Is the proxy started on the controller, and is its port released in the NAT of the KLI network?"
+        reader, self._writer, self._wire = await connected(
+            self._device, self._place, self._clock, peer="variable proxy", cure=cure
+        )
         self._reading = asyncio.create_task(self._read(reader, self._wire), name=f"{self._device} proxy")
 
     async def close(self) -> None:
@@ -62,9 +55,7 @@ class ProxyLine:
             self._reading.cancel()
             await asyncio.gather(self._reading, return_exceptions=True)
         if self._writer:
-            self._writer.close()
-            with suppress(OSError), self._clock.standing():
-                await self._writer.wait_closed()
+            await hang_up(self._writer, self._clock)
             self._writer = None
 
     async def ask(self, kind: Kind, payload: bytes) -> Answer:

@@ -8,8 +8,9 @@ from contextlib import suppress
 from typing import final
 
 from cellctl.clock import Clock, Wire
-from cellctl.devices import DeviceError, DeviceLost, DeviceUnreachable, JointReadings
+from cellctl.devices import DeviceError, DeviceLost, JointReadings
 from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, read_document, write_command
+from drivers.tcp_connection import connected, hang_up
 
 ANSWER_S = 10.0
 """Longest wait, in the cell's time, for an immediate action of the controller."""
@@ -17,7 +18,6 @@ ANSWER_S = 10.0
 SILENCE_S = 2.0
 """The controller reports its state every 100 ms; after this time without a document it is lost."""
 
-_OPEN_S = 5.0
 _CHUNK = 4096
 
 
@@ -65,16 +65,10 @@ class EkiChannel:
 
     async def open(self) -> None:
         """Connect. Raises DeviceUnreachable."""
-        host, port = self._place
-        try:
-            with self._clock.standing():
-                async with asyncio.timeout(_OPEN_S):  # wall time: the host's network stack uses it
-                    reader, self._writer = await asyncio.open_connection(host, port)
-                self._wire = self._clock.wire(self._device)
-        except (OSError, TimeoutError) as error:
-            cure = "Is the controller on and its EthernetKRL program running? Is 'eki' in the address its KLI address?"
-            what = f"no EthernetKRL connection to {host}:{port} ({error or 'no answer'})"
-            raise DeviceUnreachable(self._device, what, cure) from error
+        cure = "Is the controller on and its EthernetKRL program running? Is 'eki' in the address its KLI address?"
+        reader, self._writer, self._wire = await connected(
+            self._device, self._place, self._clock, peer="EthernetKRL connection", cure=cure
+        )
         self._heard_ns = self._clock.now_ns()
         self._tasks = [asyncio.create_task(self._read(reader, self._wire)), asyncio.create_task(self._watch())]
 
@@ -85,9 +79,7 @@ class EkiChannel:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._writer:
-            self._writer.close()
-            with suppress(OSError), self._clock.standing():
-                await self._writer.wait_closed()
+            await hang_up(self._writer, self._clock)
             self._writer = None
 
     @property
