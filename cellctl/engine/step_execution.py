@@ -101,7 +101,7 @@ class StepExecution:
         async def confirmed() -> dict[str, Any]:
             self._recorder.said(path, action.text)
             with self._clock.standing():
-                return asdict(await self._control.confirmation())
+                return asdict(await self._control.confirmation(path))
 
         if path in self._done and action.on_resume is OnResume.SKIP:
             return

@@ -24,7 +24,7 @@ from cellctl.journal.events import (
 from cellctl.journal.lock import Writer
 from cellctl.journal.pushed_table import PushedTable
 from cellctl.journal.readable import ReadableJournal
-from cellctl.journal.reader import is_being_written, journal_in, read_journal, run_place, writer_of
+from cellctl.journal.reader import is_being_written, journal_in, last_number, read_journal, run_place, writer_of
 from cellctl.journal.result import RunResult
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
@@ -60,6 +60,7 @@ __all__ = [
     "fold",
     "is_being_written",
     "journal_in",
+    "last_number",
     "read_journal",
     "run_place",
     "writer_of",
