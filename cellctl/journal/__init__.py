@@ -2,6 +2,7 @@
 
 from cellctl.journal.errors import JournalError
 from cellctl.journal.events import (
+    DeviceHealth,
     DevicesConnected,
     Entry,
     Event,
@@ -30,6 +31,7 @@ from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
 
 __all__ = [
+    "DeviceHealth",
     "DevicesConnected",
     "Entry",
     "Event",
