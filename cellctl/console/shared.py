@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar, final
 
 from cellctl.console.audit import Audit
+from cellctl.console.live import LiveRuns
 from cellctl.console.sessions import Sessions
 from cellctl.engine import Operator
 
@@ -30,11 +31,12 @@ class Settings:
 @final
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The state of a console: settings, sessions with the token, audit log."""
+    """The state of a console: settings, sessions with the token, audit log, live state of the runs."""
 
     settings: Settings
     sessions: Sessions
     audit: Audit
+    live: LiveRuns
 
     @property
     def runs(self) -> Path:
@@ -44,7 +46,8 @@ class Console:
     @asynccontextmanager
     async def following(self) -> AsyncIterator[None]:
         """Inside this context, follow the runs of the folder."""
-        yield
+        async with self.live.following():
+            yield
 
     async def command(
         self, operator: Operator, name: str, target: str, work: Callable[[], Awaitable[T]], **details: Any
