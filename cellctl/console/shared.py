@@ -11,6 +11,7 @@ from typing import Any, TypeVar, final
 
 from cellctl.console.audit import Audit
 from cellctl.console.jobs import Jobs
+from cellctl.console.live import LiveRuns
 from cellctl.console.sessions import Sessions
 from cellctl.engine import Operator
 
@@ -31,11 +32,12 @@ class Settings:
 @final
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The state of a console: settings, sessions with the token, audit log, the processes that it started."""
+    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its processes."""
 
     settings: Settings
     sessions: Sessions
     audit: Audit
+    live: LiveRuns
     jobs: Jobs = field(default_factory=Jobs)
 
     @property
@@ -47,7 +49,8 @@ class Console:
     async def following(self) -> AsyncIterator[None]:
         """Inside this context, follow the runs of the folder."""
         try:
-            yield
+            async with self.live.following():
+                yield
         finally:
             await self.jobs.close()
 
