@@ -24,9 +24,10 @@ def refusal_of_program(device: str, ident: Mapping[str, str], settings: RsiSetti
 
     A program of older files names none: its first telegrams show the cycle, and the joints the mode.
     """
-    named = {"Correction": settings.mode.upper(), "Cycle": settings.cycle.upper()}
-    other = ",".join(f"#{ident[key]}" for key, wanted in named.items() if ident.get(key, wanted) != wanted)
-    if not other:
+    wanted = {"Correction": settings.mode.upper(), "Cycle": settings.cycle.upper()}
+    named = {key: ident[key] for key in wanted if key in ident}
+    if named.items() <= wanted.items():
         return None
-    what = f"the controller's program has RSI_ON({other}), and the address mode={settings.mode}"
+    rsi_on = ",".join(f"#{value}" for value in named.values())
+    what = f"the controller's program has RSI_ON({rsi_on}), and the address mode={settings.mode}"
     return DeviceRefused(device, f"{what} and {in_words(settings.cycle)}", REMEDY)

@@ -76,18 +76,19 @@ def test_the_path_is_the_same_in_both_modes(controller, search):
 
 
 @EITHER
-def test_at_12_ms_the_limits_hold_per_cycle_of_12_ms(controller, search, mode):
-    controller.cycle_ns, controller.ipoc_step = 12_000_000, 12
+@pytest.mark.parametrize("cycle_ms", [4, 12])
+def test_the_limits_are_per_second_in_each_mode_and_cycle(controller, search, mode, cycle_ms):
+    controller.cycle_ns, controller.ipoc_step = cycle_ms * 1_000_000, cycle_ms
     limits = {"speed_deg_s": 1.5, "acceleration_deg_s2": 15, "jerk_deg_s3": 300}
     result = search(mode, speed=1.5, limits=limits)
     assert result.end is SearchEnd.TRAVEL
-    assert {b - a for a, b in itertools.pairwise(result.times_ns)} == {12_000_000}
+    assert {b - a for a, b in itertools.pairwise(result.times_ns)} == {controller.cycle_ns}
     path = [offset[1] for offset in offsets_of(controller)]
     for order, bound in ((1, 1.5), (2, 15), (3, 300)):
         path = [b - a for a, b in itertools.pairwise(path)]
-        assert max(map(abs, path)) <= bound * 0.012**order + 2**order * 1e-6
+        assert max(map(abs, path)) <= bound * (cycle_ms / 1000) ** order + 2**order * 1e-6
         if order == 1:
-            assert max(path) == pytest.approx(1.5 * 0.012, rel=1e-3)
+            assert max(path) == pytest.approx(1.5 * cycle_ms / 1000, rel=1e-3)
 
 
 def test_a_cycle_of_12_ms_is_learnt_from_the_arrivals_where_the_count_goes_up_by_one(controller, search):

@@ -136,12 +136,12 @@ def test_a_program_with_another_cycle_than_the_address_that_does_not_say_so_is_l
 @pytest.mark.parametrize(
     ("mode", "cycle", "program", "what"),
     [
-        ("absolute", "ipo", "mode: relative", "RSI_ON(#RELATIVE), and the address mode=absolute"),
+        ("absolute", "ipo", "mode: relative", "RSI_ON(#RELATIVE,#IPO), and the address mode=absolute"),
         (
             "relative",
             "ipo_fast",
             "cycle_ms: 12",
-            "RSI_ON(#IPO), and the address mode=relative and cycle=ipo_fast (4 ms)",
+            "RSI_ON(#RELATIVE,#IPO), and the address mode=relative and cycle=ipo_fast (4 ms)",
         ),
         ("absolute", "ipo_fast", "mode: relative, cycle_ms: 12", "RSI_ON(#RELATIVE,#IPO), and the address"),
     ],
