@@ -17,30 +17,35 @@ _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
 
 
 def runs(
+    search: Annotated[
+        str,
+        typer.Option(help="List only runs with all these words in name, files, operator, devices or verdict."),
+    ] = "",
+    state: Annotated[str, typer.Option(help="List only runs in this state.")] = "",
+    verdict: Annotated[str, typer.Option(help="List only runs with this verdict.")] = "",
+    serial: Annotated[str, typer.Option(help="List only runs of the robot with this serial.")] = "",
+    procedure: Annotated[str, typer.Option(help="List only runs of this procedure, by its name.")] = "",
+    since: Annotated[str, typer.Option(help="List only runs from this day on: 2026-11-21.")] = "",
+    until: Annotated[str, typer.Option(help="List only runs up to this day, inclusive: 2026-11-30.")] = "",
     folder: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
     """List the runs, newest first.
 
-    Example: cellctl runs --json -
+    Example: cellctl runs --search "sphere 925185" --verdict better
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
-    from cellctl.journal import JournalError, fold, read_journal
-    from cellctl.operations.run_summary import run_summary
+    from cellctl.operations.run_list import RunFilter, run_rows
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
-    found: list[dict[str, Any]] = []
-    journals = sorted(folder.glob("*/journal.sqlite"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for journal in journals:
-        try:
-            found.append(run_summary(journal.parent, fold(read_journal(journal))))
-        except JournalError as error:
-            found.append({"run": journal.parent.name, "state": "unreadable", "sentence": error.what})
+    asked = RunFilter(search, state, verdict, serial, procedure, since, until)
+    found = run_rows(folder, asked)
     write_json({"runs": found}, json_)
     if json_ == "-":
         return
     if not found:
-        typer.echo(f"No runs in {folder}. `cellctl run sphere_selfcal` makes one.")
+        none = f"No runs in {folder}. `cellctl run sphere_selfcal` makes one."
+        typer.echo(none if asked == RunFilter() else f"No run in {folder} is as searched for.")
         return
     for line in _aligned([_COLUMNS, *([str(row.get(key) or "-") for key in _KEYS] for row in found)]):
         typer.echo(line)
