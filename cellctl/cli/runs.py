@@ -55,9 +55,12 @@ def show(
     run: arguments.Run,
     folder: arguments.Runs = Path("runs"),
     events: Annotated[bool, typer.Option(help="Show every event.")] = False,
+    against: Annotated[
+        Path | None, typer.Option(help="Another run: show both side by side, with the difference of their models.")
+    ] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Show one run: devices, steps, verdict.
+    """Show one run: devices, steps, verdict; or compare it with another.
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
@@ -67,6 +70,9 @@ def show(
 
     place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
+    if against is not None:
+        _compare(place, run_place(against, folder), json_)
+        return
     entries = list(read_journal(place))
     state = fold(entries)
     summary = run_summary(place, state)
@@ -78,6 +84,18 @@ def show(
     if events:
         for entry in entries:
             typer.echo(f"{entry.seq:6d} {entry.time_ns * 1e-9:12.3f} s  {entry.event}")
+
+
+def _compare(a: Path, b: Path, json_: str | None) -> None:
+    from cellctl.cli.compared_words import compared_words
+    from cellctl.cli.outputs import write_json
+    from cellctl.operations.comparing_runs import compare_runs
+
+    found = compare_runs(a, b)
+    write_json(found.to_json(), json_)
+    if json_ != "-":
+        for line in compared_words(found):
+            typer.echo(line)
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:
