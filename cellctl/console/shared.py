@@ -32,7 +32,7 @@ class Settings:
 @final
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its processes."""
+    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its jobs."""
 
     settings: Settings
     sessions: Sessions
@@ -48,11 +48,11 @@ class Console:
     @asynccontextmanager
     async def following(self) -> AsyncIterator[None]:
         """Inside this context, follow the runs of the folder."""
-        try:
-            async with self.live.following():
+        async with self.live.following():
+            try:
                 yield
-        finally:
-            await self.jobs.close()
+            finally:
+                await self.jobs.close()
 
     async def command(
         self, operator: Operator, name: str, target: str, work: Callable[[], Awaitable[T]], **details: Any

@@ -19,12 +19,6 @@ from cellctl.console.live.tail import Found
 from cellctl.files import InputError, Problem
 from cellctl.procedure import StepRegistry
 
-_LOOK_S = 0.05
-"""Time between two looks at the runs that are followed."""
-
-_FOLDER_S = 1.0
-"""Time between two looks at the folder for new and changed runs; and between two summaries of an active run."""
-
 _BATCH = 10
 """Number of old runs that are read between two looks at the folder."""
 
@@ -36,11 +30,20 @@ _KEPT = 8
 class LiveRuns:
     """The runs in `folder`. Use it in one event loop; inside `following` it is kept up to date.
 
-    `registry`: the kinds of steps, for titles and progress; asked for once, in a thread.
+    `registry`: the kinds of steps, for titles and progress; asked for once, in a thread. `look_s`: wall time between
+    two looks at the runs that are followed, s; `folder_s`: between two looks at the folder for new and changed runs.
     """
 
-    def __init__(self, folder: Path, registry: Callable[[], StepRegistry] = StepRegistry.installed) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        registry: Callable[[], StepRegistry] = StepRegistry.installed,
+        *,
+        look_s: float = 0.05,
+        folder_s: float = 1.0,
+    ) -> None:
         self.folder = folder
+        self._look_s, self._folder_s = look_s, folder_s
         self.rows: tuple[RunRow, ...] = ()
         self._registry = cache(registry)
         self._found = RunsFolder(folder)
@@ -93,8 +96,8 @@ class LiveRuns:
         """Inside this context, follow the runs."""
         with ThreadPoolExecutor(1, "live-runs") as looks, ThreadPoolExecutor(1, "old-runs") as reads:
             tasks = [
-                asyncio.create_task(_forever(lambda: self._look(looks), _LOOK_S), name="live runs"),
-                asyncio.create_task(_forever(lambda: self._look_at_folder(reads), _FOLDER_S), name="runs folder"),
+                asyncio.create_task(_forever(lambda: self._look(looks), self._look_s), name="live runs"),
+                asyncio.create_task(_forever(lambda: self._look_at_folder(reads), self._folder_s), name="runs folder"),
             ]
             try:
                 yield
@@ -132,7 +135,8 @@ class LiveRuns:
         loop = asyncio.get_running_loop()
         changed, gone = await loop.run_in_executor(thread, self._found.look)
         waiting = [name for name in self._unread if name not in gone and name not in changed]
-        now, self._unread = (changed + waiting)[:_BATCH], (changed + waiting)[_BATCH:]
+        self._unread = changed + waiting
+        now = self._unread[:_BATCH]
         for name in gone:
             self._rows.pop(name, None)
         for name in now:
@@ -140,6 +144,7 @@ class LiveRuns:
             if live is None or not live.snapshot.writing:
                 row = await loop.run_in_executor(thread, _row_of_unwritten, self.folder / name)
                 self._put(row) if row else self.run(name)
+        self._unread = self._unread[_BATCH:]
         stale = {name for name in self._stale & self._followed.keys() & self._rows.keys() if self._outdated(name)}
         self._stale -= stale
         for name in stale:
