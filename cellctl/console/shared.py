@@ -32,7 +32,7 @@ class Settings:
 @final
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its processes."""
+    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its jobs."""
 
     settings: Settings
     sessions: Sessions

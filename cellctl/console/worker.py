@@ -21,7 +21,13 @@ Tell: TypeAlias = Callable[[dict[str, Any]], None]
 Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 """Takes the request and what reports a line; its result is JSON."""
 
-OPERATIONS: dict[str, str] = {}
+OPERATIONS: dict[str, str] = {
+    "act_on_table": "cellctl.console.run_jobs:act_on_table",
+    "export": "cellctl.console.run_jobs:export",
+    "look_at_table": "cellctl.console.run_jobs:look_at_table",
+    "replay": "cellctl.console.run_jobs:replay",
+    "report": "cellctl.console.run_jobs:report",
+}
 """Operation → `module:function`."""
 
 NICENESS = 10
