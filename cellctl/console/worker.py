@@ -21,7 +21,11 @@ Tell: TypeAlias = Callable[[dict[str, Any]], None]
 Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 """Takes the request and what reports a line; its result is JSON."""
 
-OPERATIONS: dict[str, str] = {}
+OPERATIONS = {
+    "understand": "cellctl.console.analysing:understand",
+    "fit": "cellctl.console.analysing:fit",
+    "compensate": "cellctl.console.analysing:compensate",
+}
 """Operation → `module:function`."""
 
 NICENESS = 10
