@@ -37,8 +37,8 @@ def break_down(request: dict[str, Any], tell: Tell) -> None:
 
 def wait_for_ever(request: dict[str, Any], tell: Tell) -> None:
     """Run until it is ended; write a file when the end is asked for."""
-    tell({"doing": "waiting", "share": 0.5})
     try:
+        tell({"doing": "waiting", "share": 0.5})
         while True:
             threading.Event().wait(60)
     finally:
