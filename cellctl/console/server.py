@@ -22,7 +22,7 @@ from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
 
-ROUTERS = ("console",)
+ROUTERS = ("console", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
 PAGES = ("home", "api")

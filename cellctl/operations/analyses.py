@@ -109,9 +109,16 @@ def safe_name(name: str, default: str = "file") -> str:
     return f"{stem[: _LONGEST_NAME - len(suffix)]}{dot}{suffix[:12]}" if stem else plain[:_LONGEST_NAME] or default
 
 
+def free_name(folder: Path, name: str, role: str) -> str:
+    """A safe name for the uploaded file `name` that no other file of the analysis has."""
+    safe = safe_name(name, role)
+    taken = (RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK, *RESULTS)
+    return f"{role}-{safe}" if safe in taken or (folder / safe).exists() else safe
+
+
 def new_analysis(runs: Path, operator: str, data: str) -> tuple[Path, Analysis]:
     """A new folder for the data file named `data`, which is still to be put there. Raises OSError."""
-    file = safe_name(data)
+    file = free_name(runs / FOLDER, data, "data")
     created = calendar_time()
     name = f"{Path(file).stem}-{re.sub('[-:]', '', created)}"
     folders = (runs / FOLDER / (f"{name}-{number}" if number > 1 else name) for number in range(1, 1000))
