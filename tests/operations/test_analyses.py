@@ -72,6 +72,16 @@ def test_a_refused_fit_keeps_its_problems_as_the_command_line_states_them(tmp_pa
     assert outcome["failure"]["problems"][0]["what"] == "2 is no share"
 
 
+def test_a_wrong_robot_file_is_refused_at_its_place(tmp_path: Path) -> None:
+    folder, record = analyses.new_analysis(tmp_path, "Ada", "positions.csv")
+    shutil.copy(INPUTS / "positions.csv", folder / record.data)
+    (folder / "arm.yaml").write_text("name: arm\nlinks: 7\n")
+    analyses.set_robot(folder, file="arm.yaml")
+    with pytest.raises(InputError) as caught:
+        analyses.understand_analysis(folder)
+    assert {problem.file for problem in caught.value.problems} == {"arm.yaml"}
+
+
 def test_errors_name_the_uploaded_file_without_its_folder(tmp_path: Path) -> None:
     folder = started(tmp_path)
     (folder / "positions.csv").write_text("A1,A2,A3\n1,2,3\n")

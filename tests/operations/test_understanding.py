@@ -86,11 +86,26 @@ def test_a_robot_with_other_joints_is_a_problem_with_a_cure() -> None:
     assert found.problems[0].cure == "missing: A4, A5, A6"
 
 
-def test_a_table_without_measurements_is_refused_with_the_missing_columns(tmp_path: Path) -> None:
-    data = tmp_path / "joints.csv"
-    data.write_text("A1,A2,A3\n100,20,30\n")
-    with pytest.raises(InputError, match="X"):
-        understood(data)
+@pytest.mark.parametrize(
+    ("name", "content", "line", "what"),
+    [
+        ("data.csv", bytes(range(256)), 0, "is not text"),
+        ("data.csv", b"", 0, "is empty"),
+        ("data.csv", b"A1,A2,A3\n1,2,3\n", 1, "has no column X, Y, Z, and no table of positions is given"),
+        ("data.csv", b"12.0,13.0,14.0\n1,2,3\n", 1, "has no headings, and rows of 3 numbers"),
+        ("part.src", b"DEF part()\nEND\n", 0, "holds no row with three numbers"),
+    ],
+    ids=["binary", "empty", "no positions", "no header", "program without points"],
+)
+def test_a_file_that_is_no_data_set_is_refused_with_place_and_cure(
+    tmp_path: Path, name: str, content: bytes, line: int, what: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        understood(tmp_path / name)
+    problem = caught.value.problems[0]
+    assert (problem.file, problem.line) == (str(tmp_path / name), line)
+    assert what in problem.what
 
 
 def test_a_robot_program_with_a_table_of_positions_becomes_a_data_set(tmp_path: Path) -> None:
