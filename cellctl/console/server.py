@@ -18,6 +18,7 @@ from cellctl import __version__
 from cellctl.console.api.answers import answer_errors
 from cellctl.console.audit import Audit
 from cellctl.console.guarding import LARGEST_BODY, Guard, names_of
+from cellctl.console.live import LiveRuns
 from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
@@ -31,7 +32,9 @@ PAGES = ("home", "api")
 
 def new_console(settings: Settings, token: str = "") -> Console:
     """The state of a console. `token`: empty for a new, random one (128 bits)."""
-    return Console(settings, Sessions(token or secrets.token_urlsafe(16)), Audit(settings.runs))
+    return Console(
+        settings, Sessions(token or secrets.token_urlsafe(16)), Audit(settings.runs), LiveRuns(settings.runs)
+    )
 
 
 def api_app(console: Console) -> FastAPI:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar, final
 
 from cellctl.console.audit import Audit
 from cellctl.console.jobs import Jobs
+from cellctl.console.live import LiveRuns
 from cellctl.console.sessions import Sessions
 from cellctl.engine import Operator
 
@@ -31,11 +32,12 @@ class Settings:
 @final
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The state of a console: settings, sessions with the token, audit log, the processes that it started."""
+    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its jobs."""
 
     settings: Settings
     sessions: Sessions
     audit: Audit
+    live: LiveRuns
     jobs: Jobs = field(default_factory=Jobs)
 
     @property
@@ -46,10 +48,11 @@ class Console:
     @asynccontextmanager
     async def following(self) -> AsyncIterator[None]:
         """Inside this context, follow the runs of the folder."""
-        try:
-            yield
-        finally:
-            await self.jobs.close()
+        async with self.live.following():
+            try:
+                yield
+            finally:
+                await self.jobs.close()
 
     async def command(
         self, operator: Operator, name: str, target: str, work: Callable[[], Awaitable[T]], **details: Any

@@ -21,10 +21,15 @@ Tell: TypeAlias = Callable[[dict[str, Any]], None]
 Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 """Takes the request and what reports a line; its result is JSON."""
 
-OPERATIONS = {
-    "understand": "cellctl.console.analysing:understand",
-    "fit": "cellctl.console.analysing:fit",
+OPERATIONS: dict[str, str] = {
+    "act_on_table": "cellctl.console.run_jobs:act_on_table",
     "compensate": "cellctl.console.analysing:compensate",
+    "export": "cellctl.console.run_jobs:export",
+    "fit": "cellctl.console.analysing:fit",
+    "look_at_table": "cellctl.console.run_jobs:look_at_table",
+    "replay": "cellctl.console.run_jobs:replay",
+    "report": "cellctl.console.run_jobs:report",
+    "understand": "cellctl.console.analysing:understand",
 }
 """Operation → `module:function`."""
 

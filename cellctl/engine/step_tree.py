@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, final
+from typing import Any, cast, final
 
 from cellctl.engine.tree_node import Node, NodeKind
 from cellctl.engine.tree_part import Part, Share
 from cellctl.journal import Outcome, StepState
-from cellctl.procedure import Action, If, Loop, Procedure, UnresolvedReference, resolve
+from cellctl.procedure import Action, If, Loop, Procedure, UnresolvedReference, resolve, walk
 from cellctl.procedure.references import references_in
 
 
@@ -32,6 +32,7 @@ class StepTree:
         self.passes_done = self.passes_total = 0
         self._titles, self._states = titles, states
         self._leaves: dict[str, Part] = {}
+        self._loops: dict[str, Part] = {}
         self._alive = False
         self._current: list[Part] = []
         self._steps = Part(NodeKind.PROCEDURE, "", procedure.title, ChainMap(dict(parameters)))
@@ -51,6 +52,11 @@ class StepTree:
 
     def changed(self, path: str) -> None:
         """The latest attempt of the step at `path` has changed. A step of a loop not known yet is placed later."""
+        around, _, rest = path.rpartition("[")
+        loop = self._loops.get(around)
+        if loop is not None and path not in self._leaves:
+            self._make_passes(loop, int(rest.partition("]")[0]) + 1)
+            return
         part = self._leaves.get(path)
         if part is not None:
             self._place(part, self._states[path])
@@ -61,6 +67,8 @@ class StepTree:
         while part is not None:
             if part.kind is NodeKind.LOOP:
                 self._begin(part)
+                if part.first_open() is None:
+                    self._make_passes(part, len(part.children) + 1)
             part, found = part.first_open(), part
         return found
 
@@ -124,16 +132,28 @@ class StepTree:
             return
         if values == part.values:
             return
+        again = part.values is not None
         self._remove_passes(part)
-        part.values = values
-        for value in values:
-            self._add(part.child_pass({loop.variable: value}), loop.steps)
+        part.values, self._loops[part.path] = values, part
+        nested = any(isinstance(each, Loop) for each in walk(loop.steps))
+        self._count(part, (0, len(values) * len(loop.steps), 0, 0))
+        self._make_passes(part, len(values) if again or nested else 0)
+
+    def _make_passes(self, part: Part, number: int) -> None:
+        """Add the first `number` passes of a loop, if they are missing: an unmade pass is counted only."""
+        assert isinstance(part.action, Loop)
+        for value in (part.values or [])[len(part.children) : number]:
+            self._count(part, (0, -len(part.action.steps), 0, 0))
+            self._add(part.child_pass({part.action.variable: value}), part.action.steps)
 
     def _remove_passes(self, part: Part) -> None:
         for leaf in part.leaves():
             del self._leaves[leaf.path]
             done, total, begun, failed = leaf.own()
             self._count(leaf, (-done, -total, -begun, -failed))
+        if part.values:
+            unmade = len(part.values) - len(part.children)
+            self._count(part, (0, -unmade * len(cast("Loop", part.action).steps), 0, 0))
         self._uncount(part)
         part.entered = False
         part.clear()

@@ -65,7 +65,8 @@ class Followed:
         self.add(started(self.engine), StateChanged("connecting", "running"))
 
     def _fresh(self) -> RunProgress:
-        return RunProgress(lambda _: known_procedure(self.engine))
+        known = known_procedure(self.engine)
+        return RunProgress(lambda _: known)
 
     def add(self, *events: Any) -> None:
         for event in events:
@@ -168,11 +169,12 @@ def test_a_tree_kept_up_to_date_equals_one_made_from_the_whole_journal_after_eve
     engine._record.apply(journal.append(started(engine)))
     asyncio.run(engine.run())
     entries = list(read_journal(journal.path))
-    kept = RunProgress(lambda _: known_procedure(engine))
+    known = known_procedure(engine)
+    kept = RunProgress(lambda _: known)
     for index, entry in enumerate(entries):
         kept.apply(entry)
         for writer in (WRITER, None, WRITER):
-            whole = RunProgress(lambda _: known_procedure(engine))
+            whole = RunProgress(lambda _: known)
             for each in entries[: index + 1]:
                 whole.apply(each)
             assert kept.tree(writer) == whole.tree(writer)

@@ -38,6 +38,7 @@ class Cause(IntEnum):
     LEFT = 7
     BEHIND = 8
     AHEAD = 9
+    CYCLE = 10
 
 
 @final
