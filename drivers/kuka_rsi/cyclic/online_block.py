@@ -20,6 +20,10 @@ TIMING_STEP_NS = 10_000
 TIMING_BINS = 64
 """Durations of the model's part of a cycle, counted in steps of 10 µs; the last bin holds all longer ones."""
 
+_LOG_ROWS = 4096
+"""Samples of the log, over an hour at one a second."""
+
+_LOG_SLOTS = 2 + 2 * AXES
 _MODEL_SLOTS = 3 + MOST_VALUES
 
 
@@ -29,7 +33,8 @@ class OnlineSlot(IntEnum):
     `ORDER`: number of the order that is an on-line correction; `RAMP_OUT`: number of the order whose correction is to
     fade to zero; `VERSION`: of the newest model. `TAKEN`, `REFUSED`: versions of the model in use, and of the last that
     was refused; `CYCLES`: corrected; `LIMITED`, `OUTSIDE`: of these, cut by a limit, outside the measured region;
-    `INSIDE`: share by which the correction is faded; `CORRECTION`, `PROGRAMMED`: last one sent, deg, and its joints.
+    `INSIDE`: share by which the correction is faded; `CORRECTION`, `PROGRAMMED`: last one sent, deg, and its joints;
+    `LOGGED`: samples in the log so far.
     """
 
     ORDER = 0
@@ -44,10 +49,23 @@ class OnlineSlot(IntEnum):
     CORRECTION = 9
     PROGRAMMED = CORRECTION + AXES
     TIMING = PROGRAMMED + AXES
-    HALVES = TIMING + TIMING_BINS
+    LOGGED = TIMING + TIMING_BINS
+    LOG = LOGGED + 1
+    HALVES = LOG + _LOG_ROWS * _LOG_SLOTS
 
 
 ONLINE_SLOTS = OnlineSlot.HALVES + 2 * _MODEL_SLOTS
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """A sample of the log: arrival of the telegram, ns of the cell's time; the rest as the slots of these names."""
+
+    arrival_ns: int
+    programmed: tuple[float, ...]
+    correction: tuple[float, ...]
+    inside: float
 
 
 @final
@@ -94,6 +112,22 @@ class OnlineBlock:
         axes = [tuple(reals[slot : slot + AXES]) for slot in (OnlineSlot.CORRECTION, OnlineSlot.PROGRAMMED)]
         return OnlineStatus(taken, refused, cycles, limited, outside, reals[OnlineSlot.INSIDE], *axes)
 
+    def log(self, tail: int, until_ns: int) -> tuple[list[LogRow], int]:
+        """Rows from count `tail` on that arrived up to `until_ns` and are still there; the count to continue from."""
+        head = self.words[OnlineSlot.LOGGED]
+        rows: list[LogRow] = []
+        for count in range(max(tail, head - _LOG_ROWS + 1), head):
+            row = self._log_row(count)
+            if row.arrival_ns > until_ns:
+                return rows, count
+            rows.append(row)
+        return rows, head
+
+    def _log_row(self, count: int) -> LogRow:
+        start = _log_place(count)
+        programmed, correction = (tuple(self.reals[at : at + AXES]) for at in (start + 2, start + 2 + AXES))
+        return LogRow(self.words[start], programmed, correction, self.reals[start + 1])
+
     def timing(self) -> tuple[int, ...]:
         """How many cycles lasted so many steps of 10 µs in the model's part."""
         return tuple(self.words[OnlineSlot.TIMING : OnlineSlot.TIMING + TIMING_BINS])
@@ -119,9 +153,22 @@ class OnlineBlock:
         self.words[OnlineSlot.LIMITED] += limited
         self.words[OnlineSlot.OUTSIDE] += inside < 1.0
 
+    def add_log_row(self, row: LogRow) -> None:
+        """Write a row over the oldest."""
+        count = self.words[OnlineSlot.LOGGED]
+        start = _log_place(count)
+        self.words[start], self.reals[start + 1] = row.arrival_ns, row.inside
+        for place, value in enumerate((*row.programmed, *row.correction), start + 2):
+            self.reals[place] = value
+        self.words[OnlineSlot.LOGGED] = count + 1
+
     def lasted(self, ns: int) -> None:
         """The model's part of a cycle took so long."""
         self.words[OnlineSlot.TIMING + min(ns // TIMING_STEP_NS, TIMING_BINS - 1)] += 1
+
+
+def _log_place(count: int) -> int:
+    return OnlineSlot.LOG + (count % _LOG_ROWS) * _LOG_SLOTS
 
 
 def _half(version: int) -> int:

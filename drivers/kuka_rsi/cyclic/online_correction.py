@@ -16,12 +16,15 @@ from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
 from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
-from drivers.kuka_rsi.cyclic.online_block import OnlineBlock, OnlineSlot
+from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
 from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, within
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
+
+LOG_EVERY_NS = 1_000_000_000
+"""Of the log that the engine puts into the journal."""
 
 _ZERO: Correction = (0.0,) * AXES
 
@@ -50,6 +53,7 @@ class OnlineCorrection:
         self._online = online
         self._session = Session(tolerance_cycles)
         self._began_ns: int | None = None
+        self._log_due_ns = 0
         self._sent: Correction = _ZERO
         self._version = -1
         self._model: OnlineModel | None = None
@@ -74,7 +78,7 @@ class OnlineCorrection:
         taken = self._take_in(telegram, now_ns)
         self._look_for_trouble(telegram, now_ns, stopped, beats, leave)
         if self.timing.learnt:
-            self._move(telegram, taken)
+            self._move(telegram, taken, now_ns)
         return self._sent, False
 
     def _take_in(self, telegram: Telegram, now_ns: int) -> bool:
@@ -122,7 +126,7 @@ class OnlineCorrection:
     def _fade(self, cause: Cause) -> None:
         self.cause, self.phase = cause, Phase.BRAKING
 
-    def _move(self, telegram: Telegram, taken: bool) -> None:
+    def _move(self, telegram: Telegram, taken: bool, now_ns: int) -> None:
         """One step; none until the last answer is known to be taken: the controller holds one of two corrections."""
         if not taken:
             self._motion.stood()
@@ -139,6 +143,9 @@ class OnlineCorrection:
         if self.phase is Phase.BRAKING and not any(self._sent) and self._motion.stands:
             self.phase = Phase.LEAVING
         self._online.publish(self._sent, programmed, inside, limited or self._motion.limited)
+        if now_ns >= self._log_due_ns:
+            self._log_due_ns = now_ns + LOG_EVERY_NS
+            self._online.add_log_row(LogRow(now_ns, programmed, self._sent, inside))
 
     def _wanted(self, programmed: tuple[float, ...]) -> tuple[Sequence[float], float, bool]:
         """The wanted correction, deg; the share by which it is faded, and whether the limit cut it."""

@@ -12,7 +12,7 @@ from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 
 _SLACK = 1e-6
 _DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
-_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
+ONLINE_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
 """Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default."""
 
 
@@ -47,7 +47,13 @@ class OnlineLimits:
         return self.online_correction_deg - rate * rate / (2 * self.online_acceleration_deg_s2) - 2 * rate * cycle_s
 
 
-ONLINE_LIMITS = tuple(_CEILINGS)
+def of_each(settings: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """The limits of a search, and those of an on-line correction, among the cell file's."""
+    online = {name: value for name, value in settings.items() if name in ONLINE_CEILINGS}
+    return {name: value for name, value in settings.items() if name not in online}, online
+
+
+ONLINE_LIMITS = tuple(ONLINE_CEILINGS)
 """The limits that a cell file may set."""
 
 
@@ -66,13 +72,13 @@ def _stops_within(values: Mapping[str, float]) -> float:
 
 
 def _error(name: str, value: float) -> str:
-    if name not in _CEILINGS:
-        return f"unknown limit {name} (known: {', '.join(_CEILINGS)})"
+    if name not in ONLINE_CEILINGS:
+        return f"unknown limit {name} (known: {', '.join(ONLINE_CEILINGS)})"
     if not (math.isfinite(value) and value > 0):
         return f"a robot limit must be a positive number ({name}: {value})"
-    if value <= _CEILINGS[name]:
+    if value <= ONLINE_CEILINGS[name]:
         return ""
-    return f"robot limit {name}: {value:g} is above the ceiling of {_CEILINGS[name]:g}"
+    return f"robot limit {name}: {value:g} is above the ceiling of {ONLINE_CEILINGS[name]:g}"
 
 
 @final
