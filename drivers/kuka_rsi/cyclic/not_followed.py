@@ -17,13 +17,14 @@ _STANDS_S = 0.5
 class NotFollowed:
     """In motion the reported joints lag by an unknown time; at rest they tell whether the correction has its effect.
 
-    AXISCORR clamps silently, a context may be wired to other channels, and RSI_ON(#RELATIVE) sums up offsets.
+    AXISCORR clamps silently, a context may be wired to other channels, and RSI_ON(#RELATIVE) sums up offsets. The
+    correction begins at rest: sums are noticed in the first tenths of a degree.
     """
 
     def __init__(self, cycle_s: float) -> None:
         self._stood_most = math.ceil(_STANDS_S / cycle_s)
         self._lag_cycles = math.ceil(LONGEST_LAG_S / cycle_s)
-        self._stood = 0
+        self._stood = self._stood_most
         self._programmed: tuple[float, ...] | None = None
         self._recent: list[Correction] = []
 
@@ -31,7 +32,7 @@ class NotFollowed:
         """Whether an axis at rest is elsewhere than any correction sent within the longest lag would bring it."""
         self._recent = [*self._recent[-self._lag_cycles :], sent]
         programmed = telegram.programmed
-        self._stood = self._stood + 1 if programmed == self._programmed else 0
+        self._stood = self._stood + 1 if programmed == (self._programmed or programmed) else 0
         self._programmed = programmed
         if programmed is None or self._stood < self._stood_most:
             return False

@@ -143,12 +143,15 @@ class OnlineBlock:
             raise ValueError(f"model {version} is incomplete")
         return values
 
-    def publish(self, correction: Sequence[float], programmed: Sequence[float], inside: float, limited: bool) -> None:
-        """After a cycle that was corrected."""
+    def publish(self, correction: Sequence[float], programmed: Sequence[float], inside: float) -> None:
+        """The correction of a cycle."""
         for slot, values in ((OnlineSlot.CORRECTION, correction), (OnlineSlot.PROGRAMMED, programmed)):
             for place, value in enumerate(values, slot):
                 self.reals[place] = value
         self.reals[OnlineSlot.INSIDE] = inside
+
+    def count(self, inside: float, limited: bool) -> None:
+        """A cycle was corrected by the model."""
         self.words[OnlineSlot.CYCLES] += 1
         self.words[OnlineSlot.LIMITED] += limited
         self.words[OnlineSlot.OUTSIDE] += inside < 1.0

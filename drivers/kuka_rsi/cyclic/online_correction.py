@@ -142,7 +142,9 @@ class OnlineCorrection:
         self._sent = tuple(round(axis, 6) + 0.0 for axis in self._motion.sent)
         if self.phase is Phase.BRAKING and not any(self._sent) and self._motion.stands:
             self.phase = Phase.LEAVING
-        self._online.publish(self._sent, programmed, inside, limited or self._motion.limited)
+        self._online.publish(self._sent, programmed, inside)
+        if self.phase is Phase.MOVING:
+            self._online.count(inside, limited or self._motion.limited)
         if now_ns >= self._log_due_ns:
             self._log_due_ns = now_ns + LOG_EVERY_NS
             self._online.add_log_row(LogRow(now_ns, programmed, self._sent, inside))
