@@ -15,10 +15,11 @@ from drivers.kuka_rsi.setup_check import findings
 
 
 def open_robot(name: str, address: Address, surroundings: Surroundings) -> CompensatedRobot:
-    """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&correction=AK&stop=Stop&mode=absolute]`.
+    """The robot at `kuka+rsi://BIND_HOST:BIND_PORT?ethernet=FILE&eki=HOST:PORT[&mode=absolute&cycle=ipo_fast]`.
 
-    Opens nothing. `mode` is `absolute` or `relative`, as the controller's program passes it to RSI_ON; `controller` the
-    address that telegrams come from, if it is not the host of `eki`; `tolerance` the ETHERNET object's `Timeout`.
+    Opens nothing. `mode` is `absolute` or `relative`, `cycle` is `ipo_fast` (4 ms) or `ipo` (12 ms), both as the
+    controller's program passes them to RSI_ON; `correction` and `stop` are tags (AK, Stop); `controller` is the address
+    that telegrams come from, if it is not the host of `eki`; `tolerance` is the ETHERNET object's `Timeout`.
     `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
     `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`, and those of an on-line correction:
     `online_correction_deg`, `online_rate_deg_s`, `online_acceleration_deg_s2`. Raises ValueError for an error in the

@@ -100,7 +100,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"
-    ident = print_ident(serial, cell.robot.name, KSS)
+    ident = print_ident(serial, cell.robot.name, KSS, settings.rsi_on if settings.hello == "rsi_on" else None)
     tables = memory.recall("tables", lambda state: tables_from(state, len(joints))) or Tables()
     program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory, setup.scene.safety)
     eki = EkiServer(kernel, program, setup.wire)
@@ -116,9 +116,13 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
 
 
 def rsi_settings(settings: Mapping[str, Any], address: str) -> RsiSettings:
-    """Of the `rsi:` section; where it says nothing of the program's mode, the robot's address does."""
-    addressed = "relative" if _query(address).get("mode") == "relative" else "absolute"
-    return RsiSettings(**{**settings, "mode": settings["mode"] or addressed})
+    """Of the `rsi:` section; where it says nothing of the program's mode or cycle, the robot's address does."""
+    query = _query(address)
+    addressed = {
+        "mode": "relative" if query.get("mode") == "relative" else "absolute",
+        "cycle_ms": 12 if query.get("cycle") == "ipo" else 4,
+    }
+    return RsiSettings(**{**settings, **{name: settings[name] or value for name, value in addressed.items()}})
 
 
 def _query(address: str) -> dict[str, str]:

@@ -90,9 +90,10 @@ def print_reply(command_id: str, code: Code, text: str, joints: Joints, inner: s
     return f"{head}{inner}{_joints(joints)}</Rep>".encode()
 
 
-def print_ident(serial: str, model: str, kss: str) -> str:
-    """The Ident element of HELLO's reply."""
-    return f'<Ident Serial={quoteattr(serial)} Model={quoteattr(model)} KSS={quoteattr(kss)} Version="1"/>'
+def print_ident(serial: str, model: str, kss: str, rsi_on: tuple[str, str] | None) -> str:
+    """The Ident element of HELLO's reply; `rsi_on`: mode and cycle of the program's RSI_ON, None: not named."""
+    named = f' Correction="{rsi_on[0]}" Cycle="{rsi_on[1]}"' if rsi_on else ""
+    return f'<Ident Serial={quoteattr(serial)} Model={quoteattr(model)} KSS={quoteattr(kss)}{named} Version="1"/>'
 
 
 def print_state(sequence: int, prog: str, message: str, joints: Joints) -> bytes:

@@ -27,7 +27,8 @@ OVERALL = "KSS29000 AXISCORR Permissible overall correction exceeded: RSI is sto
 class RsiSettings:
     """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset).
 
-    `mode`: what the controller's program passes to RSI_ON, absolute or relative.
+    `mode`: what the controller's program passes to RSI_ON, absolute or relative. `hello`: whether HELLO names mode and
+    cycle (rsi_on), or not, as in older programs (short).
     """
 
     cycle_ms: int
@@ -35,6 +36,12 @@ class RsiSettings:
     timeout_cycles: int
     counter: str
     mode: str
+    hello: str
+
+    @property
+    def rsi_on(self) -> tuple[str, str]:
+        """What the program passes to RSI_ON: its mode and its cycle, as KRL names them without the #."""
+        return self.mode.upper(), "IPO" if self.cycle_ms == 12 else "IPO_FAST"
 
 
 @final

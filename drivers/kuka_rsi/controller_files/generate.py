@@ -46,6 +46,7 @@ def controller_files(cell: str, address: Address, surroundings: Surroundings) ->
         "CELL": " ".join(cell.split()),
         "CONTEXT": CONTEXT_NAME,
         "MODE": settings.mode.upper(),
+        "CYCLE": settings.cycle.upper(),
         "INTERRUPT": str(_INTERRUPT),
         "EKI_HOST": escape(settings.eki[0]),
         "EKI_PORT": str(settings.eki[1]),
@@ -75,6 +76,8 @@ def _context(cell: str, settings: RsiSettings, limits: SearchLimits) -> Context:
         stop=int(channels[settings.stop]),
         correction_deg=limits.correction_deg,
         timeout=settings.tolerance,
+        mode=settings.mode,
+        cycle=settings.cycle,
     )
 
 

@@ -20,6 +20,7 @@ from typing import Self, final
 from cellctl.clock.reading import reader_of
 from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
@@ -50,8 +51,8 @@ class CyclicOrders:
 
     `host`, `port`: to bind; `controller`: the accepted host; `tolerance`: cycles without an answer after which a
     session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
-    template of the reply; `mode`: of the corrections; `limits`: as in `SearchLimits`; `online`: as in `OnlineLimits`;
-    `parent`: process ends with it.
+    template of the reply; `mode`: of the corrections; `cycle`: of the controller; `limits`: as in `SearchLimits`;
+    `online`: as in `OnlineLimits`; `parent`: process ends with it.
     """
 
     host: str
@@ -62,6 +63,7 @@ class CyclicOrders:
     clock: str
     reply: str
     mode: CorrectionMode
+    cycle: InterpolationCycle
     limits: dict[str, float]
     online: dict[str, float]
     parent: int
@@ -70,7 +72,8 @@ class CyclicOrders:
     def from_json(cls, text: str) -> Self:
         """Read what `to_json` wrote."""
         values = json.loads(text)
-        return cls(**values | {"mode": CorrectionMode(values["mode"])})
+        enums = {"mode": CorrectionMode(values["mode"]), "cycle": InterpolationCycle(values["cycle"])}
+        return cls(**values | enums)
 
     def to_json(self) -> str:
         """One line of JSON."""
@@ -111,7 +114,7 @@ def run(orders: CyclicOrders) -> int:
     def task_of(order: SearchOrder) -> CyclicTask:
         if block.online.words[OnlineSlot.ORDER] == order.number:
             return OnlineCorrection(order, online, block.online, orders.tolerance)
-        return SearchCycle(order, limits, orders.mode, orders.tolerance)
+        return SearchCycle(order, limits, orders.mode, orders.tolerance, orders.cycle)
 
     responder = Responder(line, block, reply, clock, task_of)
     _report({"listening": line.place, **become_real_time()})

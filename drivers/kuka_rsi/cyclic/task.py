@@ -38,6 +38,7 @@ class Cause(IntEnum):
     LEFT = 7
     BEHIND = 8
     AHEAD = 9
+    CYCLE = 10
     UNKNOWN = 11
     """On-line correction: a telegram without the programmed joints or the count of late answers."""
     MODEL = 12

@@ -89,8 +89,9 @@ class KukaRobot:
     async def connect(self) -> Identity:
         """Start the RSI process, open the EthernetKRL channel and ask for the identity.
 
-        Raises DeviceRefused (errors in the Ethernet configuration), DeviceUnreachable (port taken, no controller),
-        DeviceFault (the controller shows a message). This needs no telegram, and nothing moves.
+        Raises DeviceRefused (errors in the Ethernet configuration, a program with another mode or cycle in RSI_ON),
+        DeviceUnreachable (port taken, no controller), DeviceFault (the controller shows a message). This needs no
+        telegram, and nothing moves.
         """
         return self._lines.identity or await self._lines.open(self.guard(ENGINE))
 

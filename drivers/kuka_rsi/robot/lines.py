@@ -14,6 +14,7 @@ from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 from drivers.kuka_rsi.eki.channel import EkiChannel
 from drivers.kuka_rsi.eki.refusals import cure_of, refusal
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+from drivers.kuka_rsi.robot.rsi_on import refusal_of_program
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
 from drivers.seen_through import see_through
@@ -118,6 +119,8 @@ class ControllerLines:
         self.latency_s = (self._clock.now_ns() - asked_ns) * 1e-9
         if reply.code:
             raise refusal(self._device, reply, "HELLO")
+        if error := refusal_of_program(self._device, reply.ident, self._settings):
+            raise error
         stat = await eki.first_stat()
         if stat.program == "ERROR":
             what = f"the controller shows a message: {stat.message}"

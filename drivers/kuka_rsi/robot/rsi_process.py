@@ -29,8 +29,8 @@ class CyclicProcess:
     """A running cyclic process.
 
     `listening`: host and port bound; `heard`: the only accepted host; `tolerance`: cycles without an answer after
-    which a session is over; `block`: the memory shared with it; `granted`: its real-time settings, `fifo` (priority),
-    `mlock` (locked memory) and `affinity` (its own processor).
+    which a session is over; `cycle`: of the controller, by the address; `block`: the memory shared with it; `granted`:
+    its real-time settings, `fifo` (priority), `mlock` (locked memory) and `affinity` (its own processor).
     """
 
     def __init__(
@@ -45,6 +45,7 @@ class CyclicProcess:
         self.listening: tuple[str, int] = (host, port)
         self.heard = settings.heard
         self.tolerance = settings.tolerance
+        self.cycle = settings.cycle
         self.granted: dict[str, bool] = {name: report[name] for name in ("fifo", "mlock", "affinity")}
         self.block = block
         self.pid = child.pid
@@ -74,6 +75,7 @@ class CyclicProcess:
             clock,
             reply,
             settings.mode,
+            settings.cycle,
             asdict(limits),
             asdict(online or OnlineLimits()),
             os.getpid(),
