@@ -23,7 +23,7 @@ from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
 
-ROUTERS = ("console", "cells", "starting", "running")
+ROUTERS = ("console", "cells", "starting", "running", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
 PAGES = ("home", "api", "cell", "start", "run")
