@@ -42,6 +42,7 @@ def test_a_run_is_started_confirmed_paused_and_continued_from_the_pages(tmp_path
         second.set_default_timeout(PATIENCE_MS)
         second.goto(f"{console.url}/run")
         assert second.url.endswith(name)
+        second.goto(f"{console.url}/run/{name}?scene=false")
         for each in (page, second):
             each.get_by_role("alert").get_by_text("Is the cell clear?").wait_for()
         page.get_by_role("button", name="Confirm", exact=True).click()

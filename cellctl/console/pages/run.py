@@ -8,10 +8,11 @@ from fastapi import Request
 from fastapi.responses import RedirectResponse
 from nicegui import ui
 
+from cellctl.console.following import follow
 from cellctl.console.frame import frame
 from cellctl.console.live import Snapshot
-from cellctl.console.live_page import on_change, set_text
 from cellctl.console.look import facts, link_button, problem_list, section, state_word
+from cellctl.console.page_commands import set_text
 from cellctl.console.pages.run_controls import RunControls
 from cellctl.console.pages.run_log import RunLog
 from cellctl.console.pages.run_pictures import RunPictures
@@ -38,21 +39,21 @@ def active_run(request: Request) -> RedirectResponse | None:
 
 
 @ui.page("/run/{name}", response_timeout=30.0)
-async def run(name: str) -> None:
-    """The run of this name."""
+async def run(name: str, scene: bool = True) -> None:
+    """The run of this name. scene: false begins with the 3-D scene switched off."""
     with frame(name, "/run"):
         try:
             snapshot = await console().live.snapshot(name)
         except InputError as error:
             problem_list(error.problems)
             return
-        page = _RunPage(snapshot)
-        on_change(page.show, name)
+        page = _RunPage(snapshot, scene=scene)
+        follow(page.show, name)
 
 
 @final
 class _RunPage:
-    def __init__(self, snapshot: Snapshot) -> None:
+    def __init__(self, snapshot: Snapshot, *, scene: bool) -> None:
         self._live = console().live.run(snapshot.run)
         self._problems: tuple[object, ...] = ()
         with ui.element("div").classes("run-head"):
@@ -68,7 +69,7 @@ class _RunPage:
             with section("Procedure").classes("run-tree-part"):
                 self._tree = RunTree()
             with ui.element("div").classes("section"):
-                self._pictures = RunPictures(snapshot)
+                self._pictures = RunPictures(snapshot, scene=scene)
         with section("Log"):
             self._log = RunLog(snapshot)
         self._facts(snapshot)

@@ -9,8 +9,8 @@ from nicegui import ui
 
 from cellctl.console import commands
 from cellctl.console.live import Snapshot
-from cellctl.console.live_page import Commands, enable, problems_of, set_text
 from cellctl.console.look import command_button, link_button
+from cellctl.console.page_commands import Commands, answer_of, enable, problems_of, set_text
 from cellctl.console.run_sentence import is_pausing
 from cellctl.engine import ActionName, Operator
 from cellctl.journal import JournalError
@@ -71,7 +71,7 @@ class RunControls:
             with ui.element("div").classes("row"):
                 command_button("Abort the run", lambda: dialog.submit(True), dangerous=True)
                 command_button("Let it run", lambda: dialog.submit(False))
-        if await dialog:
+        if await answer_of(dialog):
             await self._act("abort", reason.value.strip()[:500])
 
     async def _on_retry(self) -> None:
@@ -92,7 +92,7 @@ class RunControls:
             with ui.element("div").classes("row") as row:
                 command_button("Cancel", lambda: dialog.submit(False))
             go.move(row, 0)
-        if await dialog:
+        if await answer_of(dialog):
             await self._commands.give(lambda operator: self._resume_run(operator, acknowledged=bool(question)))
 
     async def _resume_run(self, operator: Operator, *, acknowledged: bool) -> None:

@@ -8,8 +8,8 @@ from typing import final
 from nicegui import ui
 
 from cellctl.console.live import LogLine, Snapshot, whole_log
-from cellctl.console.live_page import Commands, problems_of
 from cellctl.console.look import command_button
+from cellctl.console.page_commands import Commands, problems_of
 from cellctl.journal import JournalError
 
 KINDS = {

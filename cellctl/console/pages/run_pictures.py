@@ -9,7 +9,7 @@ from typing import final
 from nicegui import ui
 
 from cellctl.console.live import Snapshot
-from cellctl.console.live_page import set_text
+from cellctl.console.page_commands import set_text
 from cellctl.console.scene import SceneContent, Series, scene_of, series_of
 from cellctl.console.scene.charts import ChartsView, charts_view
 from cellctl.console.scene.view import SceneView, scene_view
@@ -64,12 +64,12 @@ def _content_of(now: Snapshot) -> Pictures | None:
 class RunPictures:
     """The scene, which can be switched off, above the charts."""
 
-    def __init__(self, snapshot: Snapshot) -> None:
+    def __init__(self, snapshot: Snapshot, *, scene: bool) -> None:
         self._now = snapshot
         self._scene: SceneView | None = None
         self._charts: ChartsView | None = None
         self._shown: Pictures | None = None
-        self._switch = ui.switch("3-D scene", value=True, on_change=lambda: self._switched()).props("dense")
+        self._switch = ui.switch("3-D scene", value=scene, on_change=lambda: self._switched()).props("dense")
         self._note = ui.label().classes("note")
         self._place = ui.element("div")
         self._below = ui.element("div")

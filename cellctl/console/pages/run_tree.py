@@ -8,8 +8,8 @@ from typing import final
 
 from nicegui import ui
 
-from cellctl.console.live_page import set_text
 from cellctl.console.look import COLOURS, ICONS, State
+from cellctl.console.page_commands import set_text
 from cellctl.engine.tree_node import Node, NodeKind, NodeState
 
 _LOOKS: dict[NodeState, State] = {
