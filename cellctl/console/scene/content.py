@@ -141,7 +141,7 @@ def _spheres(artefact: Artefact, found: Mapping[str, Floats]) -> Iterable[Body]:
         corners = np.array([sphere.centre[:2] for sphere in artefact.spheres])
         low, high = corners.min(axis=0) - _EDGE_MM, corners.max(axis=0) + _EDGE_MM
         middle = (*((low + high) / 2.0), plate.z)
-        yield Body(Kind.PLATE, "plate of the spheres", _vector(middle), size_mm=_vector(high - low))
+        yield Body(Kind.PLATE, "plate", _vector(middle), size_mm=_vector(high - low))
     for sphere in artefact.spheres:
         yield Body(
             Kind.SPHERE,
