@@ -106,9 +106,16 @@ def _named(problems: list[str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # the code of another package may raise anything
-        text = str(error) if isinstance(error, InputError) else f"a scene source failed: {error!r}"
+        text = _text(error)
         if text not in problems:
             problems.append(text)
+
+
+def _text(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        cure = "read it with the cellctl that wrote it, or restore the run folder from a copy"
+        return f"journal: a row is without {error}\n    {cure}"
+    return str(error) if isinstance(error, InputError) else f"a scene source failed: {error!r}"
 
 
 def _found(run: SceneRun, sources: Iterable[SceneSource], problems: list[str]) -> Mapping[str, Floats]:
