@@ -26,7 +26,7 @@ from cellctl.files import InputError, Problem
 ROUTERS = ("console", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api")
+PAGES = ("home", "api", "analyse", "analyse_one")
 """Modules of `cellctl.console.pages`."""
 
 
