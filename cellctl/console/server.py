@@ -23,10 +23,10 @@ from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
 
-ROUTERS = ("console", "analyses")
+ROUTERS = ("console", "cells", "starting", "running", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api", "analyse", "analyse_one")
+PAGES = ("home", "api", "cell", "start", "analyse", "analyse_one")
 """Modules of `cellctl.console.pages`."""
 
 
