@@ -40,6 +40,9 @@ ShownCell = Annotated[
 ComparedCell = Annotated[
     Path | None, typer.Option("--cell", help="Cell file or shipped name: ask its controller too.", callback=_cell)
 ]
+ViewedCell = Annotated[
+    Path | None, typer.Option("--cell", help="Cell file or shipped name: the cell to show.", callback=_cell)
+]
 CheckedCell = Annotated[
     Path | None,
     typer.Option("--cell", help="Cell file or shipped name: checks robot, tool, largest correction.", callback=_cell),

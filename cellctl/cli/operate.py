@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -12,12 +12,8 @@ from cellctl.cli import arguments
 if TYPE_CHECKING:
     from cellctl.engine import ActionName
     from cellctl.engine.status import Status
-    from cellctl.journal import OperatorAction
 
 _Run = Annotated[Path | None, typer.Argument(help="Run folder or name. Default: the only active run.")]
-
-_PATIENCE_S = 15.0
-"""Wall time within which a running engine takes an action; it looks every 0.2 s."""
 
 _DONE: dict[ActionName, str] = {
     "pause": "is paused before its next step; `cellctl continue` goes on",
@@ -89,42 +85,18 @@ def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> N
     from dataclasses import asdict
 
     from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.engine import Operator
+    from cellctl.operations.acting import act
 
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])
-    done = asyncio.run(_taken(name, folder))
+    done = asyncio.run(act(folder, name, Operator.here("cli")))
     if done.refused:
         _refuse(folder, f"'{name}' was refused: {done.refused}", "look with `cellctl status`")
     if json_:
         write_json({"run": folder.name, **asdict(done)}, json_)
         return
     typer.echo(f"{folder.name} {_DONE[name]}.")
-
-
-async def _taken(name: ActionName, folder: Path) -> OperatorAction:
-    """Write the action to the run's mailbox, and wait until the journal contains it."""
-    from cellctl.clock import WallClock
-    from cellctl.engine import MailboxFolder, Operator
-    from cellctl.journal import OperatorAction, fold, read_journal, writer_of
-
-    if writer_of(folder) is None:
-        _refuse(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` continues one")
-    seen = fold(read_journal(folder)).last_seq
-    clock, mailbox = WallClock(), MailboxFolder(folder)
-    number = mailbox.put(name, Operator.here("cli"))
-    until = clock.now() + _PATIENCE_S
-    while clock.now() < until:
-        for entry in read_journal(folder, after=seen):
-            seen = entry.seq
-            if isinstance(entry.event, OperatorAction) and entry.event.id == number:
-                return entry.event
-        if writer_of(folder) is None:
-            break
-        await clock.sleep(0.1)
-    mailbox.withdraw(number)
-    if writer_of(folder) is None:
-        _refuse(folder, f"this run ended before it took '{name}'", "look with `cellctl show`")
-    return _refuse(folder, f"this run did not take '{name}' within {_PATIENCE_S:g} s", "is its process still at work?")
 
 
 def _chosen(run: Path | None, runs: Path) -> Path:
@@ -145,7 +117,7 @@ def _chosen(run: Path | None, runs: Path) -> Path:
     return found[0]
 
 
-def _refuse(place: Path, what: str, cure: str) -> OperatorAction:
+def _refuse(place: Path, what: str, cure: str) -> NoReturn:
     from cellctl.files import InputError, Problem
 
     raise InputError(Problem(str(place), 0, 0, what, cure))

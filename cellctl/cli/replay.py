@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -42,7 +41,7 @@ def replay(
     found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))
     if out:
         _write(found, out)
-    write_json(_as_json(found), json_)
+    write_json(found.to_json(), json_)
     if json_ != "-":
         for line in _lines(found):
             typer.echo(line)
@@ -69,16 +68,6 @@ def _write(found: Replay, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for name, content in found.contents.items():
         write_atomically(out / name, content)
-
-
-def _as_json(found: Replay) -> dict[str, Any]:
-    return {
-        "run": found.run,
-        "equal": found.equal,
-        "changed": list(found.changed),
-        "artefacts": [{**asdict(each), "equal": each.equal} for each in found.artefacts],
-        "steps": [{**asdict(each), "equal": each.equal} for each in found.steps],
-    }
 
 
 def _lines(found: Replay) -> list[str]:

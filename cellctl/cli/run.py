@@ -23,7 +23,9 @@ def run(
     detached: Annotated[
         bool, typer.Option(help="Continue when the parent process ends. Runs under nohup and setsid do so anyway.")
     ] = False,
+    operator: Annotated[str | None, typer.Option(help="Name for journal and report. Default: the user's.")] = None,
     confirm_all: Annotated[bool, typer.Option(help="Confirm every `confirm` step without asking.")] = False,
+    folder: Annotated[Path | None, typer.Option("--folder", hidden=True, help="A folder made for this run.")] = None,
     simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
 ) -> None:
     """Run a procedure on its cell, after the checks of `check`.
@@ -34,6 +36,8 @@ def run(
 
     Example: cellctl run sphere_selfcal --seed 3 --json result.json
     """
+    from dataclasses import replace
+
     from cellctl.cli.cell_warnings import show_warnings
     from cellctl.cli.confirming import ConfirmingAtTerminal, interactive
     from cellctl.cli.ends import NOTHING_MOVED, adding
@@ -43,7 +47,7 @@ def run(
     from cellctl.operations.campaign import load_campaign
     from cellctl.operations.launch import Options
     from cellctl.operations.parent import parent_of_run
-    from cellctl.operations.start import new_run, run_to_resume
+    from cellctl.operations.start import PreparedRun, new_run, run_to_resume
 
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
@@ -55,10 +59,12 @@ def run(
         show_warnings(campaign.cell)
         extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)
         options = Options(seed, clock, extra, None, acknowledge, parent, confirm_all, asking)
+        if operator:
+            options = replace(options, operator=operator)
         if resume:
             prepared = run_to_resume(campaign, runs, resume, set_ or [], options)
         else:
-            prepared = new_run(campaign, runs, options)
+            prepared = PreparedRun(campaign, folder, options) if folder else new_run(campaign, runs, options)
     if prepared.table:
         typer.echo(f"cellctl: {prepared.table}", err=True)
     with adding(NOTHING_MOVED), progress(campaign, prepared.folder, quiet=to_stdout) as watcher:

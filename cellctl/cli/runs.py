@@ -17,30 +17,35 @@ _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
 
 
 def runs(
+    search: Annotated[
+        str,
+        typer.Option(help="List only runs with all these words in name, files, operator, devices or verdict."),
+    ] = "",
+    state: Annotated[str, typer.Option(help="List only runs in this state.")] = "",
+    verdict: Annotated[str, typer.Option(help="List only runs with this verdict.")] = "",
+    serial: Annotated[str, typer.Option(help="List only runs of the robot with this serial.")] = "",
+    procedure: Annotated[str, typer.Option(help="List only runs of this procedure, by its name.")] = "",
+    since: Annotated[str, typer.Option(help="List only runs from this day on: 2026-11-21.")] = "",
+    until: Annotated[str, typer.Option(help="List only runs up to this day, inclusive: 2026-11-30.")] = "",
     folder: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
     """List the runs, newest first.
 
-    Example: cellctl runs --json -
+    Example: cellctl runs --search "sphere 925185" --verdict better
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
-    from cellctl.journal import JournalError, fold, read_journal
-    from cellctl.operations.run_summary import run_summary
+    from cellctl.operations.run_list import RunFilter, run_rows
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
-    found: list[dict[str, Any]] = []
-    journals = sorted(folder.glob("*/journal.sqlite"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for journal in journals:
-        try:
-            found.append(run_summary(journal.parent, fold(read_journal(journal))))
-        except JournalError as error:
-            found.append({"run": journal.parent.name, "state": "unreadable", "sentence": error.what})
+    asked = RunFilter(search, state, verdict, serial, procedure, since, until)
+    found = run_rows(folder, asked)
     write_json({"runs": found}, json_)
     if json_ == "-":
         return
     if not found:
-        typer.echo(f"No runs in {folder}. `cellctl run sphere_selfcal` makes one.")
+        none = f"No runs in {folder}. `cellctl run sphere_selfcal` makes one."
+        typer.echo(none if asked == RunFilter() else f"No run in {folder} is as searched for.")
         return
     for line in _aligned([_COLUMNS, *([str(row.get(key) or "-") for key in _KEYS] for row in found)]):
         typer.echo(line)
@@ -50,9 +55,12 @@ def show(
     run: arguments.Run,
     folder: arguments.Runs = Path("runs"),
     events: Annotated[bool, typer.Option(help="Show every event.")] = False,
+    against: Annotated[
+        Path | None, typer.Option(help="Another run: show both side by side, with the difference of their models.")
+    ] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Show one run: devices, steps, verdict.
+    """Show one run: devices, steps, verdict; or compare it with another.
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
@@ -62,6 +70,9 @@ def show(
 
     place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
+    if against is not None:
+        _compare(place, run_place(against, folder), json_)
+        return
     entries = list(read_journal(place))
     state = fold(entries)
     summary = run_summary(place, state)
@@ -73,6 +84,18 @@ def show(
     if events:
         for entry in entries:
             typer.echo(f"{entry.seq:6d} {entry.time_ns * 1e-9:12.3f} s  {entry.event}")
+
+
+def _compare(a: Path, b: Path, json_: str | None) -> None:
+    from cellctl.cli.compared_words import compared_words
+    from cellctl.cli.outputs import write_json
+    from cellctl.operations.comparing_runs import compare_runs
+
+    found = compare_runs(a, b)
+    write_json(found.to_json(), json_)
+    if json_ != "-":
+        for line in compared_words(found):
+            typer.echo(line)
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:

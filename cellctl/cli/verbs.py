@@ -14,6 +14,7 @@ from cellctl import __version__
 from cellctl.cli.analyse import analyse
 from cellctl.cli.check import check
 from cellctl.cli.compensate import compensate
+from cellctl.cli.console import console
 from cellctl.cli.convert import convert
 from cellctl.cli.doctor import doctor
 from cellctl.cli.ends import Interrupted
@@ -113,6 +114,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "robots": robots,
     "krl": krl,
     "sim": sim,
+    "console": console,
 }
 """In the order of work, as the help lists them; `table` comes after `compensate`."""
 for _name, _verb in _VERBS.items():

@@ -33,11 +33,15 @@ class Identity:
 @final
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health of a device: whether it is in order, and its figures (`{"late": 0, "loop_mV": 1650}`)."""
+    """The health of a device: whether it is in order, and its figures (`{"late": 0, "loop_mV": 1650}`).
+
+    mode: a robot's operating mode as its controller names it (`EXT`, `T1`); empty: not reported.
+    """
 
     ok: bool
     text: str
     figures: dict[str, float] = field(default_factory=dict)
+    mode: str = ""
 
 
 @runtime_checkable

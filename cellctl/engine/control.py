@@ -35,12 +35,15 @@ class Control:
         self._recorder = recorder
         self._paused = ""
         self._asked: asyncio.Future[Operator] | None = None
+        self._asked_step = ""
         self._changed = asyncio.Event()
 
     def take(self, action: Action) -> None:
         """Record an action and do it, or record why it is refused."""
         refused = self._refusal(action)
         operator, text = action.operator, action.text
+        if action.name == "confirm" and not refused:
+            text = self._asked_step
         event = OperatorAction(
             action.name,
             operator.name,
@@ -80,8 +83,9 @@ class Control:
         self._changed.clear()
         await self._changed.wait()
 
-    async def confirmation(self) -> Operator:
-        """Wait until an operator confirms; returns the operator."""
+    async def confirmation(self, step: str) -> Operator:
+        """Wait until an operator confirms the step at the path `step`; returns the operator."""
+        self._asked_step = step
         self._asked = asyncio.get_running_loop().create_future()
         if self._mailbox.confirm_all:
             self.take(Action("confirm", self._mailbox.confirm_all))
@@ -123,5 +127,7 @@ class Control:
                 return "the run is not paused"
             case "confirm" if self._asked is None or self._asked.done():
                 return "the run waits for no confirmation"
+            case "confirm" if action.text not in ("", self._asked_step):
+                return f"the run waits for the confirmation of '{self._asked_step}', not of '{action.text}'"
             case _:
                 return ""

@@ -29,7 +29,10 @@ class Operator:
 @final
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One action that an operator requests. `text`: the reason; `id`: of the file that brought it, else empty."""
+    """One action that an operator requests. `id`: of the file that brought it, else empty.
+
+    `text`: the reason; of `confirm` the path of the step that is confirmed, empty for the one that waits.
+    """
 
     name: ActionName
     operator: Operator
@@ -61,9 +64,9 @@ class Mailbox:
         """End the campaign: cancel the work and clean up. `why`: the recorded reason. A second abort has no effect."""
         self.post(Action("abort", operator or Operator.here("program"), why))
 
-    def confirm(self, operator: Operator | None = None) -> None:
-        """Confirm the step that the run waits for."""
-        self.post(Action("confirm", operator or Operator.here("program")))
+    def confirm(self, operator: Operator | None = None, step: str = "") -> None:
+        """Confirm the step that the run waits for; with `step`, only if it is the one at this path."""
+        self.post(Action("confirm", operator or Operator.here("program"), step))
 
     def post(self, action: Action) -> None:
         """Pass an action to the engine, or keep it until an engine takes it."""

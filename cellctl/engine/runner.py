@@ -11,6 +11,7 @@ from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreacha
 from cellctl.engine.cleaning import CLEANUP_SECONDS, stop_and_close
 from cellctl.engine.context import AfterConnect, Surround
 from cellctl.engine.control import Control
+from cellctl.engine.device_reports import DeviceReports
 from cellctl.engine.interlocks import Interlocks
 from cellctl.engine.mailbox import Mailbox
 from cellctl.engine.mailbox_folder import MailboxFolder
@@ -54,7 +55,10 @@ class Engine:
         self._connected: list[Device] = []
         self._answered: set[str] = set()
         self._stopped: set[str] = set()
-        self._steps = StepExecution(plan, run, self._recorder, self._control, self._interlocks, self._enter)
+        self._reports = DeviceReports(self._recorder)
+        self._steps = StepExecution(
+            plan, run, self._recorder, self._control, self._interlocks, self._reports, self._enter
+        )
         self.state = State.IDLE
 
     async def run(self, after_connect: AfterConnect | None = None) -> Outcome:
@@ -98,8 +102,7 @@ class Engine:
         self._enter(State.CONNECTING, "")
         identities = await self._connect()
         self._recorder.append(DevicesConnected({i.device: asdict(i) for i in identities}))
-        for device in self._connected:
-            self._recorder.said("", f"{device.name}: {(await device.health()).text}")
+        await self._reports.at_start(self._connected)
         if after_connect:
             await after_connect()
         self._interlocks.install()

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import final
 
-from cellctl.engine.step_count import StepCount, time_left_s
-from cellctl.files import InputError, parse_yaml
+from cellctl.clock import calendar_time
+from cellctl.engine.known_procedure import KnownProcedure
+from cellctl.engine.step_tree import StepTree
+from cellctl.engine.tree_node import Node
 from cellctl.journal import (
     Entry,
     InterlockChanged,
+    RunResumed,
+    RunStarted,
+    RunState,
     Said,
     StateChanged,
+    StepEnded,
     StepStarted,
-    fold,
+    Writer,
     read_journal,
     writer_of,
 )
-from cellctl.procedure import (
-    BrokenSteps,
-    StepRegistry,
-    UnknownStep,
-    expected_passes,
-    phase_titles,
-    read_procedure,
-)
+from cellctl.procedure import StepRegistry
 
 
 @final
@@ -58,51 +58,100 @@ class Status:
 def status_of(run_folder: Path, registry: StepRegistry) -> Status:
     """Status of the run in `run_folder`. Raises JournalError."""
     writer = writer_of(run_folder)
-    entries = list(read_journal(run_folder))
-    state, now = fold(entries), _Now()
-    for entry in entries:
-        now.apply(entry)
-    steps, titles, left_s = StepCount(state.finished), dict[str, str](), None
-    if state.started:
-        # written by a version with other rules or packages: the count is unknown
-        with suppress(InputError, UnknownStep, BrokenSteps):
-            procedure = read_procedure(parse_yaml(state.started.procedure.text, state.started.procedure.path))
-            steps.count(procedure.steps, dict(state.parameters), "")
-            titles = phase_titles(procedure, registry)
-            left_s = time_left_s(entries, state, procedure, expected_passes(procedure, state.parameters, registry))
-    under_way = [step.step for step in state.in_flight] if writer else []
-    step = under_way[-1] if under_way else ""
-    return Status(
-        run=run_folder.name,
-        state=state.state_if(running=bool(writer)),
-        process=writer.pid if writer else None,
-        step=step,
-        phase=titles.get(step.rpartition(".")[2], ""),
-        done=steps.done,
-        total=steps.total,
-        left_s=left_s if writer else None,
-        message=now.message,
-        confirm=now.asked.get(step, "") if now.kinds.get(step) == "confirm" else "",
-        held_by=now.held_by if state.state == "paused" else "",
-        broken=tuple(now.broken.values()),
-    )
+    found = RunProgress(lambda started: KnownProcedure.of(started, registry))
+    for entry in read_journal(run_folder):
+        found.apply(entry)
+    return found.status(run_folder.name, writer)
+
+
+@final
+class RunProgress:
+    """Status and tree of a run, updated event by event. `state`: the fold of its events.
+
+    `known`: reads the procedure of a started run; None if this version cannot read it, then the steps are not counted.
+    """
+
+    def __init__(self, known: Callable[[RunStarted], KnownProcedure | None]) -> None:
+        self.state = RunState()
+        self._read = known
+        self._known: KnownProcedure | None = None
+        self._tree: StepTree | None = None
+        self._now = _Now()
+        self._pace = _Pace()
+
+    def apply(self, entry: Entry) -> None:
+        """Add one event."""
+        interrupted = list(self._now.in_progress) if isinstance(entry.event, RunResumed) else []
+        self.state.apply(entry)
+        self._now.apply(entry)
+        match entry.event:
+            case RunStarted() as started:
+                self._known = known = self._read(started)
+                states = self.state.steps
+                self._tree = StepTree(known.procedure, known.titles, started.parameters, states) if known else None
+                self._pace.process_begins(entry.time_ns, self._tree)
+            case RunResumed():
+                self._changed(*interrupted)
+                self._pace.process_begins(entry.time_ns, self._tree)
+            case StepStarted(step=step):
+                self._changed(step)
+                self._pace.step_begins(step, entry.time_ns)
+            case StepEnded(step=step):
+                self._changed(step)
+            case _:
+                pass
+
+    def status(self, run: str, writer: Writer | None) -> Status:
+        """The status now. `run`: its name; `writer`: the process that executes it."""
+        state, now, tree = self.state, self._now, self._tree
+        step = next(reversed(now.in_progress), "") if writer else ""
+        return Status(
+            run=run,
+            state=state.state_if(running=bool(writer)),
+            process=writer.pid if writer else None,
+            step=step,
+            phase=self._known.phases.get(step.rpartition(".")[2], "") if self._known else "",
+            done=tree.done if tree else 0,
+            total=tree.total if tree else 0,
+            left_s=self._pace.left_s(state, tree, self._known.expected) if writer and tree and self._known else None,
+            message=now.message,
+            confirm=now.asked.get(step, "") if now.in_progress.get(step) == "confirm" else "",
+            held_by=now.held_by if state.state == "paused" else "",
+            broken=tuple(now.broken.values()),
+        )
+
+    def tree(self, writer: Writer | None) -> Node | None:
+        """The procedure as a tree; None if it is not known."""
+        if self._tree is None:
+            return None
+        return self._tree.frozen(alive=bool(writer) and not self.state.ended, cleaning=self.state.state == "cleaning")
+
+    def _changed(self, *steps: str) -> None:
+        for step in steps:
+            if self._tree:
+                self._tree.changed(step)
 
 
 @final
 @dataclass(slots=True)
 class _Now:
-    """Further facts from the events that the run's state does not contain."""
+    """Further facts from the events that the run's state does not contain. `in_progress`: step → its kind."""
 
     message: str = ""
     held_by: str = ""
-    kinds: dict[str, str] = field(default_factory=dict)
+    in_progress: dict[str, str] = field(default_factory=dict)
     asked: dict[str, str] = field(default_factory=dict)
     broken: dict[str, str] = field(default_factory=dict)
 
     def apply(self, entry: Entry) -> None:
         match entry.event:
+            case RunResumed():
+                self.in_progress.clear()
             case StepStarted(step=step, do=do):
-                self.kinds[step] = do
+                self.in_progress[step] = do
+            case StepEnded(step=step):
+                self.in_progress.pop(step, None)
+                self.asked.pop(step, None)
             case Said(text, step):
                 self.message = text
                 self.asked[step] = text
@@ -114,3 +163,40 @@ class _Now:
                     self.broken[name] = text
             case _:
                 pass
+
+
+@final
+@dataclass(slots=True)
+class _Pace:
+    """The time that a pass of a loop takes in the process that executes the run now."""
+
+    begun_ns: int = 0
+    first_ns: int | None = None
+    before: int = 0
+
+    def process_begins(self, time_ns: int, tree: StepTree | None) -> None:
+        if tree:
+            tree.reach()
+        self.begun_ns, self.first_ns, self.before = time_ns, None, tree.passes_done if tree else 0
+
+    def step_begins(self, step: str, time_ns: int) -> None:
+        if self.first_ns is None and "[" in step:
+            self.first_ns = time_ns
+
+    def left_s(self, state: RunState, tree: StepTree, expected: int) -> float | None:
+        """The wall time left, s, as `cellctl run` shows it; None if it is not known yet. `expected`: see `Passes`."""
+        tree.reach()
+        done, total = tree.passes_done, max(expected, tree.passes_total)
+        if self.first_ns is None or not self.before < done < total:
+            return None
+        each = (state.last_ns - self.first_ns) * 1e-9 / (done - self.before)
+        return each * (total - done) * self._wall_seconds_each(state)
+
+    def _wall_seconds_each(self, state: RunState) -> float:
+        """Wall time for a second of the cell's time: 1, except in lockstep."""
+        assert state.started is not None
+        seconds = (state.last_ns - self.begun_ns) * 1e-9
+        if state.started.clock != "lockstep" or seconds <= 0.0:
+            return 1.0
+        since, now = (datetime.fromisoformat(text) for text in (state.calendar, calendar_time()))
+        return (now - since).total_seconds() / seconds

@@ -13,6 +13,7 @@ from cellctl.clock import Clock
 from cellctl.devices import DeviceError, DeviceUncertain
 from cellctl.engine.context import Context, Surround
 from cellctl.engine.control import BY_OPERATOR, Control
+from cellctl.engine.device_reports import DeviceReports
 from cellctl.engine.interlocks import Interlocks, StoppedByInterlock
 from cellctl.engine.plan import Plan
 from cellctl.engine.recorder import Recorder
@@ -50,11 +51,12 @@ class StepExecution:
         recorder: Recorder,
         control: Control,
         interlocks: Interlocks,
+        reports: DeviceReports,
         enter: Callable[[State, str], object],
     ) -> None:
         self.moved = False
         self._plan, self._run, self._recorder = plan, run, recorder
-        self._control, self._interlocks, self._enter = control, interlocks, enter
+        self._control, self._interlocks, self._reports, self._enter = control, interlocks, reports, enter
         self._clock: Clock = run.clock
         self._record = recorder.state
         self._done = dict(self._record.finished)
@@ -101,7 +103,7 @@ class StepExecution:
         async def confirmed() -> dict[str, Any]:
             self._recorder.said(path, action.text)
             with self._clock.standing():
-                return asdict(await self._control.confirmation())
+                return asdict(await self._control.confirmation(path))
 
         if path in self._done and action.on_resume is OnResume.SKIP:
             return
@@ -173,8 +175,9 @@ class StepExecution:
         return await self._recorder.attempt(StepStarted(path, attempt, kind.moves, step.do), limit, done)
 
     async def _at_border(self) -> None:
-        """Between two steps: check the interlocks, and wait while the run is blocked."""
+        """Between two steps: check interlocks and inputs, and wait while the run is blocked."""
         await self._interlocks.look()
+        await self._reports.between_steps()
         if self._control.aborted:
             await asyncio.sleep(0)  # the cancellation arrives here, before the next step begins
         reason = self._control.held_by()
@@ -186,6 +189,7 @@ class StepExecution:
             with nullcontext() if self._interlocks.broken else self._clock.standing():
                 await self._control.change()
             await self._interlocks.look()
+            await self._reports.between_steps()
         self._enter(State.RUNNING, BY_OPERATOR if reason == BY_OPERATOR else "the interlocks hold again")
 
 

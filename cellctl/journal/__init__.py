@@ -2,6 +2,7 @@
 
 from cellctl.journal.errors import JournalError
 from cellctl.journal.events import (
+    DeviceHealth,
     DevicesConnected,
     Entry,
     Event,
@@ -24,12 +25,13 @@ from cellctl.journal.events import (
 from cellctl.journal.lock import Writer
 from cellctl.journal.pushed_table import PushedTable
 from cellctl.journal.readable import ReadableJournal
-from cellctl.journal.reader import is_being_written, journal_in, read_journal, run_place, writer_of
+from cellctl.journal.reader import is_being_written, journal_in, last_number, read_journal, run_place, writer_of
 from cellctl.journal.result import RunResult
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
 
 __all__ = [
+    "DeviceHealth",
     "DevicesConnected",
     "Entry",
     "Event",
@@ -60,6 +62,7 @@ __all__ = [
     "fold",
     "is_being_written",
     "journal_in",
+    "last_number",
     "read_journal",
     "run_place",
     "writer_of",

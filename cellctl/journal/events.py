@@ -71,6 +71,24 @@ class DevicesConnected:
 
 @final
 @dataclass(frozen=True, slots=True)
+class DeviceHealth:
+    """The health that a device reported once it was connected; again when the inputs of the cell change between steps.
+
+    `latency_ms`: from a request to its answer in the cell's time, None if its driver does not report it. `mode`: a
+    robot's operating mode, empty if not reported. `inputs`: of a CellIO, by name.
+    """
+
+    kind: ClassVar[str] = "device_health"
+    device: str
+    ok: bool
+    text: str
+    latency_ms: float | None = None
+    mode: str = ""
+    inputs: Mapping[str, bool] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class StateChanged:
     """The engine went from one state to another. `before` and `after` are state names (`running`, `paused`)."""
 
@@ -223,6 +241,7 @@ KnownEvent = (
     RunStarted
     | RunResumed
     | DevicesConnected
+    | DeviceHealth
     | StateChanged
     | StepStarted
     | StepEnded

@@ -40,6 +40,13 @@ def read_journal(run: Path, after: int = 0) -> Iterator[Entry]:
             yield Entry(seq, time_ns, event)
 
 
+def last_number(run: Path) -> int:
+    """The number of the last committed event of a run (its folder or its journal); 0: none. Raises JournalError."""
+    path = journal_in(run)
+    with closing(opened_journal(path)) as connection, named_errors(path):
+        return connection.execute("SELECT max(seq) FROM events").fetchone()[0] or 0
+
+
 def is_being_written(run: Path) -> bool:
     """Whether a process is writing this run now; if not, a run without an end event was interrupted."""
     return writer_of(run) is not None

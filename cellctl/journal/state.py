@@ -8,6 +8,7 @@ from typing import Any, final
 
 from cellctl.files import InputError, Problem
 from cellctl.journal.events import (
+    DeviceHealth,
     DevicesConnected,
     Entry,
     Event,
@@ -61,6 +62,8 @@ class RunState:
 
     Of each step only the latest attempt counts, with its rows, if it is done or in progress: a row of
     a failed or interrupted attempt stays in the journal and is not counted.
+
+    `health`: device → what it reported last; `device_failures`: device → the last failure of an attempt that names it.
     """
 
     started: RunStarted | None = None
@@ -69,6 +72,8 @@ class RunState:
     calendar: str = ""
     resumed: int = 0
     identities: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    health: dict[str, DeviceHealth] = field(default_factory=dict)
+    device_failures: dict[str, StepFailure] = field(default_factory=dict)
     steps: dict[str, StepState] = field(default_factory=dict)
     rows: list[RecordedRow] = field(default_factory=list)
     last_seq: int = 0
@@ -184,6 +189,8 @@ class RunState:
                 self._resume(event)
             case DevicesConnected(identities):
                 self.identities = identities
+            case DeviceHealth(device):
+                self.health[device] = event
             case StateChanged(after=after):
                 self.state = after
             case StepStarted(step, attempt, moves):
@@ -198,6 +205,8 @@ class RunState:
     def _end(self, event: StepEnded) -> None:
         moves = self.steps[event.step].moves if event.step in self.steps else False
         outcome, failure = event.outcome, event.failure
+        if failure and (device := failure.text.partition(":")[0]) in self.identities:
+            self.device_failures[device] = failure
         self.steps[event.step] = StepState(event.step, event.attempt, moves, outcome, event.result, failure)
 
     def _resume(self, event: RunResumed) -> None:

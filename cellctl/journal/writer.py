@@ -80,8 +80,12 @@ class Journal:
         return Entry(cursor.lastrowid or 0, time_ns, event)
 
     def close(self) -> None:
-        """Merge the write-ahead log into the file, so that a finished run is one file; close it. Never raises."""
-        with suppress(sqlite3.Error):  # with a reader or a full disk, the log stays beside it
+        """Merge the write-ahead log into the file, so that a finished run is one file; close it. Never raises.
+
+        While a reader has the file open, an empty log stays beside it, and the file contains all events.
+        """
+        with suppress(sqlite3.Error):  # with a full disk, or a reader in the middle of the file, all stays as it is
+            self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             self._connection.execute("PRAGMA busy_timeout = 0")
             self._connection.execute("PRAGMA journal_mode = DELETE")
         with suppress(sqlite3.Error):

@@ -9,6 +9,7 @@ from cellctl.metrology.axis_frames import (
     station,
 )
 from cellctl.metrology.circles import Circle, NoCircle, fit_circle
+from cellctl.metrology.control_chart import ControlChart, Signal, control_chart
 from cellctl.metrology.daily_check import CheckLimits, DailyBaseline, DailyVerdict, daily_check, rigid_and_scale
 from cellctl.metrology.floor import FloorRatio, expected_floor, floor_ratio
 from cellctl.metrology.four_point import FoundTool, tool_at_point
@@ -28,6 +29,7 @@ __all__ = [
     "CheckLimits",
     "Circle",
     "ConstantError",
+    "ControlChart",
     "DailyBaseline",
     "DailyVerdict",
     "FloorRatio",
@@ -49,6 +51,7 @@ __all__ = [
     "RigidFit",
     "Settling",
     "SettlingLimits",
+    "Signal",
     "StationMotion",
     "StationState",
     "Turn",
@@ -56,6 +59,7 @@ __all__ = [
     "TwoFaceLimits",
     "axis_frames",
     "constant_error",
+    "control_chart",
     "cube_points",
     "daily_check",
     "expected_floor",

@@ -13,6 +13,7 @@ Z_tᵀ S⁻¹ Z_t / (λ/(2 − λ) (1 − (1 − λ)^2t)) > L². L depends on m,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -23,6 +24,8 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from cellctl.kinematics import Bools, Floats
+from cellctl.metrology.points import block_diagonal
+from cellctl.metrology.rigid import rigid_transform
 
 LEAST_RUNS = 20
 """DailyBaseline runs below which nothing is judged."""
@@ -115,6 +118,21 @@ class DailyVerdict:
     words: str
 
 
+def in_one_frame(points: Sequence[ArrayLike], nests: Sequence[ArrayLike], spread: Sequence[ArrayLike]) -> Floats:
+    """Points (R, P, 3), mm, of all R runs in the instrument's frame of the first: the nests carry them there.
+
+    So it does not matter where the instrument stands. points: (P, 3) of each run, in its own frame; nests (N, 3), their
+    covariances spread (N, 3, 3), mm².
+    """
+    there, first_spread = np.asarray(nests[0], float), np.asarray(spread[0], float)
+    found = []
+    for measured, here, own in zip(points, nests, spread, strict=True):
+        covariance = block_diagonal(np.asarray(own, float) + first_spread)
+        matrix = rigid_transform(np.asarray(here, float), there, covariance).pose.matrix
+        found.append(np.asarray(measured, float) @ matrix[:3, :3].T + matrix[:3, 3])
+    return np.array(found)
+
+
 def rigid_and_scale(points: ArrayLike) -> Floats:
     """Basis (3N, 7) at points (N, 3), mm: slides, turns about their middle, scale; all per mm of RMS motion."""
     places = np.asarray(points, float)
@@ -124,6 +142,14 @@ def rigid_and_scale(points: ArrayLike) -> Floats:
     scaled = [shape / max(float(np.sqrt((shape**2).sum(axis=1).mean())), 1e-9) for shape in shapes]
     slides = [np.tile(axis, (len(away), 1)) for axis in np.eye(3)]
     return np.stack([shape.ravel() for shape in (*slides, *scaled)], axis=1)
+
+
+def deviations(runs: ArrayLike, baseline: int) -> Floats:
+    """Features (R, k), mm, of runs (R, P, 3) in one frame, less the mean of the first `baseline` of them."""
+    places = np.asarray(runs, float)
+    nominal = places[:baseline].mean(axis=0)
+    flat = places.reshape(len(places), -1)
+    return _features(flat, nominal.ravel(), rigid_and_scale(nominal))
 
 
 def t2_limit(runs: int, features: int, false_alarm: float) -> float:

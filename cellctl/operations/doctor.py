@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Any, final
 
 from cellctl.clock import Clock
-from cellctl.devices import Device, DeviceError, DeviceUnreachable, Health, Identity
+from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable, Health, Identity
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.operations.connected import open_devices, powered, tell_targets
@@ -39,7 +39,7 @@ class Examined:
     """What was found of one device. `identity`: None if it could not be read. `what`, `cure`: if it is not healthy.
 
     `latency_ms`: from a request to its answer in the cell's time, None if its driver does not report it. `clock`: None
-    if the driver maps no clock, or has not mapped it yet.
+    if the driver maps no clock, or has not mapped it yet. `inputs`: of the cell's PLC, by name.
     """
 
     name: str
@@ -48,6 +48,7 @@ class Examined:
     health: Health | None = None
     latency_ms: float | None = None
     clock: ClockFit | None = None
+    inputs: Mapping[str, bool] = field(default_factory=dict)
     what: str = ""
     cure: str = ""
 
@@ -74,6 +75,8 @@ class Examined:
             "clock": clock and vars(clock),
             "health": self.health.text if self.health else None,
             "figures": self.health.figures if self.health else {},
+            "mode": self.health.mode if self.health else "",
+            "inputs": dict(self.inputs),
             "what": self.what,
             "cure": self.cure,
         }
@@ -114,6 +117,7 @@ async def _look_at(one: Examined, device: Device, clock: Clock) -> Examined:
             for _ in range(_LOOKS):
                 looks.append(await device.health())
                 await clock.sleep(_EVERY_S)
+            inputs = await device.inputs() if isinstance(device, CellIO) else {}
     except Exception as error:
         return _failed(one, error)
     health = looks[-1]
@@ -123,6 +127,7 @@ async def _look_at(one: Examined, device: Device, clock: Clock) -> Examined:
         health=health,
         latency_ms=median(latencies) if latencies else None,
         clock=_clock_fit(health.figures),
+        inputs=inputs,
         what="" if health.ok else health.text,
         cure="" if health.ok else _CURE,
     )

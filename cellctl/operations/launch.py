@@ -7,7 +7,7 @@ import getpass
 import signal
 from collections.abc import Callable
 from contextlib import AsyncExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
@@ -33,6 +33,7 @@ class Options:
     `resumed`: the journal's content so far of a resumed run; `acknowledged`: a person checked the cell.
     `parent`: the run is aborted when this process ends; None: no such process. `confirm_all`: every `confirm` step
     is confirmed at once. `asking`: the layer between engine and watcher that asks the operator at a terminal.
+    `operator`: who starts or resumes the run; default: the user of this process.
     """
 
     seed: int | None
@@ -43,6 +44,7 @@ class Options:
     parent: int | None = None
     confirm_all: bool = False
     asking: Callable[[Watcher, Mailbox], Watcher] | None = None
+    operator: str = field(default_factory=getpass.getuser)
 
 
 async def run_campaign(campaign: Campaign, options: Options, folder: Path, watcher: Watcher) -> Outcome:
@@ -106,12 +108,12 @@ def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, s
         journal, event = Journal.create(folder, clock.now_ns), _started(campaign, options, folder.name, seed)
     else:
         journal = Journal.reopen(folder, clock.now_ns)
-        event = RunResumed(getpass.getuser(), calendar_time(), code_hash(), versions(), options.acknowledged)
+        event = RunResumed(options.operator, calendar_time(), code_hash(), versions(), options.acknowledged)
     record.apply(journal.append(event))
     if options.acknowledged:
         operator = Operator.here("--acknowledge")
         looked = OperatorAction(
-            "acknowledge", operator.name, host=operator.host, via=operator.via, calendar=calendar_time()
+            "acknowledge", options.operator, host=operator.host, via=operator.via, calendar=calendar_time()
         )
         record.apply(journal.append(looked))
     return journal
@@ -125,7 +127,7 @@ def _started(campaign: Campaign, options: Options, name: str, seed: int) -> RunS
         parameters=campaign.parameters,
         seed=seed,
         clock=(options.clock or cell.clock) if cell.simulated else "realtime",
-        operator=getpass.getuser(),
+        operator=options.operator,
         calendar=calendar_time(),
         code_sha256=sha256_of(files),
         versions=versions(),

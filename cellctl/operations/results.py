@@ -13,6 +13,10 @@ SIMULATOR_MEMORY = "simulated_cell.json"
 """File in the run folder that stores a simulated robot's position for a resumed run."""
 
 
+OUTPUT_NAME = "output.txt"
+"""File in the run folder with the output of a run that no terminal shows."""
+
+
 def new_run_folder(runs: Path, procedure: str) -> Path:
     """Make a folder for a new run, `sphere_selfcal-20261121T192433Z`, numbered if that exists.
 

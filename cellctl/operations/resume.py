@@ -13,7 +13,7 @@ from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
 from cellctl.journal.schema import FILE_NAME, LOCK_NAME
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.provenance import changed_sources, code_hash
-from cellctl.operations.results import SIMULATOR_MEMORY, table_line
+from cellctl.operations.results import OUTPUT_NAME, SIMULATOR_MEMORY, table_line
 
 
 @final
@@ -51,13 +51,13 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
         cure = "run the procedure anew, or put back what it was"
         cure += f"\n    {line}" if line else ""
         raise InputError([_problem(folder, text, cure) for text in changed])
-    if (state.uncertain or state.state == "uncertain") and not acknowledged:
-        raise DeviceUncertain("cell", _what_is_uncertain(state), _LOOK + (f"\n    {line}" if line else ""))
+    if (uncertain := uncertainty(state)) and not acknowledged:
+        raise DeviceUncertain("cell", uncertain, _LOOK + (f"\n    {line}" if line else ""))
     same = replace(campaign, parameters=dict(started.parameters))
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 
 
-_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY}
+_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY, OUTPUT_NAME}
 
 _LOOK = (
     "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
@@ -89,7 +89,10 @@ def _changes(campaign: Campaign, started: RunStarted, settings: list[str]) -> li
     return changed
 
 
-def _what_is_uncertain(state: RunState) -> str:
+def uncertainty(state: RunState) -> str:
+    """What is uncertain about the cell after a run that nobody runs, as text; empty if nothing is."""
+    if not state.uncertain:
+        return ""
     moving = [step.step for step in state.steps.values() if step.moves and step.outcome in (None, "interrupted")]
     if moving:
         return f"the run was cut off in {', '.join(moving)}, which moves or writes: what it did last is not known"

@@ -19,6 +19,8 @@ def run_summary(place: Path, state: RunState) -> dict[str, Any]:
         "began": state.started.calendar if state.started else None,
         "procedure": state.started.procedure.path if state.started else None,
         "cell": state.started.cell.path if state.started else None,
+        "operator": state.started.operator if state.started else None,
+        "devices": {name: dict(identity) for name, identity in state.identities.items()},
         "state": state.state_if(running=bool(writer)),
         "points": result.points,
         "attempts": sum(step.attempt for step in state.steps.values()),

@@ -36,12 +36,14 @@ class Change:
 class TableRecorder:
     """Records the changes that this process makes on one controller.
 
-    run: the campaign that makes them, None: a command. failure: why the history could not be written; empty if it was.
+    run: the campaign that makes them, None: a command. who: the person, empty: the user of this process. failure: why
+    the history could not be written; empty if it was.
     """
 
-    def __init__(self, history: TableHistory, run: str | None = None) -> None:
+    def __init__(self, history: TableHistory, run: str | None = None, who: str = "") -> None:
         self.history = history
         self._run = run
+        self._who = who or _user()
         self.failure = ""
 
     @contextmanager
@@ -59,7 +61,7 @@ class TableRecorder:
             time=calendar_time(),
             serial=self.history.serial,
             action=action,
-            who=_user(),
+            who=self._who,
             run=self._run,
             table=table_id,
             replaced=replaced,

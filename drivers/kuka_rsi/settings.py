@@ -9,10 +9,12 @@ from typing import Self, final
 
 from cellctl.devices import Address
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
 
-_SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "controller", "tolerance"}
+_SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "cycle", "controller", "tolerance"}
 _LARGEST_TOLERANCE = 1000
+_CYCLES = ", ".join(f"{cycle} ({cycle.milliseconds} ms)" for cycle in InterpolationCycle)
 
 
 @final
@@ -22,9 +24,10 @@ class RsiSettings:
 
     `bind`: host and port for the controller's telegrams (port 0: any free one); `ethernet`: the RSI Ethernet
     configuration file that the controller loads; `eki`: the controller's EthernetKRL host and port; `correction`:
-    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`: as the
-    controller's program passes it to RSI_ON; `controller`: the only accepted address of telegrams (empty: the host of
-    `eki`); `tolerance`: cycles without an answer after which the controller stops, `Timeout` of its ETHERNET object.
+    prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`,
+    `cycle`: as the controller's program passes them to RSI_ON; `controller`: the only accepted address of telegrams
+    (empty: the host of `eki`); `tolerance`: cycles without an answer after which the controller stops, `Timeout` of its
+    ETHERNET object.
     """
 
     bind: tuple[str, int]
@@ -33,6 +36,7 @@ class RsiSettings:
     correction: str = "AK"
     stop: str = "Stop"
     mode: CorrectionMode = CorrectionMode.ABSOLUTE
+    cycle: InterpolationCycle = InterpolationCycle.IPO_FAST
     controller: str = ""
     tolerance: int = DEFAULT_TOLERANCE
 
@@ -49,7 +53,9 @@ class RsiSettings:
         errors += [f"setting '{key}' is missing" for key in ("ethernet", "eki") if not query.get(key)]
         errors += [f"setting '{key}' is empty" for key in ("correction", "stop") if query.get(key) == ""]
         mode = query.get("mode", CorrectionMode.ABSOLUTE)
+        cycle = query.get("cycle", InterpolationCycle.IPO_FAST)
         errors += [] if mode in set(CorrectionMode) else [f"mode={mode} is none of {', '.join(CorrectionMode)}"]
+        errors += [] if cycle in set(InterpolationCycle) else [f"cycle={cycle} is none of {_CYCLES}"]
         errors += _about_the_controller(query.get("controller")) + _about_tolerance(query.get("tolerance"))
         errors += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
         eki = _host_and_port(query.get("eki", ""))
@@ -64,6 +70,7 @@ class RsiSettings:
             eki,
             **names,
             mode=CorrectionMode(mode),
+            cycle=InterpolationCycle(cycle),
             tolerance=int(query.get("tolerance", DEFAULT_TOLERANCE)),
         )
 

@@ -12,6 +12,7 @@ from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.eki_messages import print_ident
 from sims.krc.eki_server import EkiServer
 from sims.krc.ethernet_config import AXES, BadConfig, EthernetConfig, read_config
+from sims.krc.own_program import program_of
 from sims.krc.program import Program
 from sims.krc.rsi_link import RsiLink, target_of
 from sims.krc.rsi_session import RsiContext, RsiSettings
@@ -34,6 +35,7 @@ class KrcServers:
 
     def __init__(self, written: str, eki: EkiServer, link: RsiLink, program: Program) -> None:
         self._eki = eki
+        self._axes = len(AXES)
         self._program = program
         self._link = link
         self.eki_port = eki.port
@@ -44,6 +46,7 @@ class KrcServers:
         self.requests: dict[str, Request] = {
             "rsi_target": lambda message: self.set_rsi_target(*target_of(message)),
             "acknowledge": lambda message: self.acknowledge(),
+            "own_program": self.take_program,
         }
 
     def set_rsi_target(self, host: str, port: int) -> None:
@@ -54,6 +57,11 @@ class KrcServers:
         """Acknowledge the message at the pendant. Raises Refused where its cause is still there."""
         if not self._program.acknowledge():
             raise Refused("the controller moves, or its safety chain is open")
+
+    def take_program(self, message: dict[str, Any]) -> None:
+        """A program of the user's own, to be run by `OWN`. Raises Refused."""
+        number, program = program_of(message, self._axes)
+        self._program.own_programs[number] = program
 
     def close(self) -> None:
         """Hang up, and let go of the ports."""
@@ -92,7 +100,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"
-    ident = print_ident(serial, cell.robot.name, KSS)
+    ident = print_ident(serial, cell.robot.name, KSS, settings.rsi_on if settings.hello == "rsi_on" else None)
     tables = memory.recall("tables", lambda state: tables_from(state, len(joints))) or Tables()
     program = Program(context, setup.scene.log, ident, TableDesk(tables, serial, memory), memory, setup.scene.safety)
     eki = EkiServer(kernel, program, setup.wire)
@@ -108,9 +116,13 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
 
 
 def rsi_settings(settings: Mapping[str, Any], address: str) -> RsiSettings:
-    """Of the `rsi:` section; where it says nothing of the program's mode, the robot's address does."""
-    addressed = "relative" if _query(address).get("mode") == "relative" else "absolute"
-    return RsiSettings(**{**settings, "mode": settings["mode"] or addressed})
+    """Of the `rsi:` section; where it says nothing of the program's mode or cycle, the robot's address does."""
+    query = _query(address)
+    addressed = {
+        "mode": "relative" if query.get("mode") == "relative" else "absolute",
+        "cycle_ms": 12 if query.get("cycle") == "ipo" else 4,
+    }
+    return RsiSettings(**{**settings, **{name: settings[name] or value for name, value in addressed.items()}})
 
 
 def _query(address: str) -> dict[str, str]:

@@ -20,7 +20,7 @@ SIMULATOR = Simulator(
     start=_start,
     section="rsi",
     settings=(
-        Setting("cycle_ms", "whole", 4, among=(4, 12), what="Interpolation cycle."),
+        Setting("cycle_ms", "whole", among=(4, 12), what="Cycle. Without it: as the robot's address says."),
         Setting("precision", "whole", 4, what="Decimals of a telegram's numbers."),
         Setting("timeout_cycles", "whole", 100, 1, what="Tolerated late cycles."),
         Setting("counter", "word", "total", among=("total", "reset"), what="Does a good reply reset the late count?"),
@@ -30,6 +30,7 @@ SIMULATOR = Simulator(
             among=("absolute", "relative"),
             what="What the program passes to RSI_ON. Without it: as the robot's address says.",
         ),
+        Setting("hello", "word", "rsi_on", among=("rsi_on", "short"), what="Does HELLO name RSI_ON's mode and cycle?"),
     ),
     faults=(
         FaultKind("rsi.silent", "`RSI_ON` succeeds, no telegram ever comes"),

@@ -15,6 +15,14 @@ pytestmark = pytest.mark.campaign
 
 REPEATABILITY_MM = 0.03
 ALLOWANCE_MM = 0.01
+TWO_TOUCHES = """
+procedure: two_touches
+title: Two touches, nothing identified
+steps:
+  - {id: plan, do: sphere.plan, with: {fit: 5, held_out: 1}, timeout: 120}
+  - {id: first, do: sphere.touch, with: {touch: "${plan.touches[0]}", speed_mm_s: 5}, timeout: 120}
+  - {id: second, do: sphere.touch, with: {touch: "${plan.touches[1]}", speed_mm_s: 5}, timeout: 120}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +45,23 @@ def test_without_scatter_the_measured_contact_is_the_true_one_to_a_hundredth(tmp
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
     assert ended.outcome.state is State.FINISHED
     assert off_truth(ended, cell, tmp_path).max() <= ALLOWANCE_MM
+
+
+@pytest.mark.parametrize(("mode", "cycle"), [("absolute", "ipo"), ("relative", "ipo_fast"), ("relative", "ipo")])
+def test_the_measured_contact_is_the_true_one_in_the_other_modes_and_cycles_of_rsi_on(
+    tmp_path: Path, mode: str, cycle: str
+) -> None:
+    ethernet = (CELL.parent / "rsi_ethernet.xml").read_text()
+    (tmp_path / "rsi.xml").write_text(ethernet.replace('HOLDON="1"', 'HOLDON="0"') if mode == "relative" else ethernet)
+    address = {f"{CELL.parent}/rsi_ethernet.xml": f"rsi.xml&mode={mode}&cycle={cycle}"}
+    cell = cell_with(tmp_path, "  errors: {repeatability: 0}\n", address)
+    procedure = tmp_path / "two_touches.yaml"
+    procedure.write_text(TWO_TOUCHES)
+    ended = run_here(procedure, cell, tmp_path)
+    assert ended.outcome.state is State.FINISHED
+    assert len(ended.touches) == 2
+    assert off_truth(ended, cell, tmp_path).max() <= ALLOWANCE_MM
+    assert ended.robot_is_held()
 
 
 @pytest.mark.long

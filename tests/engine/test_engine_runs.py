@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeRobot, engine_for, events_of
+from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
-from cellctl.devices import NoContact
-from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, State
+from cellctl.devices import DeviceLost, NoContact
+from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, NobodyWatching, State
 from cellctl.engine.states import checked
 from cellctl.journal import (
+    DeviceHealth,
     Journal,
     Recorded,
     RunResumed,
@@ -318,3 +319,35 @@ def test_who_aborted_a_run_is_reported_at_its_end(tmp_path: Path) -> None:
     ended = fold(read_journal(journal.path)).ended
     assert ended is not None
     assert ended.reason == "aborted: the shell has ended"
+
+
+class FakePlc(FakeGate):
+    """A fake device that counts as the cell's PLC. `emergency_stop_ok`: its only input."""
+
+    emergency_stop_ok = True
+
+    async def inputs(self) -> dict[str, bool]:
+        if self.lost:
+            raise DeviceLost(self.name, "is silent")
+        return {"emergency_stop_ok": self.emergency_stop_ok}
+
+    def _(self) -> None: ...
+
+    set_output = temperatures = weather = _
+
+
+def test_the_journal_has_the_health_of_each_device_and_every_change_of_the_inputs_between_steps(tmp_path: Path) -> None:
+    plc = FakePlc("plc")
+    engine, _, journal = engine_for(LOOP, tmp_path, [FakeDevice("robot"), plc])
+    watched = iter([True, False, False, True])
+
+    class Pressing(NobodyWatching):
+        def event(self, event: Any) -> None:
+            if isinstance(event, StepEnded):
+                plc.emergency_stop_ok = next(watched)
+
+    engine._recorder.watcher = Pressing()
+    asyncio.run(engine.run())
+    reported = [(found.device, found.inputs.get("emergency_stop_ok")) for found in events_of(journal, DeviceHealth)]
+    assert reported == [("robot", None), ("plc", True), ("plc", False)]
+    assert engine._record.health["plc"].inputs == {"emergency_stop_ok": False}

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import LOOP, engine_for
+from engine_runs import LOOP, engine_for, known_procedure
 
 from cellctl.engine import Engine, Mailbox, Passes, State
-from cellctl.engine.step_count import time_left_s
-from cellctl.journal import Journal, RunResumed, RunStarted, SourceFile, StepStarted, fold, read_journal
+from cellctl.engine.status import RunProgress
+from cellctl.journal import Journal, RunResumed, RunStarted, SourceFile, StepStarted, Writer, fold, read_journal
 
 NESTED = """
   - id: outer
@@ -35,13 +36,16 @@ class Compared:
     def __init__(self, engine: Engine, journal: Journal, mailbox: Mailbox, abort_after: int = 99) -> None:
         self.found: list[tuple[float | None, float | None]] = []
         self._engine, self._journal, self._mailbox, self._abort_after = engine, journal, mailbox, abort_after
+        self._procedure = replace(known_procedure(engine), expected=8)
         self._passes = Passes(8, lambda: engine._record.last_ns * 1e-9)
 
     def event(self, event: Any) -> None:
         if isinstance(event, StepStarted) and "[" in event.step:
             self._passes.step_begins()
-            entries = list(read_journal(self._journal.path))
-            left_s = time_left_s(entries, fold(entries), self._engine._plan.procedure, 8)
+            progress = RunProgress(lambda _: self._procedure)
+            for entry in read_journal(self._journal.path):
+                progress.apply(entry)
+            left_s = progress.status("run", Writer("1", "now", "cellctl run")).left_s
             self.found.append((left_s, self._passes.left_s))  # compared later: no error in a display ends a run
             if self._passes.done == self._abort_after:
                 self._mailbox.abort()

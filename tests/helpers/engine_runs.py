@@ -10,8 +10,9 @@ from typing import Any
 from cellctl.clock import WallClock
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable, Health, Identity, NoContact
 from cellctl.engine import Engine, Mailbox, Plan, Surround
+from cellctl.engine.known_procedure import KnownProcedure
 from cellctl.files import parse_yaml
-from cellctl.journal import Journal, read_journal
+from cellctl.journal import Journal, RunStarted, SourceFile, read_journal
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
 from cellctl.records import Row
 
@@ -176,6 +177,20 @@ def engine_for(
 
 def events_of(journal: Journal, kind: type) -> list[Any]:
     return [entry.event for entry in read_journal(journal.path) if isinstance(entry.event, kind)]
+
+
+def started(engine: Any, clock: str = "realtime") -> RunStarted:
+    """The first event of a run of this engine's procedure: an engine alone does not record it."""
+    source = SourceFile("test.yaml", engine._plan.procedure.text, "0")
+    calendar = "2026-11-22T10:00:00Z"
+    return RunStarted(source, SourceFile("cell.yaml", "name: x", "0"), {}, 1, clock, "maria", calendar, "0", {})
+
+
+def known_procedure(engine: Any) -> KnownProcedure:
+    """The procedure as it is read from that event."""
+    known = KnownProcedure.of(started(engine), engine._plan.registry)
+    assert known is not None
+    return known
 
 
 LOOP = """

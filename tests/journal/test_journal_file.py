@@ -109,6 +109,18 @@ def test_a_reader_that_holds_on_does_not_keep_the_writer_from_closing(journal):
     assert events(journal.path) == [Said("one"), Said("two")]
 
 
+def test_the_file_of_a_finished_run_has_all_events_also_if_a_reader_had_it_open(journal, tmp_path):
+    journal.append(Said("one"))
+    with sqlite3.connect(f"{journal.path.as_uri()}?mode=ro", uri=True) as reader:
+        assert reader.execute("SELECT count(*) FROM events").fetchone() == (1,)
+        journal.append(Said("two"))
+        journal.close()
+        alone = tmp_path / "copy.sqlite"
+        alone.write_bytes(journal.path.read_bytes())
+    reader.close()
+    assert events(alone) == [Said("one"), Said("two")]
+
+
 def test_a_reopened_journal_continues_counting(journal, now_ns):
     journal.append(Said("one"))
     journal.close()

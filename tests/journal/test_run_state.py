@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.journal import (
+    DeviceHealth,
     DevicesConnected,
     Entry,
     OperatorAction,
@@ -40,6 +41,7 @@ any_events = st.lists(
     | st.builds(Recorded, st.just("touch"), st.fixed_dictionaries({"n": st.integers()}), names | st.just(""), attempts)
     | st.builds(StateChanged, st.just("running"), st.sampled_from(["paused", "running", "uncertain"]))
     | st.builds(RawEvent, st.just("of_a_newer_version"), st.just({}))
+    | st.just(DeviceHealth("robot", True, "EXT, READY", 1.5, "EXT"))
     | st.just(RESUMED)
     | st.builds(RunEnded, st.just("failed"))
     | st.builds(Said, st.text())

@@ -264,7 +264,9 @@ def foreign(tmp_path, echo_port, monkeypatch):
         controller = ForeignController(tmp_path, **{"mode": address_mode, "cycle_ms": cycle_ms, **controller_has})
         server = await asyncio.start_server(controller.talk, "127.0.0.1", 0)
         port = server.sockets[0].getsockname()[1]
-        address = f"kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:{port}&correction=AKorr&mode={address_mode}"
+        cycle = "ipo" if cycle_ms == 12 else "ipo_fast"
+        address = f"kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:{port}&correction=AKorr"
+        address += f"&mode={address_mode}&cycle={cycle}"
         robot = open_robot("robot", Address.parse(address), Surroundings(WallClock(), tmp_path))
         try:
             await robot.connect()

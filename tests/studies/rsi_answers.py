@@ -1,9 +1,10 @@
 """How soon RSI telegrams are answered on a busy machine: our cyclic process beside RSIPI's driver, in one run.
 
-    python tests/studies/rsi_answers.py [--seconds 60]        (four minutes; needs the dependency group `peers`)
+    python tests/studies/rsi_answers.py [--seconds 60] [--cycle ipo]        (four minutes; dependency group `peers`)
 
-A stand-in for the controller sends a telegram each 4 ms to both, 2 ms apart, while two busy loops run: once with
-real-time rights for both drivers and once without (CAP_SYS_NICE and CAP_IPC_LOCK taken away; needs root and setpriv).
+A stand-in for the controller sends a telegram each 4 ms (`--cycle ipo`: 12 ms) to both, half a cycle apart, while two
+busy loops run: once with real-time rights for both drivers and once without (CAP_SYS_NICE and CAP_IPC_LOCK taken away;
+needs root and setpriv).
 The stand-in itself has real-time priority where it may. Ours answers a search that moves; RSIPI's sends zeros.
 """
 
@@ -28,7 +29,7 @@ sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
 from cell_runs import busy_machine  # noqa: E402 - found by the line above
 
-CYCLE_S = 0.004
+CYCLES_MS = {"ipo_fast": 4, "ipo": 12}
 START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 WITHOUT_RIGHTS = ["setpriv", "--bounding-set=-sys_nice,-ipc_lock", "--inh-caps=-sys_nice,-ipc_lock"]
 ETHERNET = """<ROOT>
@@ -46,13 +47,14 @@ AXIS = '<ELEMENT TAG="AKorr.A{i}" TYPE="DOUBLE" INDX="{i}" HOLDON="1"/>'
 class Peer:
     """A driver to be asked: its process, and what the stand-in for the controller keeps for it."""
 
-    def __init__(self, name: str, rights: bool) -> None:
+    def __init__(self, name: str, rights: bool, cycle: str) -> None:
         self.name = name
+        self._cycle_ms = CYCLES_MS[cycle]
         self._folder = tempfile.TemporaryDirectory()
         ethernet = Path(self._folder.name) / "ethernet.xml"
         port = _free_port()
         ethernet.write_text(ETHERNET.format(port=port, corrections="".join(AXIS.format(i=i) for i in range(1, 7))))
-        command = [sys.executable, __file__, "--serve", name, str(ethernet)]
+        command = [sys.executable, __file__, "--cycle", cycle, "--serve", name, str(ethernet)]
         self._process = subprocess.Popen(
             command if rights else [*WITHOUT_RIGHTS, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -91,7 +93,7 @@ class Peer:
     def row(self, asked: int) -> str:
         """What came of it."""
         delays = sorted(self.delays_ms)
-        late = sum(delay > CYCLE_S * 1e3 for delay in delays)
+        late = sum(delay > self._cycle_ms for delay in delays)
         at = [delays[min(int(share * len(delays)), len(delays) - 1)] for share in (0.5, 0.99, 0.999)] if delays else []
         figures = " ".join(f"{each:8.3f}" for each in [*at, *delays[-1:]])
         return f"{self.name:8} {asked:6} {figures} {late:6} {asked - len(delays):6}   {self.granted}"
@@ -119,24 +121,27 @@ def _hear_until(due: float, peers: list[Peer]) -> None:
                 peer.hear()
 
 
-def compare(seconds: float, *, rights: bool) -> None:
+def compare(seconds: float, cycle: str, *, rights: bool) -> None:
     """Ask both for so long beside two busy loops, and print a row for each."""
-    peers = [Peer("cellctl", rights), Peer("RSIPI", rights)]
-    asked = round(seconds / CYCLE_S)
+    peers = [Peer("cellctl", rights, cycle), Peer("RSIPI", rights, cycle)]
+    cycle_ms = CYCLES_MS[cycle]
+    asked = round(seconds * 1e3 / cycle_ms)
     with busy_machine():
         start = time.perf_counter() + 0.1
         for turn in range(2 * asked):
-            _hear_until(start + turn * CYCLE_S / 2, peers)
-            peers[turn % 2].ask(1_000_000 + 4 * (turn // 2))
+            _hear_until(start + turn * cycle_ms / 2000, peers)
+            peers[turn % 2].ask(1_000_000 + cycle_ms * (turn // 2))
         _hear_until(time.perf_counter() + 0.2, peers)
     print(f"{'with' if rights else 'without'} real-time rights, {seconds:g} s beside two busy loops")
-    print("driver    asked   median      p99    p99.9  longest   late   none   granted   (ms; late: after 4 ms)")
+    print(
+        f"driver    asked   median      p99    p99.9  longest   late   none   granted   (ms; late: after {cycle_ms} ms)"
+    )
     for peer in peers:
         print(peer.row(asked), flush=True)
         peer.end()
 
 
-def serve(name: str, ethernet: Path) -> None:
+def serve(name: str, ethernet: Path, cycle: str) -> None:
     """Be one of the drivers until standard input ends."""
     if name == "RSIPI":
         from RSIPI import RSIAPI
@@ -147,10 +152,10 @@ def serve(name: str, ethernet: Path) -> None:
         sys.stdin.read()
         api.stop()
     else:
-        asyncio.run(_serve_ours(ethernet))
+        asyncio.run(_serve_ours(ethernet, cycle))
 
 
-async def _serve_ours(ethernet: Path) -> None:
+async def _serve_ours(ethernet: Path, cycle: str) -> None:
     from cellctl.devices import Address
     from drivers.kuka_rsi.cyclic.limits import SearchLimits
     from drivers.kuka_rsi.cyclic.shared_block import GUARDS
@@ -162,7 +167,7 @@ async def _serve_ours(ethernet: Path) -> None:
 
     port = re.search(r"<PORT>(\d+)</PORT>", ethernet.read_text())
     assert port is not None
-    address = f"kuka+rsi://127.0.0.1:{port[1]}?ethernet={ethernet}&eki=127.0.0.1:54600&correction=AKorr"
+    address = f"kuka+rsi://127.0.0.1:{port[1]}?ethernet={ethernet}&eki=127.0.0.1:54600&correction=AKorr&cycle={cycle}"
     settings = RsiSettings.of(Address.parse(address), ethernet.parent)
     config = read_ethernet_config(settings)
     reply = ReplyFormat.of(config.sentype, config.receive, settings.correction, settings.stop)
@@ -179,18 +184,19 @@ def main() -> None:
     """Both comparisons."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--cycle", choices=sorted(CYCLES_MS), default="ipo_fast")
     parser.add_argument("--serve", nargs=2, metavar=("DRIVER", "ETHERNET"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.serve:
-        serve(asked.serve[0], Path(asked.serve[1]))
+        serve(asked.serve[0], Path(asked.serve[1]), asked.cycle)
         return
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(60))
     except OSError:
         print("the stand-in for the controller has no real-time priority: its own lateness is in the figures")
-    compare(asked.seconds, rights=True)
+    compare(asked.seconds, asked.cycle, rights=True)
     if shutil.which("setpriv"):
-        compare(asked.seconds, rights=False)
+        compare(asked.seconds, asked.cycle, rights=False)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -53,6 +53,16 @@ class Replay:
     def equal(self) -> bool:
         """Whether all repeated results equal the record, and no file in the run folder was changed."""
         return all(step.equal for step in self.steps) and all(file.equal for file in self.artefacts)
+
+    def to_json(self) -> dict[str, Any]:
+        """As `cellctl replay --json` shows it."""
+        return {
+            "run": self.run,
+            "equal": self.equal,
+            "changed": list(self.changed),
+            "artefacts": [{**asdict(each), "equal": each.equal} for each in self.artefacts],
+            "steps": [{**asdict(each), "equal": each.equal} for each in self.steps],
+        }
 
 
 def replay_run(run: Path, tell: Callable[[str], None] = lambda _: None, registry: StepRegistry | None = None) -> Replay:

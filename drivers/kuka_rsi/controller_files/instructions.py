@@ -35,7 +35,8 @@ WHERE EACH FILE GOES (KSS, on the controller, user group Expert)
 _CONTEXT = """\
 RSI CONTEXT "{context}" (cellctl.rsix, cellctl.rsi.xml: what the controller reads; RSI Visual has no drawing of it)
 
-  ETHERNET      ConfigFile {ethernet}, Timeout {timeout} (late answers, {patience:g} s of them at 4 ms),
+  Made for      {rsi_on}, corrections {mode}; a telegram each {cycle} ms
+  ETHERNET      ConfigFile {ethernet}, Timeout {timeout} (late answers: {patience:g} s at {cycle} ms),
                 Flag -1 (none), Precision {precision} (1, the default, would round every joint to 0.1 degrees)
   AXISCORR      CorrA1 ... CorrA6 from the ETHERNET outputs {outputs};
                 LowerLim / UpperLim of each axis -{correction:g} / +{correction:g} (degrees, from the pose at RSI_ON)
@@ -123,7 +124,10 @@ def _context(context: Context) -> dict[str, object]:
     return {
         "ethernet": context.ethernet,
         "timeout": context.timeout,
-        "patience": context.timeout * 0.004,
+        "patience": context.timeout * context.cycle.milliseconds / 1000,
+        "rsi_on": context.rsi_on,
+        "cycle": context.cycle.milliseconds,
+        "mode": context.mode,
         "precision": PRECISION,
         "outputs": ", ".join(map(str, context.axes)),
         "stop": context.stop,

@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 import itertools
+from enum import StrEnum
 from statistics import median
 from typing import final
 
 LEARNING_TELEGRAMS = 8
 """Telegrams of a session that are answered with zero while its cycle is learnt."""
 
-CYCLES_MS = (4, 12)
-"""RSI's cycles: IPO_FAST and IPO."""
-
 _MS = 1_000_000
+
+
+@final
+class InterpolationCycle(StrEnum):
+    """The cycle with which the controller's program switches RSI on; the address must agree."""
+
+    IPO_FAST = "ipo_fast"
+    """4 ms."""
+
+    IPO = "ipo"
+    """12 ms."""
+
+    @property
+    def milliseconds(self) -> int:
+        """Its length."""
+        return 4 if self is InterpolationCycle.IPO_FAST else 12
+
+    def fits(self, cycle_ns: int) -> bool:
+        """Whether the learnt cycle `cycle_ns` is this one, within a half: arrivals alone tell it that well."""
+        return 2 * abs(cycle_ns - self.milliseconds * _MS) <= self.milliseconds * _MS
+
+
+CYCLES_MS = tuple(cycle.milliseconds for cycle in InterpolationCycle)
 
 _WINDOW = 128
 """Telegrams in each of the two windows of the least delay; at 4 ms, 300 ppm of drift are 0.3 ms in both."""

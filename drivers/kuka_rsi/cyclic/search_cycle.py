@@ -9,7 +9,7 @@ from typing import final
 
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
-from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
+from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming, InterpolationCycle
 from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
 from drivers.kuka_rsi.cyclic.limits import Correction, CycleWatch, Limit, SearchLimits
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
@@ -39,7 +39,8 @@ class SearchCycle:
     repeated set-point, when finally taken, is one step (speed × cycle) from standstill, as a lost answer is one
     to a standstill; and braking on a stop, see `CycleWatch`. Without Delay, see `Following` for the possible lead.
 
-    `detail` is the guard slot, which limit, or the rise of the count, by `cause`; `age_ns` is the guard's.
+    `detail` is the guard slot, which limit, the rise of the count, or the learnt cycle in ns, by `cause`; `age_ns` is
+    the guard's. If the learnt cycle is not `cycle`, RSI is left before any motion.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class SearchCycle:
         limits: SearchLimits,
         mode: CorrectionMode = CorrectionMode.ABSOLUTE,
         tolerance_cycles: int = DEFAULT_TOLERANCE,
+        cycle: InterpolationCycle = InterpolationCycle.IPO_FAST,
     ) -> None:
         self.number = order.number
         self.order = order
@@ -59,6 +61,7 @@ class SearchCycle:
         self.missed = 0
         self._limits = limits
         self._session = Session(tolerance_cycles)
+        self._cycle = cycle
         self._began_ns: int | None = None
         self._start = order.start
         self._sent: Correction = (0.0,) * AXES
@@ -123,7 +126,14 @@ class SearchCycle:
         lag = math.ceil(LONGEST_LAG_S / cycle_s) * self.timing.ipoc_step
         self._following = Following(self._start, self.order.correction, speed * cycle_s, lag)
         if self.phase is Phase.LEARNING:
+            self._check_cycle()
+
+    def _check_cycle(self) -> None:
+        """As in `_check_start`: zero is correct, as there was no correction yet."""
+        if self._cycle.fits(self.timing.cycle_ns):
             self.phase = Phase.MOVING
+        else:
+            self.cause, self.detail, self.phase = Cause.CYCLE, self.timing.cycle_ns, Phase.LEAVING
 
     def _look_for_trouble(self, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool) -> None:
         if stopped and self.cause in (Cause.NONE, Cause.TRAVEL):
@@ -211,7 +221,7 @@ class SearchCycle:
         self._recent.append(joints)
         if self.cause is Cause.TRAVEL and self._held_cycles < self.order.hold_cycles:
             return
-        cycle_s = (self.timing.cycle_ns or 4_000_000) * 1e-9
+        cycle_s = self.timing.cycle_ns * 1e-9 or self._cycle.milliseconds * 1e-3
         held_s = self._held_cycles * cycle_s
         if held_s >= _LONGEST_HOLD_S or (held_s >= _SHORTEST_HOLD_S and self._stands()):
             self.phase = Phase.LEAVING

@@ -41,4 +41,4 @@ def health_of(device: str, lines: ControllerLines) -> Health:
     text += "".join(f"; {what}" for name, what in _WITHOUT.items() if not process.granted[name])
     if words[Slot.FOREIGN]:
         text += f"; {foreign_datagrams(process)}"
-    return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures)
+    return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures, stat.mode)

@@ -8,11 +8,13 @@ from typing import final
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, Guard, Identity
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 from drivers.kuka_rsi.eki.channel import EkiChannel
 from drivers.kuka_rsi.eki.refusals import cure_of, refusal
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
+from drivers.kuka_rsi.robot.rsi_on import refusal_of_program
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
 from drivers.seen_through import see_through
@@ -25,17 +27,21 @@ class ControllerLines:
     """Opened and closed together. `identity`: from the controller, None if not connected.
 
     `latency_s`: from the first command to its reply, in the cell's time.
-    `sends_currents`: the RSI Ethernet configuration has the motor currents in its telegrams.
+    `sends_currents`, `sends_programmed`: the RSI Ethernet configuration has the motor currents, and the programmed
+    joints, in its telegrams.
     """
 
-    def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
+    def __init__(
+        self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits, online: OnlineLimits
+    ) -> None:
         self.identity: Identity | None = None
         self.latency_s = 0.0
-        self.sends_currents = False
+        self.sends_currents = self.sends_programmed = False
         self._device = device
         self._settings = settings
         self._clock = clock
         self._limits = limits
+        self._online = online
         self._eki: EkiChannel | None = None
         self._process: CyclicProcess | None = None
         self._beating: asyncio.Task[None] | None = None
@@ -99,10 +105,13 @@ class ControllerLines:
             cure = "Correct the file, and load the same one on the controller."
             raise DeviceRefused(self._device, "; ".join(config.errors), cure)
         self.sends_currents = "DEF_MACur" in config.send
+        self.sends_programmed = "DEF_ASPos" in config.send
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
         clock = self._clock
         with clock.standing():
-            return await CyclicProcess.start(self._device, self._settings, clock.source, reply.template, self._limits)
+            return await CyclicProcess.start(
+                self._device, self._settings, clock.source, reply.template, self._limits, self._online
+            )
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:
         asked_ns = self._clock.now_ns()
@@ -110,6 +119,8 @@ class ControllerLines:
         self.latency_s = (self._clock.now_ns() - asked_ns) * 1e-9
         if reply.code:
             raise refusal(self._device, reply, "HELLO")
+        if error := refusal_of_program(self._device, reply.ident, self._settings):
+            raise error
         stat = await eki.first_stat()
         if stat.program == "ERROR":
             what = f"the controller shows a message: {stat.message}"

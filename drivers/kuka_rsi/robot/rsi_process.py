@@ -14,6 +14,7 @@ from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceUnreachable
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.process import CyclicOrders
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.settings import RsiSettings
@@ -28,8 +29,8 @@ class CyclicProcess:
     """A running cyclic process.
 
     `listening`: host and port bound; `heard`: the only accepted host; `tolerance`: cycles without an answer after
-    which a session is over; `block`: the memory shared with it; `granted`: its real-time settings, `fifo` (priority),
-    `mlock` (locked memory) and `affinity` (its own processor).
+    which a session is over; `cycle`: of the controller, by the address; `block`: the memory shared with it; `granted`:
+    its real-time settings, `fifo` (priority), `mlock` (locked memory) and `affinity` (its own processor).
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class CyclicProcess:
         self.listening: tuple[str, int] = (host, port)
         self.heard = settings.heard
         self.tolerance = settings.tolerance
+        self.cycle = settings.cycle
         self.granted: dict[str, bool] = {name: report[name] for name in ("fifo", "mlock", "affinity")}
         self.block = block
         self.pid = child.pid
@@ -51,10 +53,18 @@ class CyclicProcess:
         self._errors = errors
 
     @classmethod
-    async def start(cls, device: str, settings: RsiSettings, clock: str, reply: str, limits: SearchLimits) -> Self:
+    async def start(
+        cls,
+        device: str,
+        settings: RsiSettings,
+        clock: str,
+        reply: str,
+        limits: SearchLimits,
+        online: OnlineLimits | None = None,
+    ) -> Self:
         """Start it and wait until it listens. Raises DeviceUnreachable if the port is taken or it dies.
 
-        `clock`: source of the cell's time; `reply`: template of the reply.
+        `clock`: source of the cell's time; `reply`: template of the reply; `online`: of corrections, low by default.
         """
         block, memory = SharedBlock.create()
         orders = CyclicOrders(
@@ -65,7 +75,9 @@ class CyclicProcess:
             clock,
             reply,
             settings.mode,
+            settings.cycle,
             asdict(limits),
+            asdict(online or OnlineLimits()),
             os.getpid(),
         )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process

@@ -16,6 +16,7 @@ from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending
 from drivers.kuka_rsi.eki.documents import Reply
 from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.robot.search_record import SearchRecord
 
@@ -222,4 +223,9 @@ class Search:
                 return DeviceFault(self.device, "the pose at RSI_ON is not the one that the search was planned from")
             case Cause.LOST:
                 return self._lost(status)
+            case Cause.CYCLE:
+                what = f"telegrams come every {status.detail * 1e-6:g} ms, and the address has "
+                return DeviceFault(
+                    self.device, f"{what}{in_words(self.process.cycle)}; RSI was left before any motion", REMEDY
+                )
         return DeviceFault(self.device, "the controller left RSI by itself before the search had ended")

@@ -6,19 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-
-from cellctl.kinematics import Floats
 from cellctl.metrology.daily_check import (
     RIGID_AND_SCALE,
     CheckLimits,
     DailyBaseline,
     daily_check,
+    in_one_frame,
     rigid_and_scale,
 )
 from cellctl.metrology.daily_check import DailyVerdict as Found
-from cellctl.metrology.points import block_diagonal
-from cellctl.metrology.rigid import rigid_transform
 from cellctl.procedure import StepContext
 from procedures.steps.daily.rows import (
     ControlChartRow,
@@ -83,7 +79,7 @@ def judged(context: StepContext, limits: Limits) -> tuple[DailyVerdict, ControlC
 
 def charts(days: Sequence[DayPoints], limits: Limits) -> list[Found]:
     """The verdict of each run since the baseline; none before it is complete. days: oldest first."""
-    runs = in_one_frame(days)
+    runs = in_one_frame([day.points for day in days], [day.nests for day in days], [day.spread for day in days])
     count = limits.baseline_runs
     if len(runs) <= count:
         return []
@@ -91,21 +87,6 @@ def charts(days: Sequence[DayPoints], limits: Limits) -> list[Found]:
     baseline = DailyBaseline.of(runs[:count], nominal, rigid_and_scale(nominal), RIGID_AND_SCALE)
     check = CheckLimits(limits.false_alarm, limits.weight)
     return [daily_check(baseline, runs[count : last + 1], check) for last in range(count, len(runs))]
-
-
-def in_one_frame(days: Sequence[DayPoints]) -> Floats:
-    """Points (R, P, 3), mm, of all runs in the instrument's frame of the first: the nests carry them there.
-
-    So it does not matter where the instrument stands.
-    """
-    first = days[0]
-    found = []
-    for day in days:
-        nests, there = np.array(day.nests), np.array(first.nests)
-        spread = block_diagonal(np.array(day.spread) + np.array(first.spread))
-        matrix = rigid_transform(nests, there, spread).pose.matrix
-        found.append(np.array(day.points) @ matrix[:3, :3].T + matrix[:3, 3])
-    return np.array(found)
 
 
 def _chart(began: Sequence[str], found: Sequence[Found]) -> ControlChartRow:

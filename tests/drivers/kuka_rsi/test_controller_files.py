@@ -338,12 +338,22 @@ def test_a_text_parameter_without_brackets_in_the_header_does_not_load() -> None
         Krl([f"GLOBAL DEF CC_X(TXT:IN){body}"], {})
 
 
-def test_relative_corrections_are_switched_on_as_the_address_says(tmp_path: Path) -> None:
-    xml = (CELL.parent / "rsi_ethernet.xml").read_text().replace('HOLDON="1"', 'HOLDON="0"')
-    (tmp_path / "rsi.xml").write_text(xml)
-    address = Address.parse("kuka+rsi://10.1.2.3:49152?ethernet=rsi.xml&eki=172.31.1.147:54600&mode=relative")
-    made = files_for(address, tmp_path, {})
-    assert "RSI_ON(#RELATIVE,#IPO_FAST)" in made["cellctl.src"]
+@pytest.mark.parametrize("mode", ["absolute", "relative"])
+@pytest.mark.parametrize(("cycle", "length"), [("ipo_fast", "0.4 s at 4 ms"), ("ipo", "1.2 s at 12 ms")])
+def test_rsi_is_switched_on_as_the_address_says_and_each_file_names_it(
+    tmp_path: Path, mode: str, cycle: str, length: str
+) -> None:
+    xml = (CELL.parent / "rsi_ethernet.xml").read_text()
+    (tmp_path / "rsi.xml").write_text(xml.replace('HOLDON="1"', 'HOLDON="0"') if mode == "relative" else xml)
+    address = f"kuka+rsi://10.1.2.3:49152?ethernet=rsi.xml&eki=172.31.1.147:54600&mode={mode}&cycle={cycle}"
+    made = files_for(Address.parse(address), tmp_path, {})
+    rsi_on = f"RSI_ON(#{mode.upper()},#{cycle.upper()})"
+    assert re.findall(r"RSI_ON\([^)]*\)", made["cellctl.src"]) == [rsi_on]
+    assert all(rsi_on in made[name] for name in ("cellctl.rsix", "cellctl.rsi.xml", "README.txt"))
+    assert f"corrections {mode}" in made["README.txt"]
+    assert length in " ".join(made["README.txt"].split())
+    hello = Controller(made).reply(write_command(7, "HELLO")).ident
+    assert f"RSI_ON(#{hello['Correction']},#{hello['Cycle']})" == rsi_on
 
 
 def test_an_error_in_the_configuration_is_named_and_nothing_written(tmp_path: Path) -> None:
@@ -387,7 +397,8 @@ def test_the_sum_of_a_text_is_that_of_zlib(text: str) -> None:
 def test_hello_says_who_the_controller_is(controller: Controller) -> None:
     reply = controller.reply(write_command(7, "HELLO"))
     assert (reply.id, reply.code) == (7, 0)
-    assert reply.ident == {"Serial": str(SERIAL), "Model": "KR5", "KSS": "KSS8.6", "Version": "1"}
+    who = {"Serial": str(SERIAL), "Model": "KR5", "KSS": "KSS8.6", "Version": "1"}
+    assert reply.ident == who | {"Correction": "ABSOLUTE", "Cycle": "IPO_FAST"}
     assert reply.joints == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 

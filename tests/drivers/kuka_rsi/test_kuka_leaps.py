@@ -2,8 +2,9 @@
 
 The controller here holds set-points as RSI does, and is written apart from the driver and from the simulator. A
 sequence is any order of delays, losses both ways, duplicates, overtaken and garbled telegrams, foreign senders, leaps
-of the count, stalls of the driver, stops, and sessions switched on anew. `LEAP_SEQUENCES` in the environment sets how
-many are tried.
+of the count, stalls of the driver, stops, and sessions switched on anew. Each of #ABSOLUTE and #RELATIVE with each of
+#IPO_FAST and #IPO is a test of its own, and so is an address that states the other cycle: then nothing moves.
+`LEAP_SEQUENCES` in the environment sets how many are tried.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import os
 import re
 from collections import deque
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -20,6 +22,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.responder import Responder
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
@@ -149,24 +152,29 @@ class Wire:
 
 
 class Line(RuleBasedStateMachine):
-    """The driver's responder and the controller, with everything that may go wrong between them."""
+    """The driver's responder and the controller, with everything that may go wrong between them.
+
+    `cycle_of_krc` is the controller's, `stated` the one in the robot's address.
+    """
+
+    mode: ClassVar[CorrectionMode]
+    cycle_of_krc: ClassVar[InterpolationCycle]
+    stated: ClassVar[InterpolationCycle]
 
     @initialize(
-        relative=st.booleans(),
-        cycle_ms=st.sampled_from([4, 12]),
         counts=st.sampled_from(["total", "reset", "none"]),
         precision=st.sampled_from([1, 4]),
     )
-    def begin(self, relative: bool, cycle_ms: int, counts: str, precision: int) -> None:
-        self.krc = Krc(relative, cycle_ms, counts, precision, ipoc=10**12)
+    def begin(self, counts: str, precision: int) -> None:
+        relative = self.mode is CorrectionMode.RELATIVE
+        self.krc = Krc(relative, self.cycle_of_krc.milliseconds, counts, precision, ipoc=10**12)
         self.wire = Wire()
         self.block, fd = SharedBlock.create()
         os.close(fd)
-        mode = CorrectionMode.RELATIVE if relative else CorrectionMode.ABSOLUTE
         line = ControllerLine(self.wire, CONTROLLER)
 
         def task_of(order: SearchOrder) -> SearchCycle:
-            return SearchCycle(order, LIMITS, mode, TIMEOUT)
+            return SearchCycle(order, LIMITS, self.mode, TIMEOUT, self.stated)
 
         self.now_ns = 0
         self.responder = Responder(line, self.block, ReplyFormat(TEMPLATE), lambda: self.now_ns, task_of)
@@ -175,6 +183,7 @@ class Line(RuleBasedStateMachine):
         self.answers_under_way: list[tuple[int, bytes]] = []
         self.time = 0
         self.next_search()
+        assert any(self.krc.offset) == (self.stated is self.cycle_of_krc)
 
     # what is checked
 
@@ -195,6 +204,7 @@ class Line(RuleBasedStateMachine):
     def check(self, step_before: tuple[float, ...]) -> None:
         """Speed, correction and acceleration of what the controller holds from one cycle to the next."""
         dt = self.krc.cycle_ms / 1000
+        assert self.stated is self.cycle_of_krc or not any(self.krc.offset)
         if self.krc.counts == "none" and not self.krc.relative:  # what may pile up, see `Following`
             blur = 0.02 + 2 * 10**-self.krc.precision
             for step, along in zip(self.step, LINE, strict=True):
@@ -301,7 +311,24 @@ class Line(RuleBasedStateMachine):
         self.step, self.calm = (0.0,) * 6, 0
 
 
-Line.TestCase.settings = settings(
-    max_examples=SEQUENCES, stateful_step_count=20, derandomize=True, deadline=None, print_blob=True
-)
-TestNoAnswerMakesTheRobotLeap = Line.TestCase
+def sequences(
+    mode: CorrectionMode, cycle: InterpolationCycle, stated: InterpolationCycle, count: int
+) -> type[RuleBasedStateMachine.TestCase]:
+    machine = type("Line", (Line,), {"mode": mode, "cycle_of_krc": cycle, "stated": stated})
+    machine.TestCase.settings = settings(
+        max_examples=max(1, count), stateful_step_count=20, derandomize=True, deadline=None, print_blob=True
+    )
+    return machine.TestCase
+
+
+ABSOLUTE, RELATIVE = CorrectionMode
+FAST, SLOW = InterpolationCycle
+
+TestNoLeapAbsoluteIpoFast = sequences(ABSOLUTE, FAST, FAST, SEQUENCES // 4)
+TestNoLeapAbsoluteIpo = sequences(ABSOLUTE, SLOW, SLOW, SEQUENCES // 4)
+TestNoLeapRelativeIpoFast = sequences(RELATIVE, FAST, FAST, SEQUENCES // 4)
+TestNoLeapRelativeIpo = sequences(RELATIVE, SLOW, SLOW, SEQUENCES // 4)
+TestNothingMovesAbsoluteIpoWhereIpoFastIsStated = sequences(ABSOLUTE, SLOW, FAST, SEQUENCES // 20)
+TestNothingMovesAbsoluteIpoFastWhereIpoIsStated = sequences(ABSOLUTE, FAST, SLOW, SEQUENCES // 20)
+TestNothingMovesRelativeIpoWhereIpoFastIsStated = sequences(RELATIVE, SLOW, FAST, SEQUENCES // 20)
+TestNothingMovesRelativeIpoFastWhereIpoIsStated = sequences(RELATIVE, FAST, SLOW, SEQUENCES // 20)

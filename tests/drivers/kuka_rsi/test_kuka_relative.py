@@ -32,13 +32,14 @@ def offsets_of(controller):
 
 @pytest.fixture
 def search(controller, connected, run):
-    """Searches 2 deg along A2 in the given mode; the controller is switched to the same."""
+    """Searches 2 deg along A2 in the given mode; the controller is switched to the same, the address to its cycle."""
 
     def search(mode, end=TWO_DEG, speed=2.0, limits=None, before=lambda robot: None):
         controller.relative = mode == "relative"
+        cycle = "&cycle=ipo" if controller.cycle_ns == 12_000_000 else ""
 
         async def work():
-            async with connected(limits, mode) as robot:
+            async with connected(limits, mode, cycle) as robot:
                 before(robot)
                 return await robot.search(end, speed)
 
@@ -75,18 +76,19 @@ def test_the_path_is_the_same_in_both_modes(controller, search):
 
 
 @EITHER
-def test_at_12_ms_the_limits_hold_per_cycle_of_12_ms(controller, search, mode):
-    controller.cycle_ns, controller.ipoc_step = 12_000_000, 12
+@pytest.mark.parametrize("cycle_ms", [4, 12])
+def test_the_limits_are_per_second_in_each_mode_and_cycle(controller, search, mode, cycle_ms):
+    controller.cycle_ns, controller.ipoc_step = cycle_ms * 1_000_000, cycle_ms
     limits = {"speed_deg_s": 1.5, "acceleration_deg_s2": 15, "jerk_deg_s3": 300}
     result = search(mode, speed=1.5, limits=limits)
     assert result.end is SearchEnd.TRAVEL
-    assert {b - a for a, b in itertools.pairwise(result.times_ns)} == {12_000_000}
+    assert {b - a for a, b in itertools.pairwise(result.times_ns)} == {controller.cycle_ns}
     path = [offset[1] for offset in offsets_of(controller)]
     for order, bound in ((1, 1.5), (2, 15), (3, 300)):
         path = [b - a for a, b in itertools.pairwise(path)]
-        assert max(map(abs, path)) <= bound * 0.012**order + 2**order * 1e-6
+        assert max(map(abs, path)) <= bound * (cycle_ms / 1000) ** order + 2**order * 1e-6
         if order == 1:
-            assert max(path) == pytest.approx(1.5 * 0.012, rel=1e-3)
+            assert max(path) == pytest.approx(1.5 * cycle_ms / 1000, rel=1e-3)
 
 
 def test_a_cycle_of_12_ms_is_learnt_from_the_arrivals_where_the_count_goes_up_by_one(controller, search):
@@ -95,6 +97,25 @@ def test_a_cycle_of_12_ms_is_learnt_from_the_arrivals_where_the_count_goes_up_by
     assert {b - a for a, b in itertools.pairwise(result.times_ns)} == {12_000_000}
     steps = [answer.correction[1] for answer in controller.answers]
     assert max(steps) == pytest.approx(2.0 * 0.012, rel=1e-3)
+
+
+@EITHER
+@pytest.mark.parametrize(("stated", "cycle_ms", "count"), [("ipo_fast", 12, 12), ("ipo", 4, 4), ("ipo_fast", 12, 1)])
+def test_a_controller_with_another_cycle_than_the_address_gets_zeros_alone(
+    controller, connected, run, home, mode, stated, cycle_ms, count
+):
+    controller.cycle_ns, controller.ipoc_step, controller.relative = cycle_ms * 1_000_000, count, mode == "relative"
+
+    async def work():
+        async with connected(mode=mode, more=f"&cycle={stated}") as robot:
+            with pytest.raises(DeviceFault, match=f"telegrams come every {cycle_ms} ms") as fault:
+                await robot.search(TWO_DEG, 2.0)
+            return fault.value
+
+    assert "`cellctl krl`" in run(work()).cure
+    assert {answer.correction for answer in controller.answers} == {ZERO}
+    assert tuple(controller.joints) == home
+    assert not controller.in_rsi
 
 
 @EITHER
@@ -149,11 +170,15 @@ def test_a_guard_that_grows_old_holds_a_relative_search(controller, connected, r
     assert moving[-1] == pytest.approx(51, abs=2)
 
 
-def test_a_controller_that_sums_up_offsets_is_left_before_it_has_run_away(controller, connected, run, home):
+@pytest.mark.parametrize(("cycle", "cycle_ms"), [("ipo_fast", 4), ("ipo", 12)])
+def test_a_controller_that_sums_up_offsets_is_left_before_it_has_run_away(
+    controller, connected, run, home, cycle, cycle_ms
+):
     """The address says absolute, the program RSI_ON(#RELATIVE): the robot would go on ever faster."""
+    controller.cycle_ns, controller.ipoc_step = cycle_ms * 1_000_000, cycle_ms
 
     async def work():
-        async with connected() as robot:
+        async with connected(more=f"&cycle={cycle}") as robot:
             controller.relative = True
             with pytest.raises(DeviceFault, match="ran ahead") as fault:
                 await robot.search(TWO_DEG, 2.0)

@@ -223,17 +223,17 @@ def test_two_searches_in_a_row_each_start_from_zero(controller, connected, run, 
 @pytest.mark.parametrize(("first", "step"), [(0, 1), (7, 12), (2_147_483_640, 4)])
 def test_counts_that_start_anywhere_and_step_as_they_like_are_understood(controller, connected, run, first, step):
     controller.ipoc, controller.ipoc_step = first, step
+    controller.cycle_ns = 12_000_000 if step == 12 else 4_000_000
 
     async def search():
-        async with connected() as robot:
+        async with connected(more="&cycle=ipo" if step == 12 else "") as robot:
             return await robot.search(TWO_DEG, 2.0)
 
     result = run(search())
     assert result.end is SearchEnd.TRAVEL
     assert result.lost == 0
     assert result.ipoc[1] - result.ipoc[0] == step
-    if step != 12:
-        assert result.times_ns[1] - result.times_ns[0] == 4_000_000
+    assert result.times_ns[1] - result.times_ns[0] == controller.cycle_ns
 
 
 def test_the_root_s_attribute_does_not_matter(controller, connected, run):
@@ -366,7 +366,7 @@ def test_corrections_do_not_pile_up_where_the_robot_does_not_follow(controller, 
     controller.cycle_ns, controller.ipoc_step = cycle_ms * 1_000_000, cycle_ms
 
     async def search():
-        async with connected() as robot:
+        async with connected(more="&cycle=ipo" if cycle_ms == 12 else "") as robot:
             with pytest.raises(DeviceFault, match="behind the set-point"):
                 await robot.search(TWO_DEG, speed)
 

@@ -58,7 +58,14 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
     }
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 0.0} == unasked
     assert {kind for kind, scale in cell.simulate.errors.items() if scale == 1.0} == set(ERRORS) - unasked
-    rsi = {"cycle_ms": 4, "precision": 4, "timeout_cycles": 100, "counter": "total", "mode": None}
+    rsi = {
+        "cycle_ms": None,
+        "precision": 4,
+        "timeout_cycles": 100,
+        "counter": "total",
+        "mode": None,
+        "hello": "rsi_on",
+    }
     assert cell.simulate.settings["rsi"] == rsi
     assert cell.simulate.settings["probe"] == {"usb_delay_ms": 1.0, "bounce": 2}
     assert cell.simulate.settings["plc"] == {"delay_least_ms": 5.0, "delay_most_ms": 20.0, "clamp_ms": 300.0}

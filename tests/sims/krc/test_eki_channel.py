@@ -18,10 +18,18 @@ def body(target=THERE, percent="10.0"):
     return f'<Vel P="{percent}"/><Q {axes}/>'
 
 
-def test_hello_tells_who_it_is_and_that_it_is_simulated(bench):
-    number, code, joints, text = bench().command("HELLO", 3)
+@pytest.mark.parametrize(
+    ("rsi", "rsi_on"),
+    [
+        ({}, ' Correction="ABSOLUTE" Cycle="IPO_FAST"'),
+        ({"mode": "relative", "cycle_ms": 12}, ' Correction="RELATIVE" Cycle="IPO"'),
+        ({"hello": "short"}, ""),
+    ],
+)
+def test_hello_tells_who_it_is_that_it_is_simulated_and_how_its_program_switches_rsi_on(bench, rsi, rsi_on):
+    number, code, joints, text = bench(rsi=rsi).command("HELLO", 3)
     assert (number, code, joints) == ("3", 0, HOME)
-    assert re.search(r'<Ident Serial="SIM-\d+" Model="KUKA KR5 R1400" KSS="[^"]+" Version="1"/><Q A1=', text)
+    assert re.search(rf'<Ident Serial="SIM-\d+" Model="KUKA KR5 R1400" KSS="[^"]+"{rsi_on} Version="1"/><Q A1=', text)
 
 
 def test_a_move_ends_at_its_target_and_says_so(bench):

@@ -25,18 +25,19 @@ def a1_of(telegram):
 def relative(bench, request, tmp_path):
     """A controller whose program says RSI_ON(#RELATIVE), with this HOLDON of its corrections."""
 
-    def begin(holdon=0, **settings):
+    def begin(holdon=0, cycle_ms=4, **settings):
         text = (request.config.rootpath / "procedures/cells/rsi_ethernet.xml").read_text()
         (tmp_path / "e.xml").write_text(re.sub(r'(TAG="AK.*)HOLDON="1"', rf'\1HOLDON="{holdon}"', text))
-        pc = bench(rsi={"mode": "relative"}, ethernet=tmp_path / "e.xml", **settings)
+        pc = bench(rsi={"mode": "relative", "cycle_ms": cycle_ms}, ethernet=tmp_path / "e.xml", **settings)
         pc.rsi_on()
         return pc
 
     return begin
 
 
-def test_each_value_is_added_and_zero_holds(relative):
-    pc = relative()
+@pytest.mark.parametrize("cycle_ms", [4, 12])
+def test_each_value_is_added_and_zero_holds(relative, cycle_ms):
+    pc = relative(cycle_ms=cycle_ms)
     telegrams = pc.cycles(6, lambda i: a1(0.01 if i < 3 else 0.0))
     assert [a1_of(telegram) for telegram in telegrams] == pytest.approx([0.0, 0.0, 0.01, 0.02, 0.03, 0.03])
     assert pc.finish()[2][0] == pytest.approx(0.03)
@@ -82,15 +83,17 @@ def test_an_offset_that_a_pc_takes_for_absolute_runs_away_until_the_drives_or_a_
 
 
 @pytest.mark.parametrize(
-    ("address", "section", "mode"),
-    [("", "", "absolute"), ("&mode=relative", "", "relative"), ("&mode=absolute", "", "absolute"),
-     ("&mode=relative", "  rsi: {mode: absolute}", "absolute"), ("", "  rsi: {mode: relative}", "relative")],
+    ("address", "section", "rsi_on"),
+    [("", "", ("ABSOLUTE", "IPO_FAST")), ("&mode=relative", "", ("RELATIVE", "IPO_FAST")),
+     ("&mode=absolute&cycle=ipo", "", ("ABSOLUTE", "IPO")), ("&mode=relative&cycle=ipo", "", ("RELATIVE", "IPO")),
+     ("&mode=relative&cycle=ipo", "  rsi: {mode: absolute, cycle_ms: 4}", ("ABSOLUTE", "IPO_FAST")),
+     ("&cycle=ipo_fast", "  rsi: {mode: relative, cycle_ms: 12}", ("RELATIVE", "IPO"))],
 )  # fmt: skip
-def test_the_mode_is_as_the_address_says_unless_the_simulate_section_says_another(
-    request, tmp_path, address, section, mode
+def test_mode_and_cycle_are_as_the_address_says_unless_the_simulate_section_says_another(
+    request, tmp_path, address, section, rsi_on
 ):
     shipped = request.config.rootpath / SHIPPED_CELL
     text = shipped.read_text().replace("../robots", str(shipped.parents[1] / "robots"))
     (tmp_path / "cell.yaml").write_text(text.replace("eki=172.31.1.147:54600", f"eki=h:1{address}") + section + "\n")
     cell = read_cell(tmp_path / "cell.yaml")
-    assert rsi_settings(cell.simulate.settings["rsi"], cell.addresses["robot"]).mode == mode
+    assert rsi_settings(cell.simulate.settings["rsi"], cell.addresses["robot"]).rsi_on == rsi_on

@@ -1,0 +1,114 @@
+"""What all routes of the API share: the operator of a command, and errors as JSON."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Depends, FastAPI, Header, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from pydantic import BaseModel, Field
+
+from cellctl.console.sessions import operator_named
+from cellctl.console.shared import console
+from cellctl.devices import DeviceError
+from cellctl.engine import Operator
+from cellctl.files import InputError, Problem
+from cellctl.journal import JournalError
+
+
+class ProblemOut(BaseModel):
+    """One error: its place, what is wrong, what to do. `line` and `column` from 1; 0: the whole file."""
+
+    file: str = Field(description="File, parameter or field")
+    line: int = 0
+    column: int = 0
+    what: str = Field(description="What is wrong")
+    cure: str = Field(default="", description="What to do")
+
+
+class Failure(BaseModel):
+    """Why a request was refused; nothing was done."""
+
+    what: str
+    cure: str = ""
+    problems: list[ProblemOut] = []
+
+
+class Refused(Exception):
+    """A request that cannot be carried out: HTTP status, what is wrong, what to do."""
+
+    def __init__(self, status: int, what: str, cure: str = "") -> None:
+        self.status, self.what, self.cure = status, what, cure
+        super().__init__(what)
+
+
+_bearer = HTTPBearer(auto_error=False, description="The token that the console printed at its start.")
+
+
+def _operator(
+    token: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
+    x_operator: Annotated[str, Header(description="Name of the person who gives the command")] = "",
+) -> Operator:
+    if token is None or not console().sessions.allows(token.credentials):
+        raise Refused(401, "this command needs the console's token", "send `Authorization: Bearer TOKEN`")
+    return operator_named(x_operator)
+
+
+Commander = Annotated[Operator, Depends(_operator)]
+"""The operator who gives a command: a route with this argument needs the token."""
+
+_WORDS = {401: "No token, or a wrong one", 404: "No such thing", 409: "Not possible now", 413: "Upload too large"}
+READS: dict[int | str, dict[str, Any]] = {404: {"model": Failure, "description": _WORDS[404]}, 422: {"model": Failure}}
+"""`responses=` of a route that reads."""
+COMMANDS: dict[int | str, dict[str, Any]] = {
+    **{status: {"model": Failure, "description": words} for status, words in _WORDS.items()},
+    422: {"model": Failure},
+}
+"""`responses=` of a route that commands."""
+
+
+def problems_of(error: InputError) -> list[ProblemOut]:
+    """The problems of `error` for JSON."""
+    return [_problem(problem) for problem in error.problems]
+
+
+def _problem(one: Problem) -> ProblemOut:
+    return ProblemOut(file=one.file, line=one.line, column=one.column, what=one.what, cure=one.cure)
+
+
+def answer_errors(app: FastAPI) -> None:
+    """Answer errors of `app` by a `Failure`: input 422, device 409, journal 409, the rest by its status."""
+
+    @app.exception_handler(Refused)
+    async def _(request: Request, error: Refused) -> JSONResponse:
+        headers = {"www-authenticate": "Bearer"} if error.status == 401 else None
+        return _failure(error.status, error.what, error.cure, headers=headers)
+
+    @app.exception_handler(InputError)
+    async def _(request: Request, error: InputError) -> JSONResponse:
+        first = error.problems[0] if error.problems else Problem("", 0, 0, "the input is wrong")
+        return _failure(422, first.what, first.cure, problems_of(error))
+
+    @app.exception_handler(RequestValidationError)
+    async def _(request: Request, error: RequestValidationError) -> JSONResponse:
+        found = [
+            ProblemOut(file=".".join(str(part) for part in one["loc"]), what=str(one["msg"])) for one in error.errors()
+        ]
+        return _failure(422, "the request is not as the API describes it", "compare it with /api/openapi.json", found)
+
+    @app.exception_handler(DeviceError)
+    async def _(request: Request, error: DeviceError) -> JSONResponse:
+        return _failure(409, str(error), error.cure)
+
+    @app.exception_handler(JournalError)
+    async def _(request: Request, error: JournalError) -> JSONResponse:
+        return _failure(409, str(error), "")
+
+
+def _failure(
+    status: int, what: str, cure: str, problems: list[ProblemOut] | None = None, headers: dict[str, str] | None = None
+) -> JSONResponse:
+    content = Failure(what=what, cure=cure, problems=problems or [])
+    return JSONResponse(content.model_dump(), status, headers)

@@ -1,0 +1,169 @@
+"""Guards of every request: Host and Origin (DNS rebinding, cross-site requests), size of the body, session, headers.
+
+Sources: OWASP Cross-Site Request Forgery Prevention ("Verifying Origin With Standard Headers"); RFC 6265bis (SameSite).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, final
+from urllib.parse import parse_qs, urlencode, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from cellctl.console.sessions import Session, Sessions
+
+LARGEST_BODY = 20_000_000
+"""Bytes of a request's body; a data set of 20 MB has some 100 000 rows."""
+
+_SESSION = "cellctl.session"
+_CONTENT = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
+    "frame-ancestors 'self'; form-action 'self'; base-uri 'self'; object-src 'none'"
+)
+_HEADERS = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "same-origin",
+    "x-frame-options": "SAMEORIGIN",
+    "content-security-policy": _CONTENT,
+}
+
+
+def session_of(scope: Mapping[str, Any]) -> Session:
+    """The session of the browser that sent this request."""
+    found = scope[_SESSION]
+    assert isinstance(found, Session)
+    return found
+
+
+def names_of(host: str, port: int) -> frozenset[str]:
+    """The values of the header Host that address a console at `host` and `port`, in lower case."""
+    hosts = {host, "localhost", "127.0.0.1", "[::1]"} if host in ("127.0.0.1", "localhost", "::1") else {host}
+    names = {f"[{name}]" if ":" in name and not name.startswith("[") else name for name in hosts}
+    return frozenset(f"{name}:{port}".lower() for name in names) | (frozenset(names) if port == 80 else frozenset())
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """Passes a request on if it addresses this console by one of `names` and does not come from another site."""
+
+    app: ASGIApp
+    names: frozenset[str]
+    sessions: Sessions
+    cookie: str
+    largest_body: int = LARGEST_BODY
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or refuse: 421 wrong host, 403 another site or a wrong token, 413 too large."""
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        refusal = self._refusal(scope, headers)
+        if refusal:
+            await _refuse(scope, receive, send, *refusal)
+            return
+        scope[_SESSION] = session = self.sessions.of(_cookie(headers, self.cookie))
+        if scope["type"] == "websocket":
+            await self.app(scope, receive, send)
+            return
+        answer = self._answering(scope, headers, session, send)
+        if (redirect := self._with_token(scope, session)) is not None:
+            await redirect(scope, receive, answer)
+            return
+        await _bounded(self.app, scope, receive, answer, self.largest_body)
+
+    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
+        host = headers.get("host", "").lower()
+        if host not in self.names:
+            return 421, "this console is not known by that name", f"open http://{sorted(self.names)[0]}"
+        origin = headers.get("origin")
+        writes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        if writes and origin is not None and urlsplit(origin).netloc.lower() not in self.names:
+            return 403, "a page of another site sent this request", "use the console's own pages"
+        if writes and headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+            return 403, "a page of another site sent this request", "use the console's own pages"
+        if int(headers.get("content-length") or 0) > self.largest_body:
+            return _too_large(self.largest_body)
+        return None
+
+    def _with_token(self, scope: Scope, session: Session) -> ASGIApp | None:
+        """For a page opened with `?token=`: the session is opened, and the address is shown without the token."""
+        path, query = scope["path"], parse_qs(scope["query_string"].decode(errors="replace"))
+        if "token" not in query or scope["method"] != "GET" or path.startswith(("/api", "/_nicegui")):
+            return None
+        if not self.sessions.open(session, query.pop("token")[0]):
+            return _failure(
+                403, "the token in the address is wrong", "copy the address that the console printed at its start"
+            )
+        left = urlencode(query, doseq=True)
+        return RedirectResponse(f"{path}{'?' if left else ''}{left}", 303)
+
+    def _answering(self, scope: Scope, headers: Headers, session: Session, send: Send) -> Send:
+        known = _cookie(headers, self.cookie) == session.id
+        own = scope["path"].startswith("/_nicegui")
+
+        async def answer(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                out = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    if name not in out:
+                        out[name] = value
+                if not known and not own:
+                    out.append("set-cookie", f"{self.cookie}={session.id}; Path=/; HttpOnly; SameSite=Strict")
+            await send(message)
+
+        return answer
+
+
+async def _bounded(app: ASGIApp, scope: Scope, receive: Receive, send: Send, largest: int) -> None:
+    """Pass the request on; where its body gets larger than stated, the app sees a lost client and this answers 413."""
+    seen = 0
+
+    async def counted() -> Message:
+        nonlocal seen
+        message = await receive()
+        seen += len(message.get("body", b""))
+        return {"type": "http.disconnect"} if seen > largest else message
+
+    async def sent(message: Message) -> None:
+        if seen <= largest:
+            await send(message)
+
+    try:
+        await app(scope, counted, sent)
+    except Exception:
+        if seen <= largest:
+            raise
+    if seen > largest:
+        await _refuse(scope, receive, send, *_too_large(largest))
+
+
+def _too_large(largest: int) -> tuple[int, str, str]:
+    what = f"the upload is larger than {largest / 1e6:g} MB"
+    return 413, what, "reduce it, or use the command line: `cellctl fit` reads files of any size"
+
+
+def _cookie(headers: Headers, name: str) -> str | None:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(name)
+    except CookieError:
+        return None
+    return found.value if found else None
+
+
+def _failure(status: int, what: str, cure: str) -> JSONResponse:
+    return JSONResponse({"what": what, "cure": cure, "problems": []}, status)
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, what: str, cure: str) -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008, "reason": what})
+        return
+    await _failure(status, what, cure)(scope, receive, send)

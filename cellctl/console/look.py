@@ -1,0 +1,124 @@
+"""How the console looks: colours, state words, and the parts that pages share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, final
+
+from nicegui import ui
+
+from cellctl.files import Problem
+
+State = Literal["good", "working", "waiting", "warning", "bad", "off", "unknown"]
+
+CSS = (Path(__file__).parent / "console.css").read_text(encoding="utf-8")
+"""Style of all pages; its classes replace utility classes, which are not loaded."""
+
+COLOURS: Mapping[State, str] = {
+    "good": "#00775a",
+    "working": "#0b5394",
+    "waiting": "#8a5a00",
+    "warning": "#8a5a00",
+    "bad": "#b03a00",
+    "off": "#5f6368",
+    "unknown": "#5f6368",
+}
+"""Dark shades of the Okabe-Ito palette: contrast of 4.5 : 1 or more on white (WCAG 2.2, 1.4.3)."""
+
+_ICONS: Mapping[State, str] = {
+    "good": "check_circle",
+    "working": "play_circle",
+    "waiting": "pending",
+    "warning": "warning",
+    "bad": "error",
+    "off": "radio_button_unchecked",
+    "unknown": "help_outline",
+}
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class StateWord:
+    """A word with icon and colour; `show` changes it."""
+
+    icon: ui.icon
+    label: ui.label
+
+    def show(self, state: State, word: str) -> None:
+        """Show `word` as `state`; an unchanged one sends nothing."""
+        if self.label.text != word:
+            self.label.set_text(word)
+        if self.icon.name != _ICONS[state]:
+            self.icon.set_name(_ICONS[state])
+        style = {"color": COLOURS[state]}
+        if dict(self.icon.style) != style:
+            self.icon.style(replace=f"color: {COLOURS[state]}")
+            self.label.style(replace=f"color: {COLOURS[state]}")
+
+
+def state_word(state: State, word: str, *, large: bool = False) -> StateWord:
+    """A state as icon, colour and word: never the colour alone."""
+    with ui.element("span").classes("state-word large" if large else "state-word"):
+        icon = ui.icon(_ICONS[state]).props("aria-hidden=true").style(f"color: {COLOURS[state]}")
+        label = ui.label(word).style(f"color: {COLOURS[state]}")
+    return StateWord(icon, label)
+
+
+def section(title: str, *, note: str = "") -> ui.element:
+    """A part of a page with its heading; use as a context."""
+    part = ui.element("section").classes("section")
+    with part:
+        ui.html(tag="h2", content="", sanitize=False).classes("section-title").set_content(_escaped(title))
+        if note:
+            ui.label(note).classes("note")
+    return part
+
+
+def facts(rows: Mapping[str, str] | Iterable[tuple[str, str]]) -> dict[str, ui.label]:
+    """Name and value in two columns; the labels of the values by name."""
+    labels: dict[str, ui.label] = {}
+    with ui.element("dl").classes("facts"):
+        for name, value in rows.items() if isinstance(rows, Mapping) else rows:
+            with ui.element("dt"):
+                ui.label(name)
+            with ui.element("dd"):
+                labels[name] = ui.label(value)
+    return labels
+
+
+def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] | None = None) -> ui.element:
+    """Errors, each with place, text and cure. line_of: the line of the file at which a problem is, shown below it."""
+    with ui.element("ul").classes("problems").props("role=alert") as listed:
+        for problem in problems:
+            place = f"{problem.file}:{problem.line}" if problem.line else problem.file
+            with ui.element("li"):
+                ui.label(place).classes("place")
+                ui.label(problem.what).classes("what")
+                if line_of and (line := line_of(problem)):
+                    ui.label(line.strip()).classes("line")
+                if problem.cure:
+                    ui.label(problem.cure).classes("cure")
+    return listed
+
+
+def command_button(
+    text: str, on_click: Callable[..., Any], *, icon: str = "", important: bool = False, dangerous: bool = False
+) -> ui.button:
+    """A button that gives a command. At most one important one in a view; a dangerous one asks before it acts."""
+    button = ui.button(text, on_click=on_click, icon=icon or None, color=None).props("no-caps unelevated")
+    return button.classes("command" + " important" * important + " dangerous" * dangerous)
+
+
+def link_button(text: str, target: str, *, icon: str = "", download: bool = False) -> ui.link:
+    """A link that looks like a button: it changes the page or downloads a file, and commands nothing."""
+    with ui.link(target=target).classes("command linked") as link:
+        if icon:
+            ui.icon(icon).props("aria-hidden=true")
+        ui.label(text)
+    return link.props("download") if download else link
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;")

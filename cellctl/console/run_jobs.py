@@ -1,0 +1,54 @@
+"""What the console does with finished runs and tables in processes of their own: `cellctl.console.worker` calls these.
+
+Each takes a JSON object and what reports a line, and returns JSON.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cellctl.console.worker import Tell
+
+
+def replay(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """Replay the run in the folder `place`."""
+    from cellctl.operations.replay import replay_run
+
+    return replay_run(Path(request["place"]), lambda step: tell({"doing": f"computing {step}", "share": 0.0})).to_json()
+
+
+def report(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """Write the report of the run in the folder `place` again."""
+    from cellctl.report import write_report
+
+    tell({"doing": "writing the report", "share": 0.0})
+    return {"file": write_report(Path(request["place"])).name}
+
+
+def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """Export the run in the folder `place` as `form` to the file `target`."""
+    from cellctl.files import write_atomically
+    from cellctl.operations.export import Form, export_run
+
+    tell({"doing": f"exporting {request['form']}", "share": 0.0})
+    found = export_run(Path(request["place"]), Form(request["form"]))
+    write_atomically(Path(request["target"]), found.content)
+    return {"samples": found.samples, "events": found.events, "missing": list(found.missing)}
+
+
+def look_at_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """What a `TableRequest` would change."""
+    from cellctl.operations.table_actions import TableRequest, look
+
+    tell({"doing": "connecting to the controller", "share": 0.1})
+    return look(TableRequest.from_json(request))
+
+
+def act_on_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """Carry out a `TableRequest`."""
+    from cellctl.operations.table_actions import TableRequest, act
+
+    tell({"doing": "connecting to the controller", "share": 0.1})
+    return act(TableRequest.from_json(request))

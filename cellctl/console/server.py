@@ -1,0 +1,139 @@
+"""Serves the console: application, guards, start and end."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import tempfile
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from importlib import import_module
+from pathlib import Path
+
+from fastapi import FastAPI
+from starlette.types import ASGIApp
+
+from cellctl import __version__
+from cellctl.console.api.answers import answer_errors
+from cellctl.console.audit import Audit
+from cellctl.console.guarding import LARGEST_BODY, Guard, names_of
+from cellctl.console.live import LiveRuns
+from cellctl.console.sessions import Sessions
+from cellctl.console.shared import Console, Settings, use
+from cellctl.files import InputError, Problem
+
+ROUTERS = ("console", "cells", "starting", "running", "analyses")
+"""Modules of `cellctl.console.api` with a `router`."""
+
+PAGES = ("home", "api", "cell", "start")
+"""Modules of `cellctl.console.pages`."""
+
+
+def new_console(settings: Settings, token: str = "") -> Console:
+    """The state of a console. `token`: empty for a new, random one (128 bits)."""
+    return Console(
+        settings, Sessions(token or secrets.token_urlsafe(16)), Audit(settings.runs), LiveRuns(settings.runs)
+    )
+
+
+def api_app(console: Console) -> FastAPI:
+    """The JSON API, without pages and guards; what it follows runs as long as the application."""
+    use(console)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        async with console.following():
+            yield
+
+    app = FastAPI(
+        title="cellctl console",
+        version=__version__,
+        description="Runs, cells, tables and analyses of one folder of runs. mm, deg, s, A, °C unless a name differs.",
+        docs_url=None,
+        redoc_url=None,
+        openapi_url="/api/openapi.json",
+        lifespan=lifespan,
+    )
+    answer_errors(app)
+    for name in ROUTERS:
+        app.include_router(import_module(f"cellctl.console.api.{name}").router)
+    return app
+
+
+def guarded(app: ASGIApp, console: Console, largest_body: int = LARGEST_BODY) -> Guard:
+    """`app` behind the guards of `console`."""
+    settings = console.settings
+    names = names_of(settings.host, settings.port)
+    return Guard(app, names, console.sessions, f"cellctl_console_{settings.port}", largest_body)
+
+
+def console_app(console: Console) -> Guard:
+    """The whole application: API and pages, guarded."""
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir()) / "cellctl-console"))
+    from nicegui import app as pages
+    from nicegui import ui
+
+    from cellctl.console.look import CSS
+
+    app = api_app(console)
+    pages.state.openapi = app.openapi
+    for name in PAGES:
+        import_module(f"cellctl.console.pages.{name}")
+    ui.add_css(CSS, shared=True)
+    ui.run_with(
+        app,
+        title="cellctl",
+        tailwind=False,
+        show_welcome_message=False,
+        language="en-GB",
+        reconnect_timeout=5.0,
+        favicon=_FAVICON,
+    )
+    return guarded(app, console)
+
+
+_FAVICON = (
+    "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'><circle cx='16' cy='16' r='13' fill='none' "
+    "stroke='#0b5394' stroke-width='4'/><circle cx='16' cy='16' r='4' fill='#0b5394'/></svg>"
+)
+
+
+def serve(settings: Settings, announce: Callable[[Console], None], token: str = "") -> None:
+    """Serve the console until Ctrl-C or SIGTERM. `announce` is called when it listens.
+
+    Raises InputError if the address is no single address of this machine, or its port is taken.
+    """
+    import uvicorn
+
+    listening = _listening(settings)
+    console = new_console(settings, token)
+    app = console_app(console)
+    config = uvicorn.Config(app, log_level="warning", ws_max_size=LARGEST_BODY, timeout_graceful_shutdown=2)
+    try:
+        announce(console)
+        uvicorn.Server(config).run(sockets=[listening])
+    except KeyboardInterrupt:  # Ctrl-C is how a console ends
+        pass
+    finally:
+        listening.close()
+
+
+def _listening(settings: Settings) -> socket.socket:
+    """A socket at the address; connections wait in it until the server takes them."""
+    host, port = settings.host, settings.port
+    place = f"--host {host} --port {port}"
+    if host in ("0.0.0.0", "::", ""):
+        what = "stands for all addresses of this machine"
+        raise InputError(Problem(place, 0, 0, what, "name one address, such as 127.0.0.1"))
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.socket(found[0], socket.SOCK_STREAM)
+        if os.name == "posix":
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(found[4])
+        listening.listen(128)
+    except OSError as error:
+        cure = "is another console running? give another port with --port, or an address of this machine with --host"
+        raise InputError(Problem(place, 0, 0, f"cannot listen here: {error.strerror or error}", cure)) from error
+    return listening

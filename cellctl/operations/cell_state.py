@@ -1,0 +1,198 @@
+"""State of a cell: from the run that is active on it, else from the last examination by `doctor`."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, final
+
+from cellctl.clock import calendar_time
+from cellctl.devices import DeviceFault, DeviceLost, DeviceUncertain, DeviceUnreachable
+from cellctl.devices.cell import Cell
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.journal import RunStarted, RunState, read_journal, writer_of
+from cellctl.journal.schema import FILE_NAME
+from cellctl.operations.own_process import json_of_verb
+
+DeviceWord = Literal["in order", "failed", "not known"]
+
+_DOCTOR = "doctor"
+"""Folder beside the runs with the last examination of each cell."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class DeviceState:
+    """A device: what it is, whether it is in order and why not. `latency_ms`: None if not known; `last_error`, `cure`:
+    of its last failure, empty if there is none.
+    """
+
+    name: str
+    address: str
+    state: DeviceWord = "not known"
+    text: str = ""
+    model: str = ""
+    serial: str = ""
+    firmware: str = ""
+    latency_ms: float | None = None
+    last_error: str = ""
+    cure: str = ""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class CellState:
+    """A cell. `emergency_stop`, `guard`: `closed`, `open` or `not known`; `mode`: the robot's operating mode.
+
+    `source`: where this is from: `run NAME`, `doctor`, or empty: nothing is known yet. `at`: of that, UTC.
+    """
+
+    name: str
+    file: Path
+    simulated: bool
+    devices: tuple[DeviceState, ...]
+    emergency_stop: str = "not known"
+    guard: str = "not known"
+    mode: str = "not known"
+    source: str = ""
+    at: str = ""
+    run: str = ""
+
+
+def cell_state(cell: Cell, run: tuple[str, RunState] | None, doctor: Mapping[str, Any] | None) -> CellState:
+    """The state of `cell`: from the name and state of the run that is active on it, else from the last `doctor`."""
+    listed = {device: str(address) for device, address in cell.addresses.items()}
+    if run:
+        name, state = run
+        devices = tuple(_in_run(device, address, state) for device, address in listed.items())
+        inputs = [health.inputs for health in state.health.values()]
+        modes = [health.mode for health in state.health.values()]
+        source, at = f"run {name}", state.calendar
+    else:
+        found = {one["name"]: one for one in doctor["devices"]} if doctor else {}
+        devices = tuple(_examined(device, address, found.get(device)) for device, address in listed.items())
+        inputs = [one.get("inputs", {}) for one in found.values()]
+        modes = [one.get("mode", "") for one in found.values()]
+        source, at = ("doctor", doctor["at"]) if doctor else ("", "")
+    emergency_stop, guard, mode = _safety(inputs, modes)
+    return CellState(
+        cell.name,
+        cell.path,
+        cell.simulated,
+        devices,
+        emergency_stop=emergency_stop,
+        guard=guard,
+        mode=mode,
+        source=source,
+        at=at,
+        run=run[0] if run else "",
+    )
+
+
+def run_on(cell: Path, runs: Path) -> str:
+    """The name of the run in `runs` that is active on the cell of this file; empty: none is."""
+    text = _text(cell)
+    for journal in sorted(runs.glob(f"*/{FILE_NAME}")):
+        if writer_of(journal) and _is_of(journal, text):
+            return journal.parent.name
+    return ""
+
+
+def is_on(state: RunState, cell_text: str) -> bool:
+    """Whether a run with this state was started on the cell whose file has this text."""
+    return state.started is not None and state.started.cell.text == cell_text
+
+
+async def examine_cell(cell: Path, runs: Path) -> dict[str, Any]:
+    """Examine the cell's devices by `cellctl doctor` in a process of its own; nothing moves; `runs` keeps the result.
+
+    Raises InputError if a run is active on the cell, or for errors in the cell file.
+    """
+    if active := run_on(cell, runs):
+        what = f"run {active} is active on this cell, and holds its devices"
+        raise InputError(Problem(str(cell), 0, 0, what, "examine the cell when the run has ended"))
+    found, said = await json_of_verb("doctor", ["--json=-", "--", str(cell)])
+    if found is None:
+        raise InputError(Problem(str(cell), 0, 0, said or "the examination ended without a result"))
+    result = {**found, "at": calendar_time()}
+    file = _doctor_file(found["cell"], runs)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(file, json.dumps(result, ensure_ascii=False))
+    return result
+
+
+def last_examination(cell: Cell, runs: Path) -> dict[str, Any] | None:
+    """The last examination of `cell`; None if there is none that is readable."""
+    try:
+        found: dict[str, Any] = json.loads(_doctor_file(cell.name, runs).read_text(encoding="utf-8"))
+        return found if found["devices"] is not None and found["at"] else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _doctor_file(cell: str, runs: Path) -> Path:
+    return runs / _DOCTOR / f"{re.sub(r'[^A-Za-z0-9_-]+', '_', cell)}.json"
+
+
+def _text(cell: Path) -> str:
+    try:
+        return cell.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise InputError(Problem(str(cell), 0, 0, f"cannot be read: {error}", "check the path")) from error
+
+
+def _is_of(journal: Path, text: str) -> bool:
+    first = next(iter(read_journal(journal)), None)
+    return bool(first and isinstance(first.event, RunStarted) and first.event.cell.text == text)
+
+
+_OUT_OF_ORDER = {error.__name__ for error in (DeviceUnreachable, DeviceLost, DeviceUncertain, DeviceFault)}
+"""Failures after which a device counts as failed; others (no contact, target lost) are results of a measurement."""
+
+
+def _in_run(device: str, address: str, state: RunState) -> DeviceState:
+    identity, health = state.identities.get(device, {}), state.health.get(device)
+    failure = state.device_failures.get(device)
+    failed = bool(failure and failure.error in _OUT_OF_ORDER) or bool(health and not health.ok)
+    return DeviceState(
+        device,
+        address,
+        state="failed" if failed else "in order" if health else "not known",
+        text=health.text if health else "",
+        model=identity.get("model", ""),
+        serial=identity.get("serial", ""),
+        firmware=identity.get("firmware", ""),
+        latency_ms=health.latency_ms if health else None,
+        last_error=failure.text.partition(": ")[2].partition("\n")[0] if failure else "",
+        cure=failure.cure if failure else "",
+    )
+
+
+def _examined(device: str, address: str, found: Mapping[str, Any] | None) -> DeviceState:
+    if found is None:
+        return DeviceState(device, address)
+    identity = found["identity"] or {}
+    return DeviceState(
+        device,
+        address,
+        state="in order" if found["healthy"] else "failed",
+        text=found["health"] or "",
+        model=identity.get("model", ""),
+        serial=identity.get("serial", ""),
+        firmware=identity.get("firmware", ""),
+        latency_ms=found["latency_ms"],
+        last_error=found["what"],
+        cure=found["cure"],
+    )
+
+
+def _safety(reported: Iterable[Mapping[str, bool]], modes: Iterable[str]) -> tuple[str, str, str]:
+    """Emergency stop, guard and operating mode, from the inputs that devices reported; names as of `CellIO`."""
+    inputs = {name: value for each in reported for name, value in each.items()}
+    chain = {True: "closed", False: "open", None: "not known"}
+    key = {True: "AUTO (key switch)", False: "not AUTO (key switch)", None: "not known"}
+    mode = next(filter(None, modes), "") or key[inputs.get("mode_auto")]
+    return chain[inputs.get("emergency_stop_ok")], chain[inputs.get("guard_closed")], mode

@@ -1,0 +1,142 @@
+"""What a form for a run needs: procedures and cells by name, parameters with limits, errors at their line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, final
+
+from cellctl.files import InputError, Problem, load_yaml
+from cellctl.operations.own_process import json_of_verb
+from cellctl.operations.shipped import shipped_names
+from cellctl.procedure import Confirm, Parameter, Procedure, load_procedure, resolve_parameters, walk
+
+_OWN_FOLDERS = (".", "procedures", "cells")
+"""Folders below the working folder in which a user's own procedures and cells are found."""
+
+_FIRST_KEY = {"procedure": re.compile(r"^procedure:", re.MULTILINE), "cell": re.compile(r"^devices:", re.MULTILINE)}
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class FileChoice:
+    """A procedure or cell to choose. `title`: its description; `shipped`: it comes with cellctl.
+
+    `cell`: a procedure's default cell, empty for none; `simulated`: of a cell, None for a procedure.
+    """
+
+    name: str
+    file: Path
+    title: str
+    shipped: bool
+    cell: str = ""
+    simulated: bool | None = None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ProcedureForm:
+    """A procedure to fill in: its parameters, the texts that an operator confirms, its errors, its text by line."""
+
+    name: str
+    title: str
+    file: Path
+    cell: Path | None
+    parameters: Mapping[str, Parameter]
+    confirms: tuple[str, ...]
+    problems: tuple[Problem, ...]
+    lines: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """Errors and warnings of procedure, cell and settings. `cell`: its name, and `devices`, if there is no error."""
+
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...] = ()
+    cell: str = ""
+    devices: tuple[str, ...] = ()
+
+
+def choices(kind: Literal["procedure", "cell"], named: Path | None = None) -> dict[str, FileChoice]:
+    """The procedures or cells to choose by name: `named`, the user's own below the working folder, the shipped ones.
+
+    An unreadable file is listed with its first error as the title.
+    """
+    own = {file.stem: file for folder in _OWN_FOLDERS for file in sorted(Path(folder).glob("*.yaml"))}
+    files = {**({named.stem: named} if named else {}), **{name: file for name, file in own.items() if _is(kind, file)}}
+    found = {name: _choice(kind, name, file, shipped=False) for name, file in files.items()}
+    for name, file in shipped_names(kind).items():
+        if name not in found or file.samefile(found[name].file):
+            found[name] = _choice(kind, name, file, shipped=True)
+    return found
+
+
+def form_of(file: Path) -> ProcedureForm:
+    """The form of a procedure file. Raises InputError if it is not readable YAML."""
+    procedure = load_procedure(file)
+    return ProcedureForm(
+        procedure.name,
+        procedure.title,
+        file,
+        procedure.cell,
+        procedure.parameters,
+        tuple(action.text for action in walk(procedure.steps) if isinstance(action, Confirm)),
+        procedure.problems,
+        tuple(procedure.text.splitlines()),
+    )
+
+
+def setting_problem(procedure: Procedure, name: str, text: str) -> Problem | None:
+    """The error of `text` for the parameter `name`; None if it is valid."""
+    try:
+        resolve_parameters(procedure, [f"{name}={text}"])
+    except InputError as error:
+        mine = [problem for problem in error.problems if problem.file.startswith(f"--set {name}=")]
+        return mine[0] if mine else None
+    return None
+
+
+async def check(procedure: Path, cell: Path | None, settings: Sequence[str]) -> Checked:
+    """All errors of a procedure with its cell and settings, found by `cellctl check` in a process of its own.
+
+    The check computes for seconds (it tries what the steps would refuse); it opens no device, and nothing moves.
+    """
+    options = [f"--cell={cell}"] if cell else []
+    words = [*options, *(f"--set={setting}" for setting in settings), "--json=-", "--", str(procedure)]
+    data, said = await json_of_verb("check", words)
+    if data is None:
+        return Checked((Problem(str(procedure), 0, 0, said or "the check ended without a result"),))
+    problems, warnings = (tuple(Problem(**one) for one in data.get(name, [])) for name in ("mistakes", "warnings"))
+    return Checked(problems, warnings, data.get("cell", ""), tuple(data.get("devices", ())))
+
+
+def line_of(problem: Problem) -> str:
+    """The line of the file that `problem` names; empty if it names none, or the file is not readable."""
+    try:
+        lines = Path(problem.file).read_text(encoding="utf-8").splitlines() if problem.line else []
+    except (OSError, ValueError):
+        return ""
+    return lines[problem.line - 1] if problem.line <= len(lines) and lines else ""
+
+
+def _is(kind: Literal["procedure", "cell"], file: Path) -> bool:
+    try:
+        return bool(_FIRST_KEY[kind].search(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return False
+
+
+def _choice(kind: Literal["procedure", "cell"], name: str, file: Path, *, shipped: bool) -> FileChoice:
+    try:
+        data = load_yaml(file).data
+    except InputError as error:
+        return FileChoice(name, file, error.problems[0].what, shipped)
+    data = data if isinstance(data, dict) else {}
+    if kind == "cell":
+        return FileChoice(name, file, str(data.get("name", name)), shipped, simulated="simulate" in data)
+    cell = Path(str(data["cell"])).stem if "cell" in data else ""
+    return FileChoice(name, file, str(data.get("title", name)), shipped, cell)

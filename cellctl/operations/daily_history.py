@@ -1,0 +1,178 @@
+"""Histories of daily checks: what the runs of a folder measured, as control charts. Reads journals alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
+
+from cellctl.files import InputError, canonical_json
+from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal
+from cellctl.records import VerdictRow
+
+if TYPE_CHECKING:
+    from cellctl.metrology import ControlChart
+
+POINTS, SECTION = "daily points", "daily"
+"""Kind of the row of a check's points, and the field of its verdict; `procedures/steps/daily/rows.py` has both."""
+
+_SAME = ("baseline", "robot", "payload_kg", "accuracy", "commanded", "nest_names")
+"""Fields of the points that are equal in all checks that can be compared."""
+
+_FIELDS = (*_SAME, "points", "nests", "spread")
+
+_Found: TypeAlias = "tuple[DailyCheck, Mapping[str, Any]]"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class DailyCheck:
+    """A finished check: its verdict, and the statistics by which it was judged; None before the baseline was complete.
+
+    began: ISO 8601. needed: runs of the baseline that its procedure asks for.
+    """
+
+    run: str
+    began: str
+    verdict: str
+    sentence: str
+    needed: int
+    t2: float | None = None
+    t2_limit: float | None = None
+    ewma: float | None = None
+    ewma_limit: float | None = None
+
+
+@final
+@dataclass(frozen=True)
+class DailyHistory:
+    """The checks of one robot that can be compared, oldest first. baseline: its name; payload_kg; accuracy: profile.
+
+    charts: a control chart, mm, for each way in which the points move together (`x` … `turn z`, `scale`; a turn and
+    the scale as RMS motion of the points), about the mean of the baseline; none for fewer than two checks.
+    """
+
+    robot: str
+    baseline: str
+    payload_kg: float
+    accuracy: str
+    checks: tuple[DailyCheck, ...]
+    charts: Mapping[str, ControlChart]
+
+    @classmethod
+    def of(cls, found: Sequence[_Found], baseline_runs: int | None = None) -> Self:
+        """From checks and their points, in any order. baseline_runs: None: as many as the last check's procedure."""
+        ordered = sorted(found, key=lambda pair: (pair[0].began, pair[0].run))
+        checks, days = tuple(pair[0] for pair in ordered), [pair[1] for pair in ordered]
+        day = days[0]
+        charts = _charts(days, baseline_runs or checks[-1].needed)
+        return cls(day["robot"], day["baseline"], day["payload_kg"], day["accuracy"], checks, charts)
+
+    @property
+    def provisional(self) -> bool:
+        """Whether the baseline is not complete, so that the limits still change with each check."""
+        return len(self.checks) < self.checks[-1].needed
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON has it; the first moving range of a chart is null."""
+        from dataclasses import asdict
+
+        names = ("robot", "baseline", "payload_kg", "accuracy", "provisional")
+        charts = [{"name": name, "unit": "mm", **_json(chart)} for name, chart in self.charts.items()]
+        return {
+            **{name: getattr(self, name) for name in names},
+            "checks": [asdict(check) for check in self.checks],
+            "charts": charts,
+        }
+
+
+@final
+@dataclass(frozen=True)
+class DailyHistories:
+    """All histories in a folder of runs; left_out: name of a check that could not be read, and why."""
+
+    histories: tuple[DailyHistory, ...]
+    left_out: tuple[tuple[str, str], ...]
+
+
+def daily_histories(runs: Path, baseline_runs: int | None = None) -> DailyHistories:
+    """The histories of the finished daily checks in the folder `runs`, the one with the latest check first.
+
+    baseline_runs: number of first checks that give the limits, at least 2; None: as the procedure of the last check
+    says.
+    """
+    groups: dict[str, list[_Found]] = {}
+    left_out: list[tuple[str, str]] = []
+    for found in _finished_checks(runs, left_out):
+        groups.setdefault(canonical_json([found[1][name] for name in _SAME]), []).append(found)
+    histories = []
+    for group in groups.values():
+        try:
+            histories.append(DailyHistory.of(group, baseline_runs))
+        except (ValueError, KeyError) as error:
+            left_out += [(check.run, f"its points cannot be compared: {error}") for check, _ in group]
+    histories.sort(key=lambda history: history.checks[-1].began, reverse=True)
+    return DailyHistories(tuple(histories), tuple(sorted(left_out)))
+
+
+def _finished_checks(runs: Path, left_out: list[tuple[str, str]]) -> Iterator[_Found]:
+    """Each finished check and its points; those that cannot be read are added to `left_out`."""
+    for journal in sorted(runs.glob("*/journal.sqlite")):
+        try:
+            found = _check_in(journal)
+        except (InputError, JournalError, KeyError, TypeError):
+            left_out.append((journal.parent.name, "its journal is damaged"))
+        else:
+            if found:
+                yield found
+
+
+def _check_in(journal: Path) -> _Found | None:
+    """The check of the journal; None if it is another campaign's, or one that did not finish.
+
+    Raises KeyError where its row lacks a field.
+    """
+    first = next(read_journal(journal), None)
+    if first is None or not isinstance(first.event, RunStarted) or SECTION not in (first.event.section or ()):
+        return None
+    state = fold(read_journal(journal))
+    rows = state.data_of(POINTS)
+    if state.state != "finished" or not rows:
+        return None
+    day = {name: rows[-1]["day"][name] for name in _FIELDS}
+    return _check(journal.parent.name, first.event, state), day
+
+
+def _check(run: str, started: RunStarted, state: RunState) -> DailyCheck:
+    verdict = state.data_of(VerdictRow.KIND)[-1:]
+    said: Mapping[str, Any] = verdict[0] if verdict else {}
+    figures = said.get(SECTION) or {}
+    statistics = {name: figures.get(name) for name in ("t2", "t2_limit", "ewma", "ewma_limit")}
+    needed = figures.get("baseline_needed", 20)
+    return DailyCheck(run, started.calendar, said.get("verdict", ""), said.get("sentence", ""), needed, **statistics)
+
+
+def _charts(days: Sequence[Mapping[str, Any]], baseline: int) -> dict[str, ControlChart]:
+    if len(days) < 2:
+        return {}
+    from cellctl.metrology import control_chart
+    from cellctl.metrology.daily_check import RIGID_AND_SCALE, deviations, in_one_frame
+
+    points = in_one_frame(*([day[name] for day in days] for name in ("points", "nests", "spread")))
+    columns = deviations(points, baseline).T
+    return {name: control_chart(values, baseline) for name, values in zip(RIGID_AND_SCALE, columns, strict=True)}
+
+
+def _json(chart: ControlChart) -> dict[str, Any]:
+    lower, upper = chart.limits
+    return {
+        "values": chart.values.tolist(),
+        "ranges": [None, *chart.ranges[1:].tolist()],
+        "baseline": chart.baseline,
+        "centre": chart.centre,
+        "lower": lower,
+        "upper": upper,
+        "range_limit": chart.range_limit,
+        "signals": [[str(rule) for rule in rules] for rules in chart.signals],
+    }

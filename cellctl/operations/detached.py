@@ -1,0 +1,134 @@
+"""Starts and resumes runs in a process of their own, which goes on when the process that started it ends."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from cellctl.clock import WallClock
+from cellctl.devices.cell import ClockMode
+from cellctl.files import InputError, Problem
+from cellctl.journal import JournalError, RunState, fold, last_number, read_journal, writer_of
+from cellctl.journal.schema import FILE_NAME
+from cellctl.operations.checking import check
+from cellctl.operations.results import OUTPUT_NAME, new_run_folder
+from cellctl.procedure import load_procedure
+
+_PATIENCE_S = 180.0
+"""Wall time for the checks and the start of the simulators. If the process ends, the wait ends at once."""
+
+_LOOK_EVERY_S = 0.1
+_MOST_OUTPUT = 4000
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RunOrder:
+    """What to run: procedure and cell file (None: the procedure's), `name=value` settings, seed, clock."""
+
+    procedure: Path
+    cell: Path | None = None
+    settings: tuple[str, ...] = ()
+    seed: int | None = None
+    clock: ClockMode | None = None
+
+    def arguments(self) -> list[str]:
+        """The arguments of `cellctl run`."""
+        options = {"cell": self.cell, "seed": self.seed, "clock": self.clock}
+        given = [f"--{name}={value}" for name, value in options.items() if value is not None]
+        return [*given, *(f"--set={setting}" for setting in self.settings), "--", str(self.procedure)]
+
+
+async def start_detached(order: RunOrder, runs: Path, operator: str) -> Path:
+    """Start a run in a new folder of `runs`; returns the folder once the journal has the run's start.
+
+    operator: who starts it, for the journal. The output is in `output.txt` of the folder.
+    Raises InputError with all errors in procedure, cell and settings; the folder is removed then.
+    """
+    folder = new_run_folder(runs.absolute(), load_procedure(order.procedure).name or "run")
+    process = _started(folder, [f"--folder={folder}", f"--operator={operator}", *order.arguments()])
+    if not await _begun(process, folder, 0):
+        said = _output(folder)
+        shutil.rmtree(folder, ignore_errors=True)
+        problems = (await check(order.procedure, order.cell, order.settings)).problems
+        raise InputError(problems or Problem(str(order.procedure), 0, 0, f"the run did not begin: {said}"))
+    return folder
+
+
+async def resume_detached(folder: Path, operator: str, *, acknowledged: bool) -> None:
+    """Continue the run in `folder` at the step that it did not finish; returns once the journal has the resumption.
+
+    acknowledged: a person checked the cell (see `question_of`). Raises InputError if the run cannot be continued.
+    """
+    seen = last_number(folder)
+    started = _state_of(folder).started
+    if started is None:
+        raise InputError(Problem(str(folder), 0, 0, "this run ended before it began: nothing was moved", "start anew"))
+    missing = [file for file in (started.procedure.path, started.cell.path) if not Path(file).is_file()]
+    if missing:
+        cure = "continue it in the folder in which it was begun: `cellctl run PROCEDURE --resume RUN`"
+        raise InputError([Problem(file, 0, 0, "is not found from here", cure) for file in missing])
+    order = RunOrder(Path(started.procedure.path), Path(started.cell.path))
+    resumed = [f"--resume={folder.absolute()}", *(["--acknowledge"] if acknowledged else [])]
+    process = _started(folder, [*resumed, f"--operator={operator}", *order.arguments()])
+    if not await _begun(process, folder, seen):
+        raise InputError(Problem(folder.name, 0, 0, f"the run did not continue: {_output(folder)}"))
+
+
+def question_of(folder: Path) -> str:
+    """What a person has to check before the run in `folder` may continue, as text; empty: nothing. JournalError."""
+    from cellctl.operations.resume import uncertainty  # imports the results of campaigns
+
+    return uncertainty(_state_of(folder))
+
+
+def _state_of(folder: Path) -> RunState:
+    return fold(read_journal(folder))
+
+
+def _started(folder: Path, arguments: list[str]) -> subprocess.Popen[bytes]:
+    """`cellctl run` with a session of its own; a thread waits for its end, so that it leaves no zombie."""
+    command = [sys.executable, "-P", "-m", "cellctl", "run", "--detached", *arguments]
+    with (folder / OUTPUT_NAME).open("ab") as output:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+        )
+    threading.Thread(target=process.wait, name=f"end of {folder.name}", daemon=True).start()
+    return process
+
+
+async def _begun(process: subprocess.Popen[bytes], folder: Path, seen: int) -> bool:
+    """Whether the run's journal gets an event after event `seen`, rather than that the process ends without one."""
+    clock = WallClock()
+    until = clock.now() + _PATIENCE_S
+    while clock.now() < until:
+        ended = process.poll() is not None
+        if (ended or writer_of(folder)) and _last(folder) > seen:
+            return True
+        if ended:
+            return False
+        await clock.sleep(_LOOK_EVERY_S)
+    process.terminate()
+    return False
+
+
+def _last(folder: Path) -> int:
+    """The last event's number; 0 as long as there is no journal."""
+    try:
+        return last_number(folder) if (folder / FILE_NAME).exists() else 0
+    except JournalError:  # it is just being made
+        return 0
+
+
+def _output(folder: Path) -> str:
+    """The end of what the process printed."""
+    try:
+        text = (folder / OUTPUT_NAME).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return "it printed nothing"
+    return text[-_MOST_OUTPUT:].strip().removeprefix("cellctl: ") or "it printed nothing"

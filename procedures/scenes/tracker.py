@@ -1,0 +1,111 @@
+"""Poses with an instrument: where the reflectors were measured, and their residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.console.scene.points import Points, Role, SceneRun, SceneSource
+from cellctl.kinematics import Floats
+from procedures.steps.iso9283.rows import IsoPoseRow
+from procedures.steps.tracker.rows import (
+    CompensatedRow,
+    NestRow,
+    PoseRow,
+    ReturnRow,
+    StationRow,
+    TargetErrorsRow,
+    TurnRow,
+    VisitedRow,
+)
+from procedures.steps.tracker.sessions import Sessions
+
+_LEAST = 6
+"""Poses from which the instrument is placed by them for a preliminary residual."""
+
+_ROLES = {"fit": Role.FIT, "test": Role.HELD_OUT, "compensated": Role.TARGET, "cube": Role.TARGET}
+
+
+def points(run: SceneRun) -> list[Points]:
+    """Poses, compensated targets, turns and returns; those of the plans that are not measured yet come last."""
+    groups = list(_poses(run))
+    groups += _targets(run)
+    for name, kind in (("turn", TurnRow), ("return", ReturnRow), ("pose of the cube", IsoPoseRow)):
+        rows, seq = run.rows(kind)
+        role = Role.TARGET if kind is IsoPoseRow else Role.CHECK
+        groups += _group(run, name, role, rows, seq)
+    return [*groups, *_coming(run)]
+
+
+def found(run: SceneRun) -> Mapping[str, Floats]:
+    """The instrument's frame in the robot's base frame, and the nests as they were measured last."""
+    stations, _ = run.rows(StationRow)
+    nests, _ = run.rows(NestRow)
+    if not stations:
+        return {}
+    station = np.array(stations[-1].matrix)
+    return {"station": station} | {row.nest: _in_base(station, [row.point.xyz])[0] for row in nests}
+
+
+def _in_base(station: Floats, places: ArrayLike) -> Floats:
+    return np.asarray(np.reshape(places, (-1, 3)) @ station[:3, :3].T + station[:3, 3])
+
+
+def _at(run: SceneRun, rows: Sequence[VisitedRow]) -> Floats:
+    """Places of the reflectors (N, 3) by the nominal robot, base frame, mm."""
+    by_name = {name: run.setting.reflector(name, [row.joints for row in rows]) for name in {r.reflector for r in rows}}
+    return np.array([by_name[row.reflector][index] for index, row in enumerate(rows)])
+
+
+def _group(
+    run: SceneRun, name: str, role: Role, rows: Sequence[VisitedRow], seq: Floats, **columns: Floats
+) -> Iterator[Points]:
+    if rows:
+        yield Points.of(name, role, [row.number for row in rows], _at(run, rows), seq=seq, **columns)
+
+
+def _poses(run: SceneRun) -> Iterator[Points]:
+    rows, seq = run.rows(PoseRow)
+    before, after = run.residuals([row.joints for row in rows])
+    if np.isnan(before).all() and len(rows) >= _LEAST:
+        before = _preliminary(run, rows)
+    for every in _group(run, "pose", Role.FIT, rows, seq, before=before, after=after):
+        fit = np.array([row.set == "fit" for row in rows])
+        yield from every.parts({Role.FIT: fit, Role.HELD_OUT: ~fit})
+
+
+def _preliminary(run: SceneRun, rows: Sequence[PoseRow]) -> Floats:
+    """Distance of each measured place from the nominal robot's (N,), mm, the instrument placed by these poses."""
+    nominal, measured = _at(run, rows), np.array([row.point.xyz for row in rows])
+    return np.asarray(np.linalg.norm(_in_base(rigid_fit(measured, nominal), measured) - nominal, axis=1))
+
+
+def _targets(run: SceneRun) -> Iterator[Points]:
+    """Targets by the table in force: measured less intended place."""
+    rows, seq = run.rows(CompensatedRow)
+    sessions = Sessions.of(run.state)
+    places = [sessions.place(row) for row in rows]
+    error = [
+        np.nan if at is None else float(np.linalg.norm(at - row.target)) for at, row in zip(places, rows, strict=True)
+    ]
+    known = {n: s for each in run.rows(TargetErrorsRow)[0] for n, s in zip(each.number, each.sigma, strict=True)}
+    sigma = np.array([known.get(row.number, np.nan) for row in rows])
+    yield from _group(run, "compensated target", Role.TARGET, rows, seq, after=np.array(error), sigma=sigma)
+
+
+def _coming(run: SceneRun) -> Iterator[Points]:
+    kinds: tuple[type[VisitedRow], ...] = (PoseRow, CompensatedRow, TurnRow, IsoPoseRow)
+    done = [(row.number, row.commanded) for kind in kinds for row in run.rows(kind)[0]]
+    plans = [plan for plan in run.planned("poses") if "reflector" in plan and "joints" in plan]
+    coming = [plan for plan in plans if (plan["number"], tuple(plan["joints"])) not in set(done)]
+    for role in Role:
+        mine = [plan for plan in coming if _ROLES.get(plan["kind"], Role.CHECK) is role]
+        if mine:
+            at = [run.setting.reflector(plan["reflector"], [plan["joints"]])[0] for plan in mine]
+            yield Points.of(f"planned {mine[0]['kind']} pose", role, [plan["number"] for plan in mine], at)
+
+
+SOURCE = SceneSource(points=points, found=found)

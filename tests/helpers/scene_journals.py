@@ -1,0 +1,166 @@
+"""Journals for the console's scene, made here event by event: touches on spheres, and poses with a tracker.
+
+The nominal robot of the touches touches the spheres exactly; joints are found by the tests' own arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from own_arm import Floats, OwnArm, kr5
+from report_rows import SEARCH
+from scipy.spatial.transform import Rotation
+from simulated_setups import KR5_SIGNS
+
+from cellctl.journal import Entry, Outcome, Recorded, RunStarted, RunState, SourceFile, StepEnded, StepStarted, fold
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
+SPHERE_CELL = ROOT / "procedures" / "cells" / "sphere_cell.yaml"
+TRACKER_CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"
+SPHERES = {"S1": (950.0, -350.0, 250.0), "S2": (950.0, 350.0, 250.0), "S3": (1150.0, 0.0, 400.0)}
+REACH = 61.4 / 2 + 0.6
+START = KR5_SIGNS * np.radians([0.0, -70.0, 80.0, 0.0, 60.0, 0.0])
+
+
+@dataclass
+class MadeJournal:
+    """Events of a run, in order."""
+
+    cell: Path = SPHERE_CELL
+    events: list[Any] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        robot, cell = (SourceFile(str(path), path.read_text(), "") for path in (ROBOT, self.cell))
+        procedure = SourceFile("made.yaml", "procedure: made\n", "")
+        self.events.append(RunStarted(procedure, cell, {}, 1, "lockstep", "", "", "", {}, robot))
+
+    def step(self, name: str, result: Any = None) -> None:
+        """A step that is done."""
+        self.events += [StepStarted(name, 1, False), StepEnded(name, 1, Outcome.DONE, result)]
+
+    def row(self, kind: str, data: dict[str, Any]) -> None:
+        """A row that counts."""
+        self.events.append(Recorded(kind, data))
+
+    def state(self) -> RunState:
+        """The fold of all events."""
+        return fold(Entry(seq, seq, event) for seq, event in enumerate(self.events, 1))
+
+
+def readings_at(places: Floats, arm: OwnArm | None = None) -> list[list[float]]:
+    """Readings, deg, that put the nominal TCP (or that of `arm`) at `places` (N, 3), mm."""
+    q = (arm or kr5()).reaching(np.asarray(places), np.tile(START, (len(places), 1)))
+    return np.round(np.degrees(q) * KR5_SIGNS, 9).tolist()
+
+
+def touch_places(count: int) -> tuple[list[str], Floats, Floats]:
+    """Spheres, places (N, 3) of the TCP at contact, and normals (N, 3)."""
+    random = np.random.default_rng(3)
+    names = [f"S{number % 3 + 1}" for number in range(count)]
+    tilt, around = random.uniform(0.1, 1.3, count), random.uniform(-np.pi, np.pi, count)
+    normals = np.stack([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)], axis=1)
+    return names, np.array([SPHERES[name] for name in names]) + REACH * normals, normals
+
+
+def touch_row(number: int, sphere: str, readings: Sequence[float]) -> dict[str, Any]:
+    """A touch as its step records it; every fourth is held out."""
+    held_out = number % 4 == 3
+    joints = list(readings)
+    return {"number": number, "sphere": sphere, "set": "test" if held_out else "fit", "joints": joints, **SEARCH} | {
+        "resting": joints
+    }
+
+
+def touch_run(planned: int, measured: int) -> MadeJournal:
+    """A run that has planned touches and measured the first ones."""
+    names, places, normals = touch_places(planned)
+    readings, beyond = readings_at(places), readings_at(places - 8.0 * normals)
+    made = MadeJournal()
+    plans = [
+        {"number": number, "sphere": name, "set": touch_row(number, name, [])["set"], "end": end}
+        for number, (name, end) in enumerate(zip(names, beyond, strict=True))
+    ]
+    made.step("plan", {"touches": plans})
+    for number in range(measured):
+        made.row("touch", touch_row(number, names[number], readings[number]))
+    return made
+
+
+def residuals_row(
+    readings: Sequence[Sequence[float]], before: Sequence[float], after: Sequence[float]
+) -> dict[str, Any]:
+    """The stored residuals of rows with these readings, each along z, mm."""
+    n = len(readings)
+    along_z = ([[0.0, 0.0, value] for value in values] for values in (before, after))
+    none, zeros = [None] * n, [0] * n
+    return {
+        **dict.fromkeys(("line", "row", "session"), zeros),
+        **dict.fromkeys(("number", "point"), [""] * n),
+        **dict.fromkeys(("on_sphere", "held_out", "outlier"), [False] * n),
+        "readings": [list(each) for each in readings],
+        **dict.fromkeys(("tip", "tip_base", "normal", "turn"), [[None] * 3] * n),
+        "before": next(along_z),
+        "after": next(along_z),
+        **dict.fromkeys(("signed_before", "signed_after", "p_value"), none),
+        **dict.fromkeys(("joint_before", "joint_after", "scaled"), [[None] * 6] * n),
+    }
+
+
+STATION = np.eye(4)
+STATION[:3, :3], STATION[:3, 3] = Rotation.from_euler("Z", 150.0, degrees=True).as_matrix(), [3390.0, -1190.0, 905.0]
+"""The instrument in the robot's base frame, some mm from where the cell file says."""
+
+REFLECTOR = (120.0, 0.0, 80.0)
+"""R1 of the shipped cell, in the flange frame, mm."""
+
+
+def reflector_arm() -> OwnArm:
+    """The robot with its first reflector as the tool."""
+    tool = np.eye(4)
+    tool[:3, 3] = REFLECTOR
+    return OwnArm(kr5().table, frozenset({2}), tool=tool)
+
+
+def seen(place: Floats) -> list[float]:
+    """A place (3,) of the base frame in the instrument's."""
+    return (STATION[:3, :3].T @ (np.asarray(place) - STATION[:3, 3])).tolist()
+
+
+def visited_row(number: int, readings: Sequence[float], xyz: Sequence[float]) -> dict[str, Any]:
+    """A measured reflector as its step records it; xyz: in the instrument's frame, mm."""
+    small = (np.eye(3) * 1e-4).tolist()
+    point = {
+        "xyz": list(xyz),
+        **dict.fromkeys(("covariance", "common"), small),
+        "scatter": [0.01] * 3,
+        **dict.fromkeys(("samples", "faces"), 1),
+        **dict.fromkeys(("hz_rad", "v_rad", "range_mm"), 0.0),
+        **dict.fromkeys(("time_ns", "device_ms"), 0),
+        "levelled": True,
+        "weather": None,
+        "accuracy": "made",
+        "noise_only": True,
+        "warnings": [],
+    }
+    return {
+        "number": number,
+        "reflector": "R1",
+        "joints": list(readings),
+        "commanded": list(readings),
+        "direction": [1] * 6,
+        "visit": 1,
+        "arm_c": None,
+        "currents": None,
+        "point": point,
+        "attempt": 1,
+    }
+
+
+def station_row() -> dict[str, Any]:
+    """The instrument, found by axes turned."""
+    return {"session": "1", "source": "axes turned", "matrix": STATION.tolist()}
