@@ -77,7 +77,7 @@ class _Line:
             with ui.element("div").classes("words"):
                 self._title = ui.label()
                 self._note = ui.label().classes("note")
-            self._progress = ui.label().classes("progress")
+            self._progress = ui.label().classes("passes")
             self._state = ui.label().classes("state")
 
     def show(self, row: TreeRow | None) -> None:
