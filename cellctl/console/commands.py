@@ -21,6 +21,9 @@ from cellctl.operations.detached import RunOrder, resume_detached, start_detache
 examinations = Subscribers()
 """Who is called when the examination of a cell (path of its file) begins or has ended."""
 
+_LONGEST_NAME = 200
+"""Characters of the name of a run."""
+
 _examined: set[Path] = set()
 """Files of the cells whose devices are being examined now."""
 
@@ -28,9 +31,16 @@ _examined: set[Path] = set()
 def folder_of(run: str) -> Path:
     """The folder of the run with this name in the console's folder of runs. Raises LookupError if there is none."""
     folder = console().runs / run
-    if run in ("", ".", "..") or Path(run).name != run or not (folder / FILE_NAME).is_file():
+    if run in ("", ".", "..") or Path(run).name != run or len(run) > _LONGEST_NAME or not _has_journal(folder):
         raise LookupError(run)
     return folder
+
+
+def _has_journal(folder: Path) -> bool:
+    try:
+        return (folder / FILE_NAME).is_file()
+    except (OSError, ValueError):  # no name that a file could have
+        return False
 
 
 async def act_on(operator: Operator, run: Path, name: ActionName, text: str = "") -> OperatorAction:
