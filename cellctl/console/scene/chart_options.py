@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cellctl.console.scene.series import NOMINAL, Line, Series
+from cellctl.console.scene.series import Line, Series
 
 _NOMINAL, _IDENTIFIED, _SIGMA = "#d55e00", "#0072b2", "#4b545e"
 _SOFT, _LINE = "#5a6169", "#e4e8ec"
@@ -44,7 +44,7 @@ _DASHES = tuple(_ICONS)
 
 def _look(line: Line) -> tuple[str, str]:
     """Colour, and symbol: hollow for points of the fit, filled where no fit used them."""
-    colour = _NOMINAL if line.robot == NOMINAL else _IDENTIFIED
+    colour = _IDENTIFIED if line.after else _NOMINAL
     filled = "triangle" if line.name.endswith("targets") else "diamond"
     return colour, filled if line.held_out else "emptyCircle"
 
