@@ -117,7 +117,7 @@ def _options(shown: list[Options], x: str, y: str, empty: str) -> Options:
             "nameLocation": "middle",
             "nameGap": 42,
             **_axis(),
-            **_RANGE,
+            **(_RANGE if shown else _EMPTY),
         },
         "graphic": [_words(empty)] if empty else [],
         "series": shown,
@@ -131,6 +131,9 @@ def _entry(series: Options) -> Options:
         return {"name": series["name"]}
     return {"name": series["name"], "icon": _ICONS[series["lineStyle"]["type"]]}
 
+
+_EMPTY = {"min": 0.01, "max": 10}
+"""The range of a chart without points."""
 
 _RANGE = {
     ":min": "(range) => Math.min(0.01, 10 ** Math.floor(Math.log10(range.min)))",
@@ -157,6 +160,7 @@ def _words(text: str) -> Options:
         "font": f"14px {_FONT}",
         "width": 320,
         "overflow": "break",
+        "lineHeight": 20,
         "textAlign": "center",
     }
     return {"type": "text", "left": "center", "top": "35%", "style": style}
