@@ -92,6 +92,11 @@ class ModelDifference:
     left_out: tuple[str, ...]
 
     @property
+    def differ(self) -> bool:
+        """Whether σ does not explain the difference, at a level of 5 %."""
+        return self.p_value < _LEVEL
+
+    @property
     def sentence(self) -> str:
         """The result in a sentence."""
         known = [each for each in self.parameters if each.sigma is not None]
@@ -99,7 +104,7 @@ class ModelDifference:
             return "No parameter is determined by the rows of both models."
         count = sum(bool(each.significant) for each in known)
         counted = f"{count} of {len(known)} determined parameters differ by more than 2 σ"
-        if self.p_value < _LEVEL:
+        if self.differ:
             return f"The models differ (p = {self.p_value:.2g}): {counted}."
         return f"σ explains the difference of the models (p = {self.p_value:.2g}): {counted}."
 
