@@ -89,6 +89,9 @@ class TableAction:
             for why in found["refused"]:
                 ui.label(why)
             return
+        if active and active["id"] == found["target"]:
+            state_word("good", "This table is in force already: there is nothing to push.")
+            return
         target = short(found["target"]) if found["target"] else "no table"
         ui.label(f"Afterwards in force: {target}").classes("section-title")
         if found["difference"]:
