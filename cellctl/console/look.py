@@ -88,14 +88,16 @@ def facts(rows: Mapping[str, str] | Iterable[tuple[str, str]]) -> dict[str, ui.l
     return labels
 
 
-def problem_list(problems: Iterable[Problem]) -> ui.element:
-    """Errors, each with place, text and cure."""
+def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] | None = None) -> ui.element:
+    """Errors, each with place, text and cure. line_of: the line of the file at which a problem is, shown below it."""
     with ui.element("ul").classes("problems").props("role=alert") as listed:
         for problem in problems:
             place = f"{problem.file}:{problem.line}" if problem.line else problem.file
             with ui.element("li"):
                 ui.label(place).classes("place")
                 ui.label(problem.what).classes("what")
+                if line_of and (line := line_of(problem)):
+                    ui.label(line.strip()).classes("line")
                 if problem.cure:
                     ui.label(problem.cure).classes("cure")
     return listed

@@ -23,10 +23,10 @@ from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
 
-ROUTERS = ("console", "runs", "tables")
+ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api", "runs", "result", "compare", "daily", "tables")
+PAGES = ("home", "api", "cell", "start", "runs", "result", "compare", "daily", "tables")
 """Modules of `cellctl.console.pages`."""
 
 

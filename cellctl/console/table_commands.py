@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cellctl.console.command_jobs import command_job
+from cellctl.console.commands import being_examined
 from cellctl.console.jobs import Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
@@ -47,6 +48,8 @@ async def _start(operator: Operator, operation: str, title: str, request: TableR
     own = replace(request, who=f"{operator.name}@{operator.host}")
 
     def start() -> Job:
+        if being_examined(request.cell):
+            raise InputError(Problem(str(request.cell), 0, 0, "its devices are being examined", "wait for the result"))
         for job in console().jobs.all():
             if job.operation in (LOOK, ACT) and not job.ended_already:
                 what = f"is busy: {job.title}, begun by {job.operator}"

@@ -3,6 +3,7 @@
 from cellctl.devices.addresses import Address
 from cellctl.devices.cell_io import CellIO, Temperatures
 from cellctl.devices.conditions import Conditions
+from cellctl.devices.correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.devices.currents import CurrentSource, MotorCurrents
 from cellctl.devices.driver import DriverDescription
 from cellctl.devices.errors import (
@@ -65,6 +66,10 @@ __all__ = [
     "Contact",
     "ContactProbe",
     "ControllerTable",
+    "CorrectingRobot",
+    "CorrectionModel",
+    "CorrectionReport",
+    "CorrectionSample",
     "CurrentSource",
     "Device",
     "DeviceBusy",

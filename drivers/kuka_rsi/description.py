@@ -7,6 +7,7 @@ from pathlib import Path
 from cellctl.devices import Address, CompensatedRobot, DriverDescription, Surroundings
 from drivers.kuka_rsi.controller_files.generate import controller_files
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits, of_each
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
 from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from drivers.kuka_rsi.settings import RsiSettings
@@ -20,11 +21,14 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Compe
     controller's program passes them to RSI_ON; `correction` and `stop` are tags (AK, Stop); `controller` is the address
     that telegrams come from, if it is not the host of `eki`; `tolerance` is the ETHERNET object's `Timeout`.
     `surroundings.limits` may set `correction_deg`, `speed_deg_s`, `acceleration_deg_s2`, `jerk_deg_s3` and
-    `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`. Raises ValueError for an error in the
+    `travel_deg`, up to ceilings that follow from `surroundings.reach_mm`, and those of an on-line correction:
+    `online_correction_deg`, `online_rate_deg_s`, `online_acceleration_deg_s2`. Raises ValueError for an error in the
     address, an unknown limit or one above its ceiling.
     """
-    limits = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
-    return KukaRobot(name, RsiSettings.of(address, surroundings.folder), surroundings.clock, limits)
+    search, corrections = of_each(surroundings.limits)
+    limits = SearchLimits.from_settings(search, surroundings.reach_mm)
+    online = OnlineLimits.from_settings(corrections)
+    return KukaRobot(name, RsiSettings.of(address, surroundings.folder), surroundings.clock, limits, online)
 
 
 def check_address(address: Address, folder: Path) -> list[str]:

@@ -6,12 +6,14 @@ import ipaddress
 
 from cellctl.devices import Address, Finding, Surroundings
 from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, ceilings, limit_errors
+from drivers.kuka_rsi.cyclic.online_limits import ONLINE_CEILINGS, of_each, online_limit_errors
 
 
 def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
     """Errors in the limits, and warnings about limits and address. The address itself must have no error."""
     limits, reach_mm = surroundings.limits, surroundings.reach_mm
-    errors = limit_errors(limits, reach_mm)
+    search, corrections = of_each(limits)
+    errors = limit_errors(search, reach_mm) | online_limit_errors(corrections)
     found = [Finding(what, _cure(name, reach_mm), name) for name, what in errors.items()]
     for name, need in SEARCH_NEEDS.items():
         if name in limits and name not in errors and limits[name] > need:
@@ -21,7 +23,7 @@ def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
 
 
 def _cure(name: str, reach_mm: float | None) -> str:
-    highest = ceilings(reach_mm)
+    highest = ceilings(reach_mm) | ONLINE_CEILINGS
     return f"give a number above 0 and up to {highest[name]:g}" if name in highest else "remove it"
 
 

@@ -16,6 +16,9 @@ from procedures.steps.tool.rows import ToolTouchRow
 _LEAST = 5
 """Touches of a sphere from which its centre is fitted for a preliminary residual: 4 have none."""
 
+_MOST = 200
+"""More touches than these do not change a centre that is drawn; every so many of them are used."""
+
 _ROLES = {"fit": Role.FIT, "test": Role.HELD_OUT, "locate": Role.CHECK, "reference": Role.CHECK}
 
 AnyTouch = TypeVar("AnyTouch", TouchRow, LocateRow, ReferenceRow, ToolTouchRow)
@@ -36,7 +39,7 @@ def points(run: SceneRun) -> list[Points]:
 def found(run: SceneRun) -> Mapping[str, Floats]:
     """Centres of spheres, from the touches so far by the nominal robot; of the proof sphere as it was located."""
     rows, _ = run.rows(TouchRow)
-    places = {name: centre for name, (centre, _) in _centres(run, rows).items()}
+    places = {name: centre for name, _, centre, _ in _centres(run, rows)}
     proofs, _ = run.rows(ProofRow)
     return places | {row.sphere: np.array(row.nominal_centre) for row in proofs}
 
@@ -61,24 +64,23 @@ def _masks(roles: Sequence[Role]) -> dict[Role, Any]:
 
 def _preliminary(run: SceneRun, rows: Sequence[AnyTouch], at: Floats) -> Floats:
     """Distance of each touch from the sphere through its sphere's touches (N,), mm; NaN: too few touches."""
-    centres = _centres(run, rows)
     result = np.full(len(rows), np.nan)
-    for index, row in enumerate(rows):
-        if row.sphere in centres:
-            centre, reach = centres[row.sphere]
-            result[index] = abs(float(np.linalg.norm(at[index] - centre)) - reach)
+    for _, mine, centre, reach in _centres(run, rows):
+        result[mine] = np.abs(np.linalg.norm(at[mine] - centre, axis=1) - reach)
     return result
 
 
-def _centres(run: SceneRun, rows: Sequence[AnyTouch]) -> dict[str, tuple[Floats, float]]:
-    """Sphere → centre (3,) through its touches by the nominal robot, and the TCP's distance from it at a touch, mm."""
-    artefact, centres = run.setting.artefact, {}
+def _centres(run: SceneRun, rows: Sequence[AnyTouch]) -> Iterator[tuple[str, list[int], Floats, float]]:
+    """Spheres with enough touches: name, which of the rows touch it, the centre (3,) through them by the nominal
+    robot, mm, and the TCP's distance from it at a touch.
+    """
+    artefact = run.setting.artefact
     for sphere in artefact.spheres if artefact else ():
-        mine = [row.joints for row in rows if row.sphere == sphere.id]
+        mine = [index for index, row in enumerate(rows) if row.sphere == sphere.id]
         if artefact and len(mine) >= _LEAST:
             reach = sphere.diameter / 2.0 + artefact.tip_radius
-            centres[sphere.id] = sphere_centre(run.setting.tcp(mine), reach), reach
-    return centres
+            used = mine[:: max(1, len(mine) // _MOST)]
+            yield sphere.id, mine, sphere_centre(run.setting.tcp([rows[index].joints for index in used]), reach), reach
 
 
 def _coming_touches(run: SceneRun, done: set[int]) -> Iterator[Points]:

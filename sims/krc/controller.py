@@ -12,6 +12,7 @@ from sims.krc.drive_monitor import DriveMonitor
 from sims.krc.eki_messages import print_ident
 from sims.krc.eki_server import EkiServer
 from sims.krc.ethernet_config import AXES, BadConfig, EthernetConfig, read_config
+from sims.krc.own_program import program_of
 from sims.krc.program import Program
 from sims.krc.rsi_link import RsiLink, target_of
 from sims.krc.rsi_session import RsiContext, RsiSettings
@@ -34,6 +35,7 @@ class KrcServers:
 
     def __init__(self, written: str, eki: EkiServer, link: RsiLink, program: Program) -> None:
         self._eki = eki
+        self._axes = len(AXES)
         self._program = program
         self._link = link
         self.eki_port = eki.port
@@ -44,6 +46,7 @@ class KrcServers:
         self.requests: dict[str, Request] = {
             "rsi_target": lambda message: self.set_rsi_target(*target_of(message)),
             "acknowledge": lambda message: self.acknowledge(),
+            "own_program": self.take_program,
         }
 
     def set_rsi_target(self, host: str, port: int) -> None:
@@ -54,6 +57,11 @@ class KrcServers:
         """Acknowledge the message at the pendant. Raises Refused where its cause is still there."""
         if not self._program.acknowledge():
             raise Refused("the controller moves, or its safety chain is open")
+
+    def take_program(self, message: dict[str, Any]) -> None:
+        """A program of the user's own, to be run by `OWN`. Raises Refused."""
+        number, program = program_of(message, self._axes)
+        self._program.own_programs[number] = program
 
     def close(self) -> None:
         """Hang up, and let go of the ports."""

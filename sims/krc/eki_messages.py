@@ -14,7 +14,7 @@ from sims.krc.table_requests import TABLE_OPERATIONS, Request, read_request
 from sims.krc.xml_documents import parse
 from sims.scene.motions import Joints
 
-OPERATIONS = frozenset({"HELLO", "PTP", "PTPT", "RSI", "HALT", "RESET", *TABLE_OPERATIONS})
+OPERATIONS = frozenset({"HELLO", "PTP", "PTPT", "RSI", "CORRON", "CORROFF", "OWN", "HALT", "RESET", *TABLE_OPERATIONS})
 
 _LARGEST_PERCENT = 1e6
 """Larger is unreadable; what is larger than 100 is refused with a code of its own."""
@@ -42,7 +42,9 @@ class Code(IntEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command; `percent` for PTP and PTPT, `target` (degrees) for PTP, `row` for PTPT, `request` for the tables."""
+    """A command; `percent` for PTP and PTPT, `target` (degrees) for PTP, `row` for PTPT and OWN, `request` for the
+    tables.
+    """
 
     id: str
     op: str
@@ -72,6 +74,8 @@ def read_command(document: bytes, axes: int) -> Command:
 def _command(root: ET.Element, command_id: str, op: str, axes: int) -> Command:
     if op in TABLE_OPERATIONS:
         return Command(command_id, op, request=read_request(root, op, axes))
+    if op == "OWN":
+        return Command(command_id, op, row=fields.whole(fields.child(root, "Row"), "N"))
     if op not in {"PTP", "PTPT"}:
         return Command(command_id, op)
     percent = fields.number(fields.child(root, "Vel"), "P", _LARGEST_PERCENT)

@@ -12,6 +12,8 @@ from sims.kernel import Event
 from sims.krc.description import MOVE
 from sims.krc.eki_fields import Unreadable
 from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_command
+from sims.krc.own_program import OwnProgram
+from sims.krc.path_correction import PathCorrection
 from sims.krc.rsi_session import MS, RsiContext, RsiSession
 from sims.krc.table_desk import TableDesk
 from sims.memory import Memory
@@ -26,6 +28,9 @@ EMERGENCY_STOP = "KSS00001 EMERGENCY STOP"
 GUARD_OPEN = "Safety gate open"
 NO_ENABLE = "Motion enable is missing"
 """Messages as a controller shows them; the numbers of the last two [unconfirmed] are left out."""
+
+NEAR_DEG = 0.01
+"""An own program begins where the robot stands, as near as this."""
 
 Send = Callable[[bytes], object]
 
@@ -51,7 +56,10 @@ class _Running:
 
 @final
 class Program:
-    """Takes commands as documents, answers through the connection's `send`, sends every change of state."""
+    """Takes commands as documents, answers through the connection's `send`, sends every change of state.
+
+    `own_programs`: of the controller's user, by number.
+    """
 
     def __init__(
         self, rsi: RsiContext, log: ContactLog, ident: str, tables: TableDesk, memory: Memory, safety: Safety
@@ -71,6 +79,8 @@ class Program:
         self._braking = False
         self._halts: list[str] = []
         self._session: RsiSession | None = None
+        self._path: PathCorrection | None = None
+        self.own_programs: dict[int, OwnProgram] = {}
         self._rsi_on: Event | None = None
         self._send: Send | None = None
         self._sequence = 0
@@ -90,6 +100,7 @@ class Program:
         self._halts.clear()
         if self._running:
             self._running.orphaned = True
+        if self._running or self._path:
             self._stop(Code.STOPPED, "the connection was lost")
 
     def send_state(self) -> None:
@@ -132,7 +143,7 @@ class Program:
     def fail(self, message: str) -> None:
         """The controller stops by itself and shows a message, which stands until RESET."""
         self._change(Prog.ERROR, message)
-        if self._running:
+        if self._running or self._path:
             self._stop(Code.CONTROLLER_STOP, message)
 
     def acknowledge(self) -> bool:
@@ -154,7 +165,7 @@ class Program:
         """
         if not self._safety.ok:
             self.fail(self._open_chain())
-        elif not self._safety.motion_enabled and self._running:
+        elif not self._safety.motion_enabled and (self._running or self._path):
             self.fail(NO_ENABLE)
 
     def _open_chain(self) -> str:
@@ -172,20 +183,29 @@ class Program:
             return
         self._running = _Running(command)
         self._change(Prog.MOVING, "")
-        if command.op == "RSI":
-            cycle = self._rsi.settings.cycle_ms * MS
-            self._rsi_on = self._kernel.at((self._kernel.now // cycle + 1) * cycle, self._start_rsi)
-        elif target is not None:
-            self._faults.announce(MOVE)
-            self._robot.move(target, command.percent, self._arrived)
+        match command.op:
+            case "RSI" | "CORRON":
+                cycle = self._rsi.settings.cycle_ms * MS
+                start = self._start_rsi if command.op == "RSI" else self._start_path
+                self._rsi_on = self._kernel.at((self._kernel.now // cycle + 1) * cycle, start)
+            case "CORROFF":
+                self._leave_path()
+            case "OWN":
+                self._run(self.own_programs[command.row])
+            case _ if target is not None:
+                self._move(target, command.percent)
 
     def _refusal(self, command: Command, target: Joints | None) -> tuple[Code, str] | None:
         if self._prog == Prog.ERROR:
             return Code.NOT_READY, self._message
         if not self._safety.motion_enabled:
             return Code.NOT_READY, NO_ENABLE
-        if command.op == "RSI":
+        if command.op in ("RSI", "CORRON") and self._path:
+            return Code.BUSY, "RSI is on beside the program's motions"
+        if command.op in ("RSI", "CORRON", "CORROFF"):
             return None
+        if command.op == "OWN":
+            return self._refusal_of_own(command.row)
         if not LEAST_PERCENT <= command.percent <= 100.0:
             return Code.BAD_SPEED, f"speed {command.percent} % is outside {LEAST_PERCENT} … 100 %"
         if target is None:
@@ -194,6 +214,50 @@ class Program:
             if not low <= angle <= high:
                 return Code.OUTSIDE_LIMIT, f"A{i} {angle:.4f} is outside {low} … {high}"
         return None
+
+    def _refusal_of_own(self, number: int) -> tuple[Code, str] | None:
+        own = self.own_programs.get(number)
+        if own is None:
+            return Code.NO_SUCH_ROWS, f"there is no own program {number}"
+        if any(abs(a - b) > NEAR_DEG for a, b in zip(own.first, self._robot.commanded, strict=True)):
+            return Code.NOT_READY, f"own program {number} does not begin here"
+        return None
+
+    def _move(self, target: Joints, percent: float) -> None:
+        self._faults.announce(MOVE)
+        if self._path:
+            self._path.run(
+                lambda start, now: self._robot.point_to_point(start, target, percent, now), target, self._arrived
+            )
+        else:
+            self._robot.move(target, percent, self._arrived)
+
+    def _run(self, own: OwnProgram) -> None:
+        if self._path:
+            self._path.run(own.begun, own.last, self._arrived)
+        else:
+            self._robot.run(own.begun(own.first, self._kernel.now), own.last, self._arrived)
+
+    def _start_path(self) -> None:
+        """RSI_ON without RSI_MOVECORR: from now on it corrects what the program does."""
+        self._rsi_on = None
+        if not self._rsi.link.has_target:
+            self.fail("RSI_CREATE General error: ETHERNET1")
+            return
+        self._path = PathCorrection(self._rsi, self.fail)
+        self._arrived()
+        self._rsi_on = self._kernel.at(self._kernel.now, self._path.start)  # behind the reply, as with a search
+
+    def _leave_path(self) -> None:
+        """RSI_OFF, and `PTP $AXIS_ACT_MEAS`."""
+        if self._path:
+            self._path.abort()
+            self._path = None
+        self._robot.brake(self._left_path)
+
+    def _left_path(self) -> None:
+        self._robot.take_measured()
+        self._arrived()
 
     def _start_rsi(self) -> None:
         running, self._rsi_on = self._running, None
@@ -216,7 +280,7 @@ class Program:
         self._arrived()
 
     def _halt(self, command: Command) -> None:
-        if not self._running:
+        if not self._running and not self._path:
             self._reply(command.id, Code.DONE)
             return
         self._halts.append(command.id)
@@ -230,6 +294,9 @@ class Program:
             self._rsi_on.cancel()
         if self._session:
             self._session.abort()
+        if self._path:
+            self._path.abort()
+            self._path = None
         if not self._braking:
             self._braking = True
             self._robot.brake(self._stands)

@@ -66,7 +66,7 @@ class MovingArm:
         self._least_free_mm = self._least_free(stance.joints)
         self.attempt = stance.attempt
         self.commanded = stance.commanded
-        self._scatter = self._draw(stance.joints) if stance.scatter is None else stance.scatter
+        self._scatter = self.draw(stance.joints) if stance.scatter is None else stance.scatter
         self._scatter_before = self._scatter
         world.warm(kernel.now)
         self._sense()
@@ -137,11 +137,18 @@ class MovingArm:
 
     def move(self, target: Joints, percent: float, then: Then) -> None:
         """Point to point at `percent` of the highest speeds; `then` is called on arrival."""
+        self.run(self.point_to_point(self.joints(), target, percent, self._kernel.now), target, then)
+
+    def point_to_point(self, start: Joints, target: Joints, percent: float, time_ns: int) -> PointToPoint:
+        """The motion from `start` at `time_ns`, at `percent` of the highest speeds; nothing moves by it."""
         speeds = [speed * percent / 100.0 for speed in self._speeds]
-        motion = PointToPoint(self.joints(), target, speeds, self._accelerations, self._kernel.now)
-        before = self._scatter_now(self._kernel.now)
+        return PointToPoint(start, target, speeds, self._accelerations, time_ns)
+
+    def run(self, motion: Motion, target: Joints, then: Then) -> None:
+        """A motion that begins here and now, and ends at `target`; `then` is called on arrival."""
+        before = self.scatter_now()
         self.commanded = target
-        self._scatter_before, self._scatter = before, self._draw(target)
+        self._scatter_before, self._scatter = before, self.draw(target)
         self._follow(motion, then)
         gap, _ = self._world.gap(self.links(motion.start_ns), before)
         self._deepest_mm = min(gap - COLLISION_MARGIN_MM, -COLLISION_MM)
@@ -155,8 +162,13 @@ class MovingArm:
         self._follow(Braking(state.joints, state.velocity, self._accelerations, now), then)
         self._look_ahead()
 
-    def follow_cycle(self, motion: Motion) -> None:
-        """One interpolation cycle with a sensor's correction; the next motion must begin where it ends."""
+    def follow_cycle(self, motion: Motion, scatter: Vector | None = None) -> None:
+        """One interpolation cycle with a sensor's correction; the next motion must begin where it ends.
+
+        `scatter`: at its end, where the program moves; None: as it is.
+        """
+        if scatter is not None:
+            self._scatter_before, self._scatter = self.scatter_now(), scatter
         self._follow(motion, None)
         self._look_ahead()
 
@@ -171,7 +183,12 @@ class MovingArm:
         """`PTP $AXIS_ACT_MEAS`: the programmed position becomes the measured one; nothing moves."""
         self.commanded = self.readings()
 
-    def _draw(self, target: Joints) -> Vector:
+    def scatter_now(self) -> Vector:
+        """The scatter of the pose now, mm."""
+        return self._scatter_now(self._kernel.now)
+
+    def draw(self, target: Joints) -> Vector:
+        """The scatter of this visit to `target`, mm."""
         key = ",".join(str(round(joint * 1e4)) for joint in target)
         self.attempt = self._attempts[key]
         self._attempts[key] += 1

@@ -77,9 +77,9 @@ class ToolDeflection(Effect):
         """Ψ (N, 3, 1): the part of ĝ across the flange's z, times `mm_per_unit`."""
         axis = nominal.forward_flange(at.q)[..., :3, 2]
         across = self.down - (axis @ self.down)[..., None] * axis
-        return np.asarray((self.mm_per_unit + self._of_payload(at)) * across)[..., None]
+        return np.asarray((self.mm_per_unit + self.mm_by_payload(at)) * across)[..., None]
 
-    def _of_payload(self, at: Postures) -> Floats | float:
+    def mm_by_payload(self, at: Postures) -> Floats | float:
         """What a payload adds to `mm_per_unit` (N, 1): the tip's shift by a weight at another place of a cantilever."""
         if at.payload is None or at.payload_at is None:
             return 0.0

@@ -62,6 +62,10 @@ class PostureBasis:
         """The functions φ (N, M) at q (N, n), rad: of unit variance where their squares sum to 1."""
         return np.asarray(solve_triangular(self._root, self._kernel(q).T, lower=True, check_finite=False).T)
 
+    def kernel_weights(self, amounts: Floats) -> Floats:
+        """Weights (M, …) of the kernel at each centre, for amounts (M, …) of the functions φ: k(q)·w = φ(q)·κ."""
+        return np.asarray(solve_triangular(self._root.T, amounts, lower=False, check_finite=False))
+
     def remainder(self, q: Floats) -> Floats:
         """The share (N,) of the variance at q (N, n), rad, that the centres leave: 0 at them, 1 far away."""
         return np.asarray(np.clip(1.0 - np.sum(self.values(q) ** 2, axis=1), 0.0, 1.0))

@@ -178,9 +178,9 @@ def _series(found: ParameterDrift) -> None:
     else:
         word = f"{len(drifting)} of {len(found.parameters)} parameters drift by more than 2 σ"
         state_word("warning" if drifting else "good", word)
-    with ui.element("div").classes("tiles"):
+    with ui.element("div").classes("small-charts"):
         for each in ordered[:_MOST_CHARTS]:
-            with ui.element("div").classes("tile"):
+            with ui.element("div").classes("small-chart"):
                 ui.label(f"{each.label}, {each.unit}").style(f"color: {COLOURS['working']}; font-weight: 600")
                 if each.slope is not None:
                     ui.label(f"trend {_slope(each)} in 30 days{', above 2 σ' if each.drifts else ''}").classes("note")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.console.scene.setting import Setting
-from cellctl.journal import RunState
+from cellctl.journal import Outcome, RunState
 from cellctl.kinematics import Floats
 from cellctl.records import AnyRow, ResidualsRow
 
@@ -92,24 +92,36 @@ class Points:
 @final
 @dataclass(frozen=True, eq=False)
 class SceneRun:
-    """What a source reads: the run so far, its robot and its cell."""
+    """What a source reads: the run so far, its robot and its cell. The run may grow meanwhile, in another thread."""
 
     state: RunState
     setting: Setting
 
     def rows(self, kind: type[AnyRow]) -> tuple[list[AnyRow], Floats]:
         """The rows of this class that count, and the number of the event of each (N,). Raises InputError."""
-        mine = [row.seq for row in self.state.rows if row.event.row_kind == kind.KIND and self.state.counts(row)]
-        return self.state.recorded(kind), np.array(mine, float)
+        mine = self._events.get(kind.KIND, [])
+        return self.state.recorded(kind)[: len(mine)] if mine else [], np.array(mine, float)
+
+    @cached_property
+    def _events(self) -> Mapping[str, list[int]]:
+        """Kind of row → the numbers of the events of those that count."""
+        found: dict[str, list[int]] = {}
+        for row in self.state.rows:
+            if self.state.counts(row):
+                found.setdefault(row.event.row_kind, []).append(row.seq)
+        return found
 
     def planned(self, name: str) -> Iterator[Mapping[str, Any]]:
         """The entries of the lists called `name` in the results of finished steps, or of lists in these."""
-        for result in self.state.finished.values():
-            yield from _lists(result, name)
+        for step in list(self.state.steps.values()):
+            if step.outcome is Outcome.DONE:
+                yield from _lists(step.result, name)
 
     def residuals(self, readings: Sequence[Sequence[float]]) -> tuple[Floats, Floats]:
         """Residuals of the rows with these readings (N, n), deg: before and after (N,), mm; NaN: not identified yet."""
         found = self._by_readings
+        if not found:
+            return np.full(len(readings), np.nan), np.full(len(readings), np.nan)
         pairs = [found.get(_rounded(each), (np.nan, np.nan)) for each in readings]
         columns = np.array(pairs, float).reshape(-1, 2)
         return columns[:, 0], columns[:, 1]
@@ -122,12 +134,17 @@ class SceneRun:
 
 def _lists(data: object, name: str) -> Iterator[Mapping[str, Any]]:
     for key, value in data.items() if isinstance(data, dict) else ():
-        if isinstance(value, list) and value and isinstance(value[0], dict):
-            if key == name:
-                yield from value
-            elif any(isinstance(inside, list) for inside in value[0].values()):
-                for each in value:
-                    yield from _lists(each, name)
+        if not _of_entries(value):
+            continue
+        if key == name:
+            yield from value
+        elif any(_of_entries(inside) for inside in value[0].values()):
+            for each in value:
+                yield from _lists(each, name)
+
+
+def _of_entries(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
 @lru_cache(maxsize=8)

@@ -12,6 +12,7 @@ from drivers.kuka_rsi.axes import AXIS_NAMES
 from drivers.kuka_rsi.controller_files.instructions import instructions
 from drivers.kuka_rsi.controller_files.rsi_context import CONTEXT_NAME, Context, rsi_xml, rsix
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import of_each
 from drivers.kuka_rsi.eki.channel import SILENCE_S
 from drivers.kuka_rsi.ethernet_config import read_ethernet_config
 from drivers.kuka_rsi.settings import RsiSettings
@@ -37,7 +38,7 @@ def controller_files(cell: str, address: Address, surroundings: Surroundings) ->
 
     Raises ValueError for errors in the address, the Ethernet configuration that it names, or the limits.
     """
-    search = SearchLimits.from_settings(surroundings.limits, surroundings.reach_mm)
+    search = SearchLimits.from_settings(of_each(surroundings.limits)[0], surroundings.reach_mm)
     settings = RsiSettings.of(address, surroundings.folder)
     if errors := read_ethernet_config(settings).errors:
         raise ValueError("; ".join(errors))

@@ -22,6 +22,9 @@ from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
+from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.real_time import become_real_time
 from drivers.kuka_rsi.cyclic.responder import Responder
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
@@ -49,7 +52,7 @@ class CyclicOrders:
     `host`, `port`: to bind; `controller`: the accepted host; `tolerance`: cycles without an answer after which a
     session is over; `memory`: inherited descriptor of the shared block; `clock`: source of the cell's time; `reply`:
     template of the reply; `mode`: of the corrections; `cycle`: of the controller; `limits`: as in `SearchLimits`;
-    `parent`: process ends with it.
+    `online`: as in `OnlineLimits`; `parent`: process ends with it.
     """
 
     host: str
@@ -62,6 +65,7 @@ class CyclicOrders:
     mode: CorrectionMode
     cycle: InterpolationCycle
     limits: dict[str, float]
+    online: dict[str, float]
     parent: int
 
     @classmethod
@@ -105,7 +109,11 @@ def run(orders: CyclicOrders) -> int:
     os.close(orders.memory)
     reply, limits, clock = ReplyFormat(orders.reply), SearchLimits(**orders.limits), reader_of(orders.clock)
 
+    online = OnlineLimits(**orders.online)
+
     def task_of(order: SearchOrder) -> CyclicTask:
+        if block.online.words[OnlineSlot.ORDER] == order.number:
+            return OnlineCorrection(order, online, block.online, orders.tolerance)
         return SearchCycle(order, limits, orders.mode, orders.tolerance, orders.cycle)
 
     responder = Responder(line, block, reply, clock, task_of)

@@ -16,6 +16,7 @@ from math import isnan, nan
 from typing import Self, final
 
 from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.online_block import ONLINE_SLOTS, OnlineBlock
 from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
 
 GUARDS = 8
@@ -66,7 +67,8 @@ class Slot(IntEnum):
     RING = 64
 
 
-_SIZE = 8 * (Slot.RING + ROWS * _ROW_SLOTS)
+_ONLINE = Slot.RING + ROWS * _ROW_SLOTS
+_SIZE = 8 * (_ONLINE + ONLINE_SLOTS)
 
 NEVER = -(1 << 62)
 """No beat yet."""
@@ -110,6 +112,7 @@ class SharedBlock:
         memory = memoryview(mmap.mmap(fd, _SIZE))
         self.words = memory.cast("q")
         self.reals = memory.cast("d")
+        self.online = OnlineBlock(self.words[_ONLINE:], self.reals[_ONLINE:])
 
     @classmethod
     def create(cls) -> tuple[Self, int]:

@@ -39,6 +39,10 @@ class Cause(IntEnum):
     BEHIND = 8
     AHEAD = 9
     CYCLE = 10
+    UNKNOWN = 11
+    """On-line correction: a telegram without the programmed joints or the count of late answers."""
+    MODEL = 12
+    """On-line correction: no valid model."""
 
 
 @final

@@ -33,7 +33,8 @@ class Telegram:
 
     `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count, 0 … 10^15; `joints`: A1…A6 actual
     (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, if it sends one; `resolution_deg`:
-    last decimal of the joints; `currents`: motor currents (MACur), None if it sends none or not six numbers.
+    last decimal of the joints; `currents`: motor currents (MACur), None if it sends none or not six numbers;
+    `programmed`: A1…A6 of the program (ASPos), which a correction does not move, degrees; None as with currents.
     """
 
     ipoc_text: str
@@ -42,6 +43,7 @@ class Telegram:
     delay: int | None
     resolution_deg: float = COARSEST_DEG
     currents: tuple[float, ...] | None = None
+    programmed: tuple[float, ...] | None = None
 
 
 def read_telegram(datagram: bytes) -> Telegram:
@@ -63,16 +65,17 @@ def read_telegram(datagram: bytes) -> Telegram:
     axes = [_number(joints.get(name, ""), -FARTHEST_JOINT_DEG, FARTHEST_JOINT_DEG) for name in AXIS_NAMES]
     late = None if delay is None else round(_number(delay.get("D", ""), 0, LARGEST_DELAY)[0])
     resolution = min(COARSEST_DEG, 10.0 ** -max(decimals for _, decimals in axes))
-    currents = _currents(root.find("MACur"))
-    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution, currents)
+    currents = _optional(root.find("MACur"), LARGEST_CURRENT)
+    programmed = _optional(root.find("ASPos"), FARTHEST_JOINT_DEG)
+    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution, currents, programmed)
 
 
-def _currents(element: ElementTree.Element | None) -> tuple[float, ...] | None:
+def _optional(element: ElementTree.Element | None, largest: float) -> tuple[float, ...] | None:
     """A search does not depend on them: a telegram is valid without."""
     if element is None:
         return None
     try:
-        return tuple(_number(element.get(name, ""), -LARGEST_CURRENT, LARGEST_CURRENT)[0] for name in AXIS_NAMES)
+        return tuple(_number(element.get(name, ""), -largest, largest)[0] for name in AXIS_NAMES)
     except ValueError:
         return None
 

@@ -18,11 +18,12 @@ _HALT_S = 10.0
 class Holding:
     """The command in progress, and how it is stopped.
 
-    `search`: number of the search in progress, else of the next.
+    `search`: number of the search in progress, else of the next. `correcting`: RSI is on beside the program's motions.
     """
 
     def __init__(self, device: str, lines: ControllerLines) -> None:
         self.search = 1
+        self.correcting = False
         self._device = device
         self._lines = lines
         self._busy = False
@@ -85,13 +86,21 @@ class Holding:
                 process, eki = self._lines.process, self._lines.eki
                 await eki.ask("HALT", timeout_s=_HALT_S)
                 process.block.release()
+                self.leave_correction()
                 self._adrift = False
         return not self._adrift
+
+    def leave_correction(self) -> None:
+        """RSI is off again; a stop of the correction is none of the next search."""
+        self.search += self.correcting
+        self.correcting = False
 
     def _stands(self) -> bool:
         """Whether the controller reports standstill; false if it is lost."""
         if not self._lines.connected:
             return True
         with suppress(DeviceLost):
-            return not (self._busy or self._adrift or self._lines.eki.stat.program in ("MOVING", "RSI"))
+            return not (
+                self._busy or self._adrift or self.correcting or self._lines.eki.stat.program in ("MOVING", "RSI")
+            )
         return False

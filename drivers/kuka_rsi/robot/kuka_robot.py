@@ -10,6 +10,9 @@ from typing import Final, final
 from cellctl.clock import Clock
 from cellctl.devices import (
     ControllerTable,
+    CorrectionModel,
+    CorrectionReport,
+    CorrectionSample,
     DeviceError,
     DeviceLost,
     DeviceRefused,
@@ -24,11 +27,13 @@ from cellctl.devices import (
 )
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.task import SearchOrder
 from drivers.kuka_rsi.eki.documents import Reply, point_to_point
 from drivers.kuka_rsi.eki.refusals import refusal
 from drivers.kuka_rsi.eki.table_channel import TableChannel
 from drivers.kuka_rsi.eki.table_rows import to_row
+from drivers.kuka_rsi.robot.correcting import Correcting
 from drivers.kuka_rsi.robot.currents_at_rest import AT_REST, mean_currents
 from drivers.kuka_rsi.robot.guards import ENGINE, GuardSlots
 from drivers.kuka_rsi.robot.health import health_of
@@ -57,16 +62,21 @@ _CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message 
 class KukaRobot:
     """A KUKA robot: RSI in a separate process, EthernetKRL for the rest.
 
-    A CompensatedRobot, CurrentSource and Listener.
+    A CompensatedRobot, CorrectingRobot, CurrentSource and Listener.
     """
 
-    def __init__(self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
+    def __init__(
+        self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits, online: OnlineLimits | None = None
+    ) -> None:
         self.name = name
         self._clock = clock
         self._limits = limits
         self._configuration = str(settings.ethernet)
-        self._lines = ControllerLines(name, settings, clock, limits)
+        self._mode = settings.mode
+        online = online or OnlineLimits()
+        self._lines = ControllerLines(name, settings, clock, limits, online)
         self._holding = Holding(name, self._lines)
+        self._correcting = Correcting(name, clock, self._lines, self._holding, online)
         self._guards = GuardSlots(name, lambda: self._lines.block)
 
     @property
@@ -127,6 +137,7 @@ class KukaRobot:
         self._check_joints(target)
         self._check_speed(speed_percent)
         async with self._holding.held_in_trouble():
+            self._check_correction()
             here = self._lines.eki.latest_joints
             farthest = max(abs(a - b) for a, b in zip(target, here, strict=True))
             return await self._transfer("PTP", point_to_point(target, speed_percent), farthest, speed_percent)
@@ -135,6 +146,7 @@ class KukaRobot:
         """Point to point to row `row` (from 1) of the active table; returns the actual joints on arrival, degrees."""
         self._check_speed(speed_percent)
         async with self._holding.held_in_trouble():
+            self._check_correction()
             return await self._transfer("PTPT", to_row(row, speed_percent), _FARTHEST_DEG, speed_percent)
 
     async def search(
@@ -186,6 +198,41 @@ class KukaRobot:
         """The slot for the proof of life of `name`. Raises ValueError if all are taken."""
         return self._guards.guard(name)
 
+    # on-line correction
+
+    async def correction_on(self, model: CorrectionModel) -> None:
+        """RSI on beside the program's motions, corrected by `model` in every cycle; see CorrectingRobot."""
+        async with self._holding.held_in_trouble():
+            order = SearchOrder(
+                self._holding.search, self._lines.eki.latest_joints, AT_REST, 1.0, self._guards.oldest_ns({})
+            )
+            await self._correcting.begin(order, model, self._mode)
+
+    def replace_correction_model(self, model: CorrectionModel) -> None:
+        """Correct by another model from now on; see CorrectingRobot."""
+        self._correcting.replace(model)
+
+    async def correction_off(self) -> CorrectionReport:
+        """Let the correction fade to zero, then RSI off; see CorrectingRobot."""
+        async with self._holding.held_in_trouble():
+            return await self._correcting.end()
+
+    def correction_samples(self) -> tuple[CorrectionSample, ...]:
+        """The samples since the last call; see CorrectingRobot."""
+        return self._correcting.samples()
+
+    async def run_program(self, number: int, limit_s: float) -> JointReadings:
+        """Run the controller's own program `number`; see CorrectingRobot."""
+        async with self._holding.held_in_trouble():
+            self._check_correction()
+            pending = await self._lines.eki.send("OWN", f'<Row N="{number}"/>')
+            try:
+                joints = self._arrived(await pending.reply(limit_s))
+            except TimeoutError:
+                raise DeviceLost(self.name, f"program {number} did not end within {limit_s:.0f} s") from None
+            self._check_correction()
+            return joints
+
     # compensation tables
 
     async def push_table(self, table: ControllerTable) -> TableState:
@@ -214,7 +261,12 @@ class KukaRobot:
 
     @contextmanager
     def _ordered(self, order: SearchOrder) -> Iterator[Search]:
-        """A search of this order; a stop that is set applies to it. The next one has the next number."""
+        """A search of this order; a stop that is set applies to it. The next one has the next number.
+
+        Raises DeviceRefused if an on-line correction is on: RSI has one session at a time.
+        """
+        if self._holding.correcting:
+            raise DeviceRefused(self.name, "an on-line correction is on", "End it first.")
         process, eki = self._lines.process, self._lines.eki
         process.block.keep_stop(order.number)
         try:
@@ -235,6 +287,11 @@ class KukaRobot:
         if reply.code:
             raise refusal(self.name, reply, "move")
         return reply.joints or self._lines.eki.latest_joints
+
+    def _check_correction(self) -> None:
+        """Raise DeviceFault or DeviceLost if an on-line correction is not applied as ordered."""
+        if trouble := self._correcting.trouble():
+            raise trouble
 
     def _tables(self) -> TableChannel:
         serial = self._lines.identity.serial if self._lines.identity else ""

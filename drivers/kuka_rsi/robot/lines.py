@@ -8,6 +8,7 @@ from typing import final
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, Guard, Identity
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 from drivers.kuka_rsi.eki.channel import EkiChannel
@@ -26,17 +27,21 @@ class ControllerLines:
     """Opened and closed together. `identity`: from the controller, None if not connected.
 
     `latency_s`: from the first command to its reply, in the cell's time.
-    `sends_currents`: the RSI Ethernet configuration has the motor currents in its telegrams.
+    `sends_currents`, `sends_programmed`: the RSI Ethernet configuration has the motor currents, and the programmed
+    joints, in its telegrams.
     """
 
-    def __init__(self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits) -> None:
+    def __init__(
+        self, device: str, settings: RsiSettings, clock: Clock, limits: SearchLimits, online: OnlineLimits
+    ) -> None:
         self.identity: Identity | None = None
         self.latency_s = 0.0
-        self.sends_currents = False
+        self.sends_currents = self.sends_programmed = False
         self._device = device
         self._settings = settings
         self._clock = clock
         self._limits = limits
+        self._online = online
         self._eki: EkiChannel | None = None
         self._process: CyclicProcess | None = None
         self._beating: asyncio.Task[None] | None = None
@@ -100,10 +105,13 @@ class ControllerLines:
             cure = "Correct the file, and load the same one on the controller."
             raise DeviceRefused(self._device, "; ".join(config.errors), cure)
         self.sends_currents = "DEF_MACur" in config.send
+        self.sends_programmed = "DEF_ASPos" in config.send
         reply = ReplyFormat.of(config.sentype, config.receive, self._settings.correction, self._settings.stop)
         clock = self._clock
         with clock.standing():
-            return await CyclicProcess.start(self._device, self._settings, clock.source, reply.template, self._limits)
+            return await CyclicProcess.start(
+                self._device, self._settings, clock.source, reply.template, self._limits, self._online
+            )
 
     async def _ask_identity(self, eki: EkiChannel) -> Identity:
         asked_ns = self._clock.now_ns()

@@ -14,6 +14,7 @@ from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceUnreachable
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.process import CyclicOrders
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.settings import RsiSettings
@@ -52,10 +53,18 @@ class CyclicProcess:
         self._errors = errors
 
     @classmethod
-    async def start(cls, device: str, settings: RsiSettings, clock: str, reply: str, limits: SearchLimits) -> Self:
+    async def start(
+        cls,
+        device: str,
+        settings: RsiSettings,
+        clock: str,
+        reply: str,
+        limits: SearchLimits,
+        online: OnlineLimits | None = None,
+    ) -> Self:
         """Start it and wait until it listens. Raises DeviceUnreachable if the port is taken or it dies.
 
-        `clock`: source of the cell's time; `reply`: template of the reply.
+        `clock`: source of the cell's time; `reply`: template of the reply; `online`: of corrections, low by default.
         """
         block, memory = SharedBlock.create()
         orders = CyclicOrders(
@@ -68,6 +77,7 @@ class CyclicProcess:
             settings.mode,
             settings.cycle,
             asdict(limits),
+            asdict(online or OnlineLimits()),
             os.getpid(),
         )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process

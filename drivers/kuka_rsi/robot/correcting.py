@@ -1,0 +1,188 @@
+"""On-line correction from the engine's side: RSI on beside the controller's own motions, model, fade-out, RSI off."""
+
+from __future__ import annotations
+
+from typing import final
+
+from cellctl.clock import Clock
+from cellctl.devices import (
+    CorrectionModel,
+    CorrectionReport,
+    CorrectionSample,
+    DeviceFault,
+    DeviceLost,
+    DeviceRefused,
+)
+from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.model_arrays import pack
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, OnlineStatus
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.shared_block import Slot
+from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.robot.holding import Holding
+from drivers.kuka_rsi.robot.lines import ControllerLines
+
+_POLL_S = 0.02
+_BEGINS_S = 2.0
+_SETTLED_S = 0.5
+"""Samples older than this are complete, also while telegrams are under way."""
+
+_COUNTS = (Slot.LATE, Slot.LATE_REPORTED, Slot.LOST)
+
+_CAUSES = {
+    Cause.GUARD: ("the engine gave no sign of life", "Look at what else runs on this computer."),
+    Cause.UNKNOWN: (
+        "a telegram had no programmed joints (ASPos) or no count of late answers (Delay)",
+        "Load the RSI Ethernet configuration that the robot's address names on the controller.",
+    ),
+    Cause.MODEL: ("the model did not arrive complete", "Begin again; it is written anew."),
+    Cause.LIMIT: ("the next correction would have passed a limit", "Report this: it is checked before."),
+    Cause.BEHIND: (
+        "the axes at rest were not where program and correction put them",
+        "AXISCORR clamps silently at its limits; or the context is wired to other channels; or its program has "
+        "RSI_ON(#RELATIVE).",
+    ),
+}
+
+
+@final
+class Correcting:
+    """One on-line correction after the other; `holding` knows whether one is on, and its number."""
+
+    def __init__(
+        self, device: str, clock: Clock, lines: ControllerLines, holding: Holding, limits: OnlineLimits
+    ) -> None:
+        self._device = device
+        self._clock = clock
+        self._lines = lines
+        self._holding = holding
+        self._limits = limits
+        self._tail = 0
+        self._before: tuple[OnlineStatus, tuple[int, ...]] | None = None
+
+    async def begin(self, order: SearchOrder, model: CorrectionModel, mode: CorrectionMode) -> None:
+        """RSI on, at rest. Raises DeviceRefused, DeviceFault, DeviceLost."""
+        self._check_setup(mode)
+        block, eki = self._lines.process.block, self._lines.eki
+        self._place(model)
+        self._before = block.online.status(), self._counts()
+        _, self._tail = block.online.log(0, 1 << 62)
+        block.online.words[OnlineSlot.ORDER] = order.number
+        block.keep_stop(order.number)
+        block.place_order(order)
+        self._holding.correcting = True
+        reply = await eki.ask("CORRON")
+        if reply.code:
+            self._released()
+            raise refusal(self._device, reply, "on-line correction")
+        block.announce_session(order.number)
+        await self._until({Phase.MOVING}, _BEGINS_S)
+        if trouble := self.trouble():
+            raise trouble
+
+    def replace(self, model: CorrectionModel) -> None:
+        """Another model. Raises DeviceRefused."""
+        self._check_on()
+        self._place(model)
+
+    async def end(self) -> CorrectionReport:
+        """Fade to zero, RSI off. Raises DeviceFault, DeviceLost."""
+        self._check_on()
+        online = self._lines.process.block.online
+        online.words[OnlineSlot.RAMP_OUT] = self._holding.search
+        limits = self._limits
+        ramp_s = 3 * limits.online_correction_deg / limits.online_rate_deg_s
+        ramp_s += 2 * limits.online_rate_deg_s / limits.online_acceleration_deg_s2
+        await self._until({Phase.LEAVING}, ramp_s + _BEGINS_S)
+        trouble = self.trouble()
+        reply = await self._lines.eki.ask("CORROFF")
+        report = self._report()
+        self._released()
+        if reply.code:
+            raise refusal(self._device, reply, "end of the on-line correction")
+        if trouble:
+            raise trouble
+        return report
+
+    def samples(self) -> tuple[CorrectionSample, ...]:
+        """Samples since the last call, up to half a second ago."""
+        until_ns = self._clock.now_ns() - round(_SETTLED_S * 1e9)
+        rows, self._tail = self._lines.process.block.online.log(self._tail, until_ns)
+        return tuple(CorrectionSample(row.arrival_ns, row.programmed, row.correction, row.inside) for row in rows)
+
+    def trouble(self) -> DeviceFault | DeviceLost | None:
+        """Why the correction is no longer applied as ordered; None if it is, or none is on."""
+        if not self._holding.correcting:
+            return None
+        if not self._lines.process.alive():
+            return DeviceLost(self._device, f"the RSI process ended: {self._lines.process.last_error_line()}")
+        status = self._lines.process.block.status()
+        if status.number != self._holding.search:
+            return None
+        if status.cause is Cause.LOST:
+            what = f"RSI was lost during the on-line correction: the controller's count has risen by {status.detail}"
+            return DeviceLost(self._device, what, "Look at the network and at what else runs on this computer.")
+        if status.cause in _CAUSES:
+            what, cure = _CAUSES[status.cause]
+            return DeviceFault(self._device, f"{what}; the on-line correction was ramped out", cure)
+        return None
+
+    def _released(self) -> None:
+        """RSI is off: nothing is answered any more."""
+        self._lines.process.block.release()
+        self._holding.leave_correction()
+
+    def _check_on(self) -> None:
+        if not self._holding.correcting:
+            raise DeviceRefused(self._device, "no on-line correction is on")
+
+    def _check_setup(self, mode: CorrectionMode) -> None:
+        if self._holding.correcting:
+            raise DeviceRefused(self._device, "an on-line correction is on already")
+        if mode is not CorrectionMode.ABSOLUTE:
+            what = (
+                "on-line correction needs RSI_ON(#ABSOLUTE): with increments, each lost answer would stay as an error"
+            )
+            raise DeviceRefused(self._device, what, "Write mode=absolute into the address, and load the files anew.")
+        if not self._lines.sends_programmed:
+            cure = 'add <ELEMENT TAG="DEF_ASPos" TYPE="DOUBLE" INDX="INTERNAL"/> to SEND, here and on the controller'
+            raise DeviceRefused(self._device, "its telegrams have no programmed joints (DEF_ASPos)", cure)
+
+    def _place(self, model: CorrectionModel) -> None:
+        try:
+            values = pack(model.arrays)
+        except ValueError as error:
+            cure = f"Make the model from a fit of this robot; it needs {AXES} joints."
+            raise DeviceRefused(self._device, str(error), cure) from error
+        self._lines.process.block.online.place_model(values)
+
+    async def _until(self, phases: set[Phase], limit_s: float) -> None:
+        """Wait for a phase, or for trouble, which `trouble` then tells. Raises DeviceFault, DeviceLost."""
+        deadline = self._clock.now() + limit_s
+        while self._clock.now() < deadline:
+            status = self._lines.process.block.status()
+            if self.trouble() or (status.number == self._holding.search and status.phase in {*phases, Phase.OVER}):
+                return
+            if self._lines.eki.stat.program == "ERROR":
+                raise DeviceFault(self._device, f"the controller shows a message: {self._lines.eki.stat.message}")
+            await self._clock.sleep(_POLL_S)
+        raise DeviceLost(self._device, f"the on-line correction did not begin or end within {limit_s:.1f} s")
+
+    def _counts(self) -> tuple[int, ...]:
+        return tuple(self._lines.process.block.words[slot] for slot in _COUNTS)
+
+    def _report(self) -> CorrectionReport:
+        assert self._before
+        then, counts = self._before
+        now = self._lines.process.block.online.status()
+        late, reported, lost = (b - a for a, b in zip(counts, self._counts(), strict=True))
+        return CorrectionReport(
+            cycles=now.cycles - then.cycles,
+            limited=now.limited - then.limited,
+            outside=now.outside - then.outside,
+            late=max(late, reported),
+            lost=lost,
+            refused_models=int(now.refused > then.refused),
+        )
