@@ -44,6 +44,11 @@ async def command_job(operator: Operator, name: str, target: str, start: Callabl
     return started.result()
 
 
+async def all_audited() -> None:
+    """Wait until every command given so far has ended, and the audit log has its outcome."""
+    await asyncio.gather(*_tasks, return_exceptions=True)
+
+
 def _forget(task: asyncio.Task[None]) -> None:
     """Drop an ended task; its error is in the audit log, and in the job."""
     _tasks.discard(task)

@@ -23,7 +23,7 @@ def run_in(
         journal.append(
             RunStarted(source, place, {}, 1, "lockstep", "Kim", f"{day}T08:00:00Z", "", {}, name=name, section=())
         )
-        identity = {"serial": serial, "model": "KR5 R1400", "firmware": "8.6", "simulated": False}
+        identity = {"serial": serial, "model": "KR5 R1400", "firmware": "8.6", "simulated": serial.startswith("SIM-")}
         journal.append(DevicesConnected({"robot": identity}))
         figures = Figures(1.0, 1.1, 2.0)
         journal.append(Recorded.of(VerdictRow(verdict, "Error at held-out targets.", figures, figures), "", 1))
