@@ -84,7 +84,7 @@ async def _comparison(a: str, b: str) -> None:
 def _facts(found: RunComparison) -> None:
     rows = [[fact.name, fact.a, fact.b, "" if fact.same else "differs"] for fact in found.facts]
     marked = frozenset(number for number, fact in enumerate(found.facts) if not fact.same)
-    with section("Set-up"):
+    with section("Set-up").classes("wrapping"):
         figures([("", "words"), ("a", "words"), ("b", "words"), ("", "words")], rows, label="Set-up", marked=marked)
 
 

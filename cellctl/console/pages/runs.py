@@ -136,7 +136,7 @@ def _cells(row: RunRow) -> dict[str, Any]:
     before, after = (row.get(name) or {} for name in ("before", "after"))
     return {
         "run": row["run"],
-        "link": f"/run/{quote(row['run'])}/result",
+        "link": f"/run/{quote(row['run'])}{'' if row.get('process') else '/result'}",
         "began": shown_time(row.get("began")),
         "serial": robot_serial(row) or "–",
         "state": row["state"],
