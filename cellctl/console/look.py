@@ -36,6 +36,7 @@ ICONS: Mapping[State, str] = {
     "off": "radio_button_unchecked",
     "unknown": "help_outline",
 }
+"""The icon of each state."""
 
 
 @final

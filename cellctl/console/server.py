@@ -26,7 +26,20 @@ from cellctl.files import InputError, Problem
 ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api", "cell", "start", "runs", "result", "compare", "daily", "tables")
+PAGES = (
+    "home",
+    "api",
+    "cell",
+    "start",
+    "run",
+    "runs",
+    "result",
+    "compare",
+    "daily",
+    "tables",
+    "analyse",
+    "analyse_one",
+)
 """Modules of `cellctl.console.pages`."""
 
 

@@ -10,6 +10,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
+from cellctl.console.following import follow
 from cellctl.console.frame import frame
 from cellctl.console.look import facts, section, state_word
 from cellctl.console.run_words import figures, look_of_verdict, mm, shown_time
@@ -22,15 +23,12 @@ if TYPE_CHECKING:
 _NONE = "No daily check has finished in this folder of runs. `cellctl run daily_check` makes one."
 
 
-@ui.page("/daily", response_timeout=30.0)
-async def daily(baseline_runs: int = 0) -> None:
+@ui.page("/daily")
+def daily(baseline_runs: int = 0) -> None:
     """Histories of daily checks."""
     with frame("Daily checks", "/daily"):
         shown = _Daily(baseline_runs if baseline_runs >= 2 else None)
-        await shown.read()
-        end = console().live.subscribe(shown.mark)
-        ui.timer(0.5, shown.follow)
-        ui.context.client.on_delete(end)
+        follow(shown.read)
 
 
 @final
@@ -39,30 +37,20 @@ class _Daily:
 
     def __init__(self, baseline_runs: int | None) -> None:
         self._baseline_runs = baseline_runs
-        self._changed = False
         self._chosen, self._way = 0, ""
         self._seen: Any = None
         self._area = ui.element("div").style("display: contents")
 
-    def mark(self) -> None:
-        """Some run has changed."""
-        self._changed = True
-
-    async def follow(self) -> None:
-        """Read and show what has changed."""
-        if self._changed:
-            self._changed = False
-            await self.read()
-
     async def read(self) -> None:
-        """Read the histories in a thread."""
-        from cellctl.operations.daily_history import daily_histories
+        """Read the histories in a thread, if a daily check has begun, ended or gone."""
+        from cellctl.operations.daily_history import SECTION, daily_histories
 
+        now = [(row.run, row.state) for row in console().live.rows if SECTION in row.summary]
+        if now == self._seen:
+            return
+        self._seen = now
         self._found = await asyncio.to_thread(daily_histories, console().runs, self._baseline_runs)
-        checks = [[check.run for check in history.checks] for history in self._found.histories]
-        if checks != self._seen:
-            self._seen = checks
-            self._show()
+        self._show()
 
     def _show(self) -> None:
         self._area.clear()

@@ -9,6 +9,7 @@ from urllib.parse import quote, urlencode
 
 from nicegui import ui
 
+from cellctl.console.following import follow
 from cellctl.console.frame import frame
 from cellctl.console.known_runs import live_rows
 from cellctl.console.look import COLOURS, ICONS, State
@@ -51,9 +52,7 @@ async def runs(
     """The list of runs."""
     with frame("Runs", "/runs"):
         shown = _RunList(RunFilter(text, state, verdict, serial, procedure, since, until))
-        end = console().live.subscribe(shown.mark)
-        ui.timer(0.1, shown.follow)
-        ui.context.client.on_delete(end)
+        follow(shown.show)
 
 
 @final
@@ -61,7 +60,8 @@ class _RunList:
     """The search and its result."""
 
     def __init__(self, asked: RunFilter) -> None:
-        self._asked, self._changed = asked, False
+        self._asked = asked
+        self._seen: Any = None
         self._rows = live_rows()
         self._search()
         with ui.element("div").classes("row"):
@@ -73,17 +73,12 @@ class _RunList:
         for name in ("state", "verdict"):
             self._table.add_slot(f"body-cell-{name}", _WORD_CELL.replace("NAME", name))
         self._table.on_select(self._show_choice)
-        self._show()
 
-    def mark(self) -> None:
-        """Some run has changed."""
-        self._changed = True
-
-    def follow(self) -> None:
-        """Show what has changed."""
-        if self._changed:
-            self._changed = False
-            self._rows = live_rows()
+    def show(self) -> None:
+        """Show the runs as they are now; sends nothing if no row has changed."""
+        now = (console().live.rows, console().live.reading)
+        if now != self._seen:
+            self._seen, self._rows = now, live_rows()
             self._show()
 
     def _search(self) -> None:
@@ -114,7 +109,9 @@ class _RunList:
 
     def _show(self) -> None:
         found = [row for row in self._rows if self._asked.keeps(row)]
-        self._table.rows = [_cells(row) for row in found]
+        cells = [_cells(row) for row in found]
+        if cells != self._table.rows:
+            self._table.rows = cells
         self._table.selected = [row for row in self._table.rows if row["run"] in self._chosen()]
         reading = ", reading more …" if console().live.reading else ""
         self._count.set_text(f"{len(found)} of {len(self._rows)} runs in {console().runs}{reading}")

@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
+from cellctl.console.following import follow
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.known_runs import live_rows
 from cellctl.console.look import command_button, problem_list, section, state_word
@@ -21,15 +22,12 @@ from cellctl.operations.table_changes import short
 from cellctl.operations.table_overview import table_overview
 
 
-@ui.page("/tables", response_timeout=30.0)
-async def tables(serial: str = "") -> None:
+@ui.page("/tables")
+def tables(serial: str = "") -> None:
     """The tables of each controller."""
     with frame("Compensation tables", "/tables"):
         shown = _Tables(serial)
-        await shown.read()
-        end = console().live.subscribe(shown.mark)
-        ui.timer(0.5, shown.follow)
-        ui.context.client.on_delete(end)
+        follow(shown.follow)
 
 
 @final
@@ -37,20 +35,18 @@ class _Tables:
     """The tables of the chosen controller."""
 
     def __init__(self, serial: str) -> None:
-        self._serial, self._changed = serial, False
+        self._serial = serial
+        self._seen: Any = None
         self._found: list[dict[str, Any]] = []
         self._choice = ui.element("div")
         self._action = TableAction(self.read)
         self._area = ui.element("div").style("display: contents")
 
-    def mark(self) -> None:
-        """Some run has changed."""
-        self._changed = True
-
     async def follow(self) -> None:
-        """Read and show what has changed."""
-        if self._changed:
-            self._changed = False
+        """Read again if a run has begun, ended, gone, or changed its table."""
+        now = [(row.run, row.state, row.summary.get("table_state")) for row in console().live.rows]
+        if now != self._seen:
+            self._seen = now
             await self.read()
 
     async def read(self) -> None:
