@@ -26,7 +26,7 @@ from cellctl.files import InputError, Problem
 ROUTERS = ("console", "cells", "starting", "running", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api", "cell", "start")
+PAGES = ("home", "api", "cell", "start", "run", "analyse", "analyse_one")
 """Modules of `cellctl.console.pages`."""
 
 

@@ -82,7 +82,6 @@ def _level(name: str, value: float, dash: str, measured: int) -> Options:
         "symbol": "none",
         "lineStyle": {"color": _SIGMA, "width": 1.5, "type": dash},
         "itemStyle": {"color": _SIGMA},
-        "legendIcon": _ICONS[dash],
         "animation": False,
     }
 
@@ -99,6 +98,7 @@ def _options(shown: list[Options], x: str, y: str, empty: str) -> Options:
             "itemWidth": 12,
             "itemHeight": 10,
             "textStyle": {"color": "#1f2328"},
+            "data": [_entry(each) for each in shown],
         },
         "tooltip": {"trigger": "item", ":formatter": _TOOLTIP},
         "xAxis": {
@@ -123,6 +123,13 @@ def _options(shown: list[Options], x: str, y: str, empty: str) -> Options:
         "series": shown,
         "aria": {"enabled": True},
     }
+
+
+def _entry(series: Options) -> Options:
+    """A series in the legend; a line as a line."""
+    if series["type"] != "line":
+        return {"name": series["name"]}
+    return {"name": series["name"], "icon": _ICONS[series["lineStyle"]["type"]]}
 
 
 _RANGE = {

@@ -59,7 +59,7 @@ def _joint(scene: ui.scene, radius: float) -> None:
     """A drum about the joint's axis, with a coloured ring at both ends."""
     rod(scene, [0, 0, -1.15 * radius], [0, 0, 1.15 * radius], 1.12 * radius, _JOINT)
     for side in (-1.15, 1.15):
-        rod(scene, [0, 0, side * radius], [0, 0, 1.12 * side * radius], 0.8 * radius, _CAP)
+        rod(scene, [0, 0, side * radius], [0, 0, 1.12 * side * radius], 0.7 * radius, _CAP)
 
 
 def _tool(scene: ui.scene, tcp: Floats, radius: float) -> None:

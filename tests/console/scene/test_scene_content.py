@@ -160,7 +160,7 @@ def test_a_damaged_row_is_named_and_the_robot_is_shown() -> None:
     run = touch_run(8, 5)
     run.row("touch", {"number": 5})
     content = scene_of(run.state())
-    assert "field 'sphere' is missing" in content.problems[0]
+    assert "a row is without 'joints'" in content.problems[0]
     assert content.posture
 
 
