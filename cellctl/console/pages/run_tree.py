@@ -116,6 +116,8 @@ def _passes(loop: Node) -> list[Node]:
 
 def _title(node: Node) -> str:
     title = node.title.partition("\n")[0]
+    if node.kind is NodeKind.PASS:
+        return f"Pass {title}"
     return f"Confirm: {title}" if node.kind is NodeKind.CONFIRM else title[:1].upper() + title[1:]
 
 
