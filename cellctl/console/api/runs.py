@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.background import BackgroundTask
 
-from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
+from cellctl.console.api.answers import COMMANDS, READS, Commander, Failure, Refused
 from cellctl.console.command_jobs import command_job
 from cellctl.console.known_runs import REPORT_CONTENT, exported, known_rows
 from cellctl.console.shared import console
@@ -70,7 +70,7 @@ class JobOut(BaseModel):
     job: str = Field(description="`GET /api/jobs/{job}` shows its progress and outcome")
 
 
-@router.get("/runs")
+@router.get("/runs", responses=READS)
 async def list_runs(
     text: _Text = "",
     state: _Text = "",
@@ -142,7 +142,7 @@ async def job(number: str) -> dict[str, Any]:
     return found.to_json()
 
 
-@router.get("/compare", responses=READS)
+@router.get("/compare", responses={**READS, 409: {"model": Failure, "description": "A journal cannot be read"}})
 async def compare(a: str, b: str) -> dict[str, Any]:
     """Two runs side by side: facts, errors (mm), and parameters of their models with the difference and its 1 σ."""
     from cellctl.operations.comparing_runs import compare_runs
@@ -151,7 +151,7 @@ async def compare(a: str, b: str) -> dict[str, Any]:
     return (await asyncio.to_thread(compare_runs, first, second)).to_json()
 
 
-@router.get("/drift")
+@router.get("/drift", responses=READS)
 async def drift(serial: _Text, parameter: Annotated[list[str], Query(max_length=200)] = []) -> dict[str, Any]:  # noqa: B006
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
     from cellctl.operations.parameter_drift import parameter_drift
@@ -160,7 +160,7 @@ async def drift(serial: _Text, parameter: Annotated[list[str], Query(max_length=
     return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()
 
 
-@router.get("/daily")
+@router.get("/daily", responses=READS)
 async def daily(baseline_runs: Annotated[int | None, Query(ge=2, le=1000)] = None) -> dict[str, Any]:
     """Histories of daily checks with control charts (mm). baseline_runs: first checks that give the limits."""
     from cellctl.operations.daily_history import daily_histories
