@@ -49,7 +49,7 @@ def test_a_data_file_is_uploaded_understood_fitted_and_its_results_downloaded(tm
         }
         found = (await client.post("/api/analyses", files=files, headers=COMMANDS)).json()
         place = f"/api/analyses/{found['name']}"
-        assert dict(found["understood"]["facts"])["Set-up check"] == "robot file and data agree"
+        assert dict(found["understood"]["facts"])["Set-up check"] == "no set-up error found"
         assert (await client.post(f"{place}/fit", json={"model": "geometry"}, headers=COMMANDS)).status_code == 202
         while (state := (await client.get(place)).json())["state"] in ("new", "running"):
             await asyncio.sleep(0.05)
