@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from nicegui import background_tasks, ui
 
 from cellctl.console.shared import console
+
+Subscribe = Callable[[Callable[[], None]], Callable[[], None]]
+"""Registers a callback for an event; returns the function that ends that."""
 
 
 def follow(show: Callable[[], object], run: str = "") -> None:
@@ -16,6 +19,11 @@ def follow(show: Callable[[], object], run: str = "") -> None:
 
     Changes that come while `show` works are shown together by its next call. Let it change only what changed.
     """
+    follow_event(show, lambda changed: console().live.subscribe(changed, run), run or "all runs")
+
+
+def follow_event(show: Callable[[], object], subscribe: Subscribe, name: str) -> None:
+    """As `follow`, for the event that `subscribe` is for. `show`: a function or a coroutine function."""
     changed, client = asyncio.Event(), ui.context.client
     changed.set()
 
@@ -25,12 +33,14 @@ def follow(show: Callable[[], object], run: str = "") -> None:
             changed.clear()
             try:
                 with client:
-                    show()
+                    work = show()
+                    if isinstance(work, Awaitable):
+                        await work
             except Exception:  # shown again with the next change
                 logging.getLogger(__name__).exception("a page cannot show the live state")
 
-    unsubscribe = console().live.subscribe(changed.set, run)
-    task = background_tasks.create(shown(), name=f"page follows {run or 'all runs'}")
+    unsubscribe = subscribe(changed.set)
+    task = background_tasks.create(shown(), name=f"page follows {name}")
 
     def end() -> None:
         unsubscribe()

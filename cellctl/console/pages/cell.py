@@ -10,9 +10,10 @@ from fastapi import Request
 from nicegui import ui
 
 from cellctl.console import commands
+from cellctl.console.following import follow, follow_event
 from cellctl.console.frame import frame
-from cellctl.console.live_page import Commands, enable, on_change, on_event, problems_of, set_text
 from cellctl.console.look import State, StateWord, command_button, link_button, problem_list, section, state_word
+from cellctl.console.page_commands import Commands, enable, problems_of, set_text
 from cellctl.console.shared import console
 from cellctl.devices.cell import Cell
 from cellctl.engine import Operator
@@ -46,8 +47,8 @@ async def cell(request: Request, name: str = "") -> None:
             return
         page = _CellPage(loaded, chosen.file)
         await page.show_latest()
-        on_change(page.show)
-        on_event(page.show_latest, lambda changed: commands.examinations.add(changed, str(chosen.file)))
+        follow(page.show)
+        follow_event(page.show_latest, lambda changed: commands.examinations.add(changed, str(chosen.file)), "a cell")
 
 
 def _choice(found: dict[str, FileChoice], chosen: FileChoice) -> None:

@@ -9,8 +9,8 @@ from nicegui import ui
 
 from cellctl.console import commands
 from cellctl.console.frame import frame
-from cellctl.console.live_page import Commands, enable, problems_of
 from cellctl.console.look import command_button, facts, problem_list, section, state_word
+from cellctl.console.page_commands import Commands, answer_of, enable, problems_of
 from cellctl.console.pages.parameter_fields import ParameterFields
 from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
@@ -150,7 +150,7 @@ class _StartPage:
             with ui.element("div").classes("row"):
                 command_button("Start the run", lambda: dialog.submit(True), important=True)
                 command_button("Cancel", lambda: dialog.submit(False))
-        if await dialog:
+        if await answer_of(dialog):
             await self._commands.give(self._begin)
 
     async def _begin(self, operator: Operator) -> None:

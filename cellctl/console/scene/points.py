@@ -5,23 +5,28 @@ A package registers a `SceneSource` under the entry points `cellctl.scene_source
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
 from importlib.metadata import entry_points
-from typing import Any, Self, final
+from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.console.scene.setting import Setting
-from cellctl.journal import Outcome, RunState
+from cellctl.journal import Outcome, RecordedRow, RunState
 from cellctl.kinematics import Floats
-from cellctl.records import AnyRow, ResidualsRow
+from cellctl.records import ResidualsRow, Row
 
 GROUP = "cellctl.scene_sources"
 """The entry point group: name = the source's, value = a `SceneSource`."""
+
+
+ROBOTS = ("nominal robot", "identified robot")
+"""What residuals before and after are of, unless a source states another pair."""
 
 
 class Role(StrEnum):
@@ -41,7 +46,7 @@ class Points:
     name: of one of them, as "touch". role: CHECK: no fit uses it and it judges nothing. label (N,): unique among those
     with this name. at (N, 3): robot's base frame, mm. seq (N,): event of the measurement; 0: not measured yet.
     before, after (N,): residual, mm, of the nominal robot, and of the identified or compensated one. sigma (N,):
-    predicted 1 σ of `after`, mm. NaN: not known.
+    predicted 1 σ of `after`, mm. NaN: not known. compared: what the residuals before and after are of.
     """
 
     name: str
@@ -52,6 +57,7 @@ class Points:
     before: Floats
     after: Floats
     sigma: Floats
+    compared: tuple[str, str] = ROBOTS
 
     @classmethod
     def of(
@@ -65,12 +71,14 @@ class Points:
         before: ArrayLike = np.nan,
         after: ArrayLike = np.nan,
         sigma: ArrayLike = np.nan,
+        compared: tuple[str, str] = ROBOTS,
     ) -> Self:
         """N points; seq and numbers in mm may be one for all."""
         n = len(label)
         columns = {"seq": seq, "before": before, "after": after, "sigma": sigma}
         full = {key: np.broadcast_to(np.asarray(value, float), (n,)) for key, value in columns.items()}
-        return cls(name=name, role=role, label=[str(one) for one in label], at=np.reshape(at, (n, 3)), **full)
+        places = np.reshape(at, (n, 3))
+        return cls(name=name, role=role, label=[str(one) for one in label], at=places, compared=compared, **full)
 
     def __len__(self) -> int:
         return len(self.label)
@@ -89,6 +97,9 @@ class Points:
                 yield replace(self, role=role, label=[self.label[index] for index in chosen], **columns)
 
 
+Lengths: TypeAlias = Mapping[tuple[float, ...], tuple[float, float]]
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class SceneRun:
@@ -97,18 +108,21 @@ class SceneRun:
     state: RunState
     setting: Setting
 
-    def rows(self, kind: type[AnyRow]) -> tuple[list[AnyRow], Floats]:
-        """The rows of this class that count, and the number of the event of each (N,). Raises InputError."""
-        mine = self._events.get(kind.KIND, [])
-        return self.state.recorded(kind)[: len(mine)] if mine else [], np.array(mine, float)
+    def rows(self, kind: type[Row]) -> tuple[list[Mapping[str, Any]], Floats]:
+        """The rows of this class that count, as the journal holds them, and the number of the event of each (N,).
+
+        They are not checked against the class, which takes seconds for ten thousand of them.
+        """
+        found = self._rows.get(kind.KIND, [])
+        return [row.event.data for row in found], np.array([row.seq for row in found], float)
 
     @cached_property
-    def _events(self) -> Mapping[str, list[int]]:
-        """Kind of row → the numbers of the events of those that count."""
-        found: dict[str, list[int]] = {}
+    def _rows(self) -> Mapping[str, list[RecordedRow]]:
+        """Kind of row → those that count."""
+        found: dict[str, list[RecordedRow]] = {}
         for row in self.state.rows:
             if self.state.counts(row):
-                found.setdefault(row.event.row_kind, []).append(row.seq)
+                found.setdefault(row.event.row_kind, []).append(row)
         return found
 
     def planned(self, name: str) -> Iterator[Mapping[str, Any]]:
@@ -126,10 +140,10 @@ class SceneRun:
         columns = np.array(pairs, float).reshape(-1, 2)
         return columns[:, 0], columns[:, 1]
 
-    @cached_property
-    def _by_readings(self) -> Mapping[tuple[float, ...], tuple[float, float]]:
-        row = self.state.last(ResidualsRow)
-        return _lengths(row) if row else {}
+    @property
+    def _by_readings(self) -> Lengths:
+        rows, _ = self.rows(ResidualsRow)
+        return _lengths(rows[-1]) if rows else {}
 
 
 def _lists(data: object, name: str) -> Iterator[Mapping[str, Any]]:
@@ -147,10 +161,19 @@ def _of_entries(value: object) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-@lru_cache(maxsize=8)
-def _lengths(row: ResidualsRow) -> Mapping[tuple[float, ...], tuple[float, float]]:
-    ends = (np.linalg.norm(np.array(each, float).reshape(-1, 3), axis=1) for each in (row.before, row.after))
-    return dict(zip(map(_rounded, row.readings), zip(*(each.tolist() for each in ends), strict=True), strict=True))
+_latest: deque[tuple[Mapping[str, Any], Lengths]] = deque(maxlen=8)
+"""Residuals that were asked for last, by the row that they are from."""
+
+
+def _lengths(row: Mapping[str, Any]) -> Lengths:
+    """Readings → residual before and after, mm."""
+    for known, lengths in list(_latest):
+        if known is row:
+            return lengths
+    ends = (np.linalg.norm(np.array(row[name], float).reshape(-1, 3), axis=1).tolist() for name in ("before", "after"))
+    lengths = dict(zip(map(_rounded, row["readings"]), zip(*ends, strict=True), strict=True))
+    _latest.append((row, lengths))
+    return lengths
 
 
 def _rounded(readings: Sequence[Any]) -> tuple[float, ...]:

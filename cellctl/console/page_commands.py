@@ -1,59 +1,18 @@
-"""What pages with live content share: follow the runs, and carry out commands with their refusals shown."""
+"""Commands that a page gives, with their refusals shown; and changes that send only what changed."""
 
 from __future__ import annotations
 
-import asyncio
-import logging
 from collections.abc import Awaitable, Callable
 from typing import final
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from cellctl.console.frame import with_operator
 from cellctl.console.look import problem_list
-from cellctl.console.shared import console
 from cellctl.devices import DeviceError
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError
-
-_AT_MOST_EVERY_S = 0.05
-"""Time between two updates of a page: a page shows the latest state, and leaves out states between."""
-
-
-def on_change(show: Callable[[], object], run: str = "") -> None:
-    """Call `show` in the context of this page after changes of `run`, or of any run, as long as the page is open."""
-    on_event(show, lambda changed: console().live.subscribe(changed, run))
-
-
-def on_event(show: Callable[[], object], subscribe: Callable[[Callable[[], None]], Callable[[], None]]) -> None:
-    """Call `show`, a function or coroutine function, in the context of this page after each event, while it is open.
-
-    subscribe: registers a callback for the event, and returns the function that ends that.
-    """
-    changed, client = asyncio.Event(), ui.context.client
-    end = subscribe(changed.set)
-
-    async def follow() -> None:
-        while True:
-            await changed.wait()
-            changed.clear()
-            try:
-                with client:
-                    waiting = show()
-                    if isinstance(waiting, Awaitable):
-                        await waiting
-            except Exception:  # the page stays as it is; the next change is tried again
-                logging.getLogger(__name__).exception("a page cannot show a change")
-            await asyncio.sleep(_AT_MOST_EVERY_S)
-
-    task = background_tasks.create(follow(), name="page follows runs")
-
-    def leave() -> None:
-        end()
-        task.cancel()
-
-    client.on_delete(leave)
 
 
 @final
@@ -99,6 +58,13 @@ def problems_of(error: Exception) -> tuple[Problem, ...]:
             return (Problem(str(error.path), 0, 0, error.what, error.cure),)
         case _:
             return (Problem("this computer", 0, 0, str(error)),)
+
+
+async def answer_of(dialog: ui.dialog) -> bool:
+    """Show a dialog until it is answered by `submit`; closing it means no. The dialog is removed afterwards."""
+    answer = await dialog
+    dialog.delete()
+    return bool(answer)
 
 
 def set_text(label: ui.label, text: str) -> None:
