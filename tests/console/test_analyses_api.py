@@ -149,6 +149,14 @@ def test_targets_are_compensated_and_downloaded(tmp_path: Path) -> None:
     assert len(file.text.splitlines()) == 4
 
 
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    folder, _ = analyses.new_analysis(tmp_path, "Ada", "poses.csv")
+    files = [("files", ("a.csv", b"X\n")), ("files", ("a.csv", b"X\n"))]
+    url = f"/api/analyses/{folder.name}/programs"
+    answer = run(tmp_path, lambda client: client.post(url, files=files, headers=COMMANDS))
+    assert (answer.status_code, answer.json()["problems"][0]["what"]) == (422, "is there more than once")
+
+
 @pytest.mark.long
 def test_a_fit_in_progress_is_cancelled_and_the_analysis_says_so(tmp_path: Path) -> None:
     async def work(client: httpx.AsyncClient) -> dict[str, Any]:
