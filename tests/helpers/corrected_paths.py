@@ -166,11 +166,12 @@ def travel(pc: Any, path: Path, model: ModelFile, *, corrected: bool) -> Travell
         block.online.place_model(pack(CorrectionFile.of(model).arrays))
     task = OnlineCorrection(SearchOrder(1, tuple(path.joints[0]), (0.0,) * 6, 1.0, (0,) * 8), LIMITS, block.online)
     pc.put('<Cmd Id="8" Op="CORRON"></Cmd>')
-    _answer(pc, task, lambda seen, replies: seen >= 1500)
+    _answer(pc, task, lambda seen, replies: seen >= 1000)
     pc.put('<Cmd Id="9" Op="OWN"><Row N="1"/></Cmd>')
     rows = _answer(pc, task, lambda seen, replies: 'Id="9"' in replies)
     pc.put('<Cmd Id="10" Op="HALT"></Cmd>')
     _answer(pc, task, lambda seen, replies: 'Id="10"' in replies)
+    pc.stream = b""
     time, places, programmed, joints = (np.array(column) for column in zip(*rows, strict=True))
     return Travelled(time, places, programmed, joints)
 

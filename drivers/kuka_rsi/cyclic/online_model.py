@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias, final
 
 from drivers.kuka_rsi.axes import AXES
@@ -58,10 +58,7 @@ class OnlineModel:
         self._loaded = bool(self._load.any())
         self._bend, self._stretch = float(parts["bend"][0]), arrays["stretch"]
         self._stretched = bool(self._stretch.any())
-        self._wave_joint, self._wave_order = arrays["wave_joint"].astype(int), arrays["wave_order"]
-        self._wave_sine, self._wave_cosine = arrays["wave_sine"], arrays["wave_cosine"]
-        self._node_place, self._node_scale = (arrays[each].reshape(-1, AXES) for each in ("node_place", "node_scale"))
-        self._node_weight = arrays["node_weight"].reshape(3, -1)
+        self._waves, self._nodes = _Waves(np, arrays), _Nodes(np, arrays)
         self._lever = np.array([1.0, 1.0, 1.0, _LEVER_MM, _LEVER_MM, _LEVER_MM])
         self._damping = _DAMPING_MM**2 * np.eye(6)
         self._last = np.zeros(AXES) if last_rad is None else np.array(last_rad, float)
@@ -83,35 +80,32 @@ class OnlineModel:
         """The correction of A1…A6, deg, at the programmed joints `readings`, deg, one step from the last cycle's."""
         np = self._np
         q = self._sign * np.radians(readings) + self._offset
-        frames = self._nominal.frames(q)
+        corrected = q + self._last
+        frames, behind = self._nominal.frames(np.stack([q, corrected]))
         goal = self._base @ frames[-1] @ self._tool
-        rest = _difference(np, goal, self.pose(q + self._last)) * self._lever
+        rest = _difference(np, goal, self._pose(corrected, behind)) * self._lever
         arms = _jacobian(np, self._base, frames, goal) * self._lever[:, None]
         step = arms.T @ np.linalg.solve(arms @ arms.T + self._damping, rest)
         self._last = np.clip(self._last + step, -_MOST_RAD, _MOST_RAD)
         return tuple((self._sign * np.degrees(self._last)).tolist())
 
-    def pose(self, q: Array) -> Array:
-        """The identified robot's TCP (4, 4), mm, in the measuring frame, at model angles q (6,), rad."""
-        frames = self._nominal.frames(q)
-        true = self._true.frames(q + self._turns(q, frames))[-1]
+    def _pose(self, q: Array, frames: Array) -> Array:
+        """The identified robot's TCP (4, 4), mm, in the measuring frame, at model angles q (6,), rad. frames (7, 4, 4):
+        of the nominal robot in its own base.
+        """
+        true = self._true.frames((q + self._turns(q, frames))[None])[0, -1]
         true[:3, 3] += self._true_turn @ self._shift(q, frames)
         return true
 
     def _turns(self, q: Array, frames: Array) -> Array:
         """Turns of the joints (6,), rad, by weight, load and waves."""
-        np = self._np
         arms = self._down_across @ frames[:-1, :3, 2].T
         pulls = frames[:-1, :3, :2].transpose(1, 0, 2).reshape(3, 2 * AXES) @ self._weight
         turns = (arms * pulls).sum(axis=0)
         if self._loaded:
             place = frames[-1, :3] @ self._load_place
             turns = turns + self._load * (arms * (place[:, None] - frames[:-1, :3, 3].T)).sum(axis=0)
-        if self._wave_joint.size:
-            phase = q[self._wave_joint] * self._wave_order
-            each = self._wave_sine * np.sin(phase) + self._wave_cosine * (np.cos(phase) - 1.0)
-            turns = turns + np.bincount(self._wave_joint, each, AXES)
-        return turns
+        return turns + self._waves.turns(q)
 
     def _shift(self, q: Array, frames: Array) -> Array:
         """Shift of the TCP (3,), mm, along the robot's base: bending, expansion, field."""
@@ -122,10 +116,44 @@ class OnlineModel:
             shift += self._bend * (self._down - (self._down @ along) * along)
         if self._stretched:
             shift += self._stretch @ frames[:, :3, 3]
-        if self._node_place.size:
-            away = q * self._node_scale - self._node_place
-            shift += self._node_weight @ np.exp(-0.5 * np.einsum("kj,kj->k", away, away))
-        return shift
+        return shift + self._nodes.shift(q)
+
+
+@final
+class _Waves:
+    """Σ s sin mq + c (cos mq − 1) of each joint."""
+
+    def __init__(self, np: Any, arrays: Mapping[str, Array]) -> None:
+        self._np = np
+        joint, count = arrays["wave_joint"].astype(int), arrays["wave_joint"].size
+        self._orders, self._sines = np.zeros((count, AXES)), np.zeros((AXES, count))
+        self._cosines = np.zeros((AXES, count))
+        each = np.arange(count)
+        self._orders[each, joint] = arrays["wave_order"]
+        self._sines[joint, each], self._cosines[joint, each] = arrays["wave_sine"], arrays["wave_cosine"]
+        self._constant = self._cosines.sum(axis=1)
+
+    def turns(self, q: Array) -> Array:
+        """Of the joints (6,), rad."""
+        phase = self._orders @ q
+        return self._sines @ self._np.sin(phase) + self._cosines @ self._np.cos(phase) - self._constant
+
+
+@final
+class _Nodes:
+    """Σ w exp(−½ |q · scale − place|²), the square multiplied out: two products of a matrix and a vector."""
+
+    def __init__(self, np: Any, arrays: Mapping[str, Array]) -> None:
+        self._np = np
+        place, scale = (arrays[each].reshape(-1, AXES) for each in ("node_place", "node_scale"))
+        self._factors = np.hstack([scale * place, -0.5 * scale**2])
+        self._constant = -0.5 * (place**2).sum(axis=1)
+        self._weight = arrays["node_weight"].reshape(3, -1)
+
+    def shift(self, q: Array) -> Array:
+        """Of the TCP (3,), mm, along the robot's base."""
+        np = self._np
+        return self._weight @ np.exp(self._factors @ np.concatenate([q, q * q]) + self._constant)
 
 
 @final
@@ -135,21 +163,20 @@ class _Chain:
     def __init__(self, np: Any, constants: Array) -> None:
         self._np = np
         self._before, self._end = constants[:-1].copy(), constants[-1].copy()
-        self._turn = np.tile(np.eye(4), (AXES, 1, 1))
+        self._across = self._before[:, :, [1, 0]] * np.array([1.0, -1.0])
 
     def frames(self, q: Array) -> Array:
-        """(7, 4, 4), mm, at angles q (6,), rad."""
+        """(N, 7, 4, 4), mm, at angles q (N, 6), rad. A turn about z mixes the first two columns of the frame before."""
         np = self._np
-        turn, cosine, sine = self._turn, np.cos(q), np.sin(q)
-        turn[:, 0, 0] = turn[:, 1, 1] = cosine
-        turn[:, 1, 0] = sine
-        turn[:, 0, 1] = -sine
-        steps = np.matmul(self._before, turn)
-        result = np.empty((AXES + 1, 4, 4))
-        result[0] = steps[0]
+        cosine, sine = np.cos(q)[:, :, None, None], np.sin(q)[:, :, None, None]
+        steps = np.empty((len(q), AXES, 4, 4))
+        steps[:, :, :, :2] = cosine * self._before[:, :, :2] + sine * self._across
+        steps[:, :, :, 2:] = self._before[:, :, 2:]
+        result = np.empty((len(q), AXES + 1, 4, 4))
+        result[:, 0] = steps[:, 0]
         for joint in range(1, AXES):
-            np.dot(result[joint - 1], steps[joint], out=result[joint])
-        np.dot(result[AXES - 1], self._end, out=result[AXES])
+            np.matmul(result[:, joint - 1], steps[:, joint], out=result[:, joint])
+        np.matmul(result[:, AXES - 1], self._end, out=result[:, AXES])
         return result
 
 
