@@ -1,6 +1,6 @@
 """How soon RSI telegrams are answered on a busy machine: our cyclic process beside RSIPI's driver, in one run.
 
-    python tests/studies/rsi_answers.py [--seconds 60] [--cycle ipo] [--online]   (four minutes; dependency group `peers`)
+    python tests/studies/rsi_answers.py [--seconds 60] [--cycle ipo] [--online]   (four minutes; group `peers`)
 
 A stand-in for the controller sends a telegram each 4 ms (`--cycle ipo`: 12 ms) to both, half a cycle apart, while two
 busy loops run: once with real-time rights for both drivers and once without (CAP_SYS_NICE and CAP_IPC_LOCK taken away;
@@ -194,6 +194,8 @@ async def _serve_ours(ethernet: Path, cycle: str, *, online: bool) -> None:
     far = (4.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     process.block.place_order(SearchOrder(1, START, far, 0.02, (0,) * GUARDS))
     process.block.announce_session(1)
+    while process.block.status().number != 1:  # a model with a field imports numpy before the session
+        await asyncio.sleep(0.01)
     print(json.dumps(process.granted), flush=True)
     await asyncio.to_thread(sys.stdin.read)
     if online:
