@@ -28,6 +28,16 @@ NO_SAFETY = (
     "No button of this console is a safety stop. Use the emergency stop of the cell: it works without this computer."
 )
 
+_LOST = """<script>
+addEventListener("DOMContentLoaded", () => {
+  const popup = document.getElementById("popup");
+  new MutationObserver(() => {
+    for (const part of document.querySelectorAll("#app, .q-dialog, .q-menu")) part.inert = popup.ariaHidden === "false";
+  }).observe(popup, { attributes: true });
+});
+</script>"""
+"""While the connection is lost nothing on the page can be pressed; the notice says so (`#popup` in console.css)."""
+
 
 def session() -> Session:
     """The session of the browser that shows this page."""
@@ -45,6 +55,7 @@ def operator() -> Operator | None:
 def frame(title: str, here: str) -> Iterator[None]:
     """The frame of a page; its content goes inside. `here`: the page's entry of the navigation (`/runs`)."""
     ui.page_title(f"{title} · cellctl")
+    ui.add_head_html(_LOST)
     with ui.element("header").classes("top"):
         ui.link("cellctl", "/").classes("name").style("color: inherit; text-decoration: none")
         with ui.element("nav").props('aria-label="Pages"'):

@@ -96,7 +96,7 @@ class Guard:
     def _with_token(self, scope: Scope, session: Session) -> ASGIApp | None:
         """For a page opened with `?token=`: the session is opened, and the address is shown without the token."""
         path, query = scope["path"], parse_qs(scope["query_string"].decode(errors="replace"))
-        if "token" not in query or scope["method"] != "GET" or path.startswith(("/api", "/_nicegui")):
+        if "token" not in query or scope["method"] != "GET" or path.startswith(("/api/", "/_nicegui")):
             return None
         if not self.sessions.open(session, query.pop("token")[0]):
             return _failure(

@@ -6,11 +6,13 @@ import asyncio
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass
 from typing import IO, Any, Literal, TypeAlias, final
 
 from cellctl.clock import calendar_time
@@ -22,6 +24,9 @@ WORKER = (sys.executable, "-P", "-m", "cellctl.console.worker")
 AT_ONCE = 2
 """Computing jobs at once; others wait."""
 
+LOOK_S = 1.0
+"""Between two looks at a process of an earlier console."""
+
 KEPT_LINES = 500
 KEPT_JOBS = 100
 _LONGEST_LINE = 64 * 2**20
@@ -29,14 +34,31 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THR
 
 
 @final
+@dataclass(frozen=True, slots=True)
+class Adopted:
+    """A process that an earlier console started. alive: whether it runs; result: what it left, once it has ended."""
+
+    pid: int
+    alive: Callable[[], bool]
+    result: Callable[[], Any]
+
+    def terminate(self) -> None:
+        """Ask it to end, if it still runs."""
+        if self.alive():
+            os.kill(self.pid, signal.SIGTERM)
+
+
+@final
 class Job:
     """One process, or what it left. doing, share: its latest progress, share from 0 to 1. lines: its latest output.
 
-    result: the operation's JSON once it is done; failure: why it is not. Belongs to the event loop.
+    target: what it is for (a run, a cell, an analysis). result: the operation's JSON once it is done; failure: why it
+    is not. Belongs to the event loop.
     """
 
-    def __init__(self, number: str, title: str, operation: str, operator: str) -> None:
+    def __init__(self, number: str, title: str, operation: str, operator: str, target: str = "") -> None:
         self.id, self.title, self.operation, self.operator = number, title, operation, operator
+        self.target = target
         self.began = calendar_time()
         self.state: State = "waiting"
         self.doing, self.share = "", 0.0
@@ -45,7 +67,7 @@ class Job:
         self.failure: Failure | None = None
         self._end = asyncio.Event()
         self._cancelled = False
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: subprocess.Popen[bytes] | Adopted | None = None
         self._callbacks: list[Callable[[], None]] = []
 
     @property
@@ -78,6 +100,7 @@ class Job:
             "id": self.id,
             "title": self.title,
             "operation": self.operation,
+            "target": self.target,
             "operator": self.operator,
             "began": self.began,
             "state": self.state,
@@ -94,13 +117,23 @@ class Job:
             return
         self._changed("running")
         command = (*worker, self.operation)
-        self._process = process = await asyncio.to_thread(_started, command, json.dumps(request))
+        process = await asyncio.to_thread(_started, command, json.dumps(request))
+        self._process = process
         if self._cancelled:  # while the process was made
             self._signal()
         assert process.stdout
         assert process.stderr
         await asyncio.gather(self._read(process.stdout), self._read_errors(process.stderr))
         self._finish(await asyncio.to_thread(process.wait))
+
+    async def _watch(self, process: Adopted) -> None:
+        """Wait for the end of a process that an earlier console started."""
+        self._process = process
+        self._changed("running")
+        while await asyncio.to_thread(process.alive):
+            await asyncio.sleep(LOOK_S)
+        self.result = await asyncio.to_thread(process.result)
+        self._ended("done")
 
     def _signal(self) -> None:
         if self._process is not None:
@@ -152,23 +185,37 @@ class Jobs:
         self._free = asyncio.Semaphore(at_once)
         self._jobs: dict[str, Job] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._callbacks: list[Callable[[Job], None]] = []
         self._count = 0
 
     def start(
-        self, title: str, operation: str, request: Mapping[str, Any], operator: str, *, computes: bool = True
+        self,
+        title: str,
+        operation: str,
+        request: Mapping[str, Any],
+        operator: str,
+        *,
+        target: str = "",
+        computes: bool = True,
     ) -> Job:
         """Start an operation of `cellctl.console.worker.OPERATIONS` with a JSON `request`, in the event loop.
 
         computes: it may wait until a processor is free. False for one that talks to devices: it starts at once.
         """
-        self._count += 1
-        job = Job(str(self._count), title, operation, operator)
-        self._jobs[job.id] = job
-        self._forget()
-        task = asyncio.get_running_loop().create_task(self._run(job, request, computes))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        job = self._new(title, operation, operator, target)
+        self._do(self._run(job, request, computes))
         return job
+
+    def adopt(self, title: str, operation: str, process: Adopted, operator: str, *, target: str = "") -> Job:
+        """Follow a process that an earlier console started."""
+        job = self._new(title, operation, operator, target)
+        self._do(job._watch(process))
+        return job
+
+    def subscribe(self, callback: Callable[[Job], None]) -> Callable[[], None]:
+        """Call `callback` with each new job, in the event loop; returns what ends that. It must not block."""
+        self._callbacks.append(callback)
+        return lambda: self._callbacks.remove(callback) if callback in self._callbacks else None
 
     def all(self) -> list[Job]:
         """The jobs, the newest last."""
@@ -177,6 +224,10 @@ class Jobs:
     def find(self, number: str) -> Job | None:
         """The job with this id."""
         return self._jobs.get(number)
+
+    def active(self, target: str) -> list[Job]:
+        """The jobs for `target` that have not ended."""
+        return [job for job in self._jobs.values() if job.target == target and not job.ended_already]
 
     async def close(self) -> None:
         """Stop following: jobs that run go on without the console; those that wait are not started."""
@@ -191,6 +242,20 @@ class Jobs:
             except (OSError, ValueError) as error:  # no process can be made, or its output is not ours
                 job.failure = Failure.of(error) if isinstance(error, OSError) else Failure.internal(str(error))
                 job._ended("failed")
+
+    def _new(self, title: str, operation: str, operator: str, target: str) -> Job:
+        self._count += 1
+        job = Job(str(self._count), title, operation, operator, target)
+        self._jobs[job.id] = job
+        self._forget()
+        for callback in tuple(self._callbacks):
+            callback(job)
+        return job
+
+    def _do(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     def _forget(self) -> None:
         """Forget the oldest jobs that ended."""

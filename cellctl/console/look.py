@@ -27,7 +27,7 @@ COLOURS: Mapping[State, str] = {
 }
 """Dark shades of the Okabe-Ito palette: contrast of 4.5 : 1 or more on white (WCAG 2.2, 1.4.3)."""
 
-_ICONS: Mapping[State, str] = {
+ICONS: Mapping[State, str] = {
     "good": "check_circle",
     "working": "play_circle",
     "waiting": "pending",
@@ -36,6 +36,7 @@ _ICONS: Mapping[State, str] = {
     "off": "radio_button_unchecked",
     "unknown": "help_outline",
 }
+"""The icon of each state."""
 
 
 @final
@@ -50,8 +51,8 @@ class StateWord:
         """Show `word` as `state`; an unchanged one sends nothing."""
         if self.label.text != word:
             self.label.set_text(word)
-        if self.icon.name != _ICONS[state]:
-            self.icon.set_name(_ICONS[state])
+        if self.icon.name != ICONS[state]:
+            self.icon.set_name(ICONS[state])
         style = {"color": COLOURS[state]}
         if dict(self.icon.style) != style:
             self.icon.style(replace=f"color: {COLOURS[state]}")
@@ -61,7 +62,7 @@ class StateWord:
 def state_word(state: State, word: str, *, large: bool = False) -> StateWord:
     """A state as icon, colour and word: never the colour alone."""
     with ui.element("span").classes("state-word large" if large else "state-word"):
-        icon = ui.icon(_ICONS[state]).props("aria-hidden=true").style(f"color: {COLOURS[state]}")
+        icon = ui.icon(ICONS[state]).props("aria-hidden=true").style(f"color: {COLOURS[state]}")
         label = ui.label(word).style(f"color: {COLOURS[state]}")
     return StateWord(icon, label)
 
@@ -88,14 +89,16 @@ def facts(rows: Mapping[str, str] | Iterable[tuple[str, str]]) -> dict[str, ui.l
     return labels
 
 
-def problem_list(problems: Iterable[Problem]) -> ui.element:
-    """Errors, each with place, text and cure."""
+def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] | None = None) -> ui.element:
+    """Errors, each with place, text and cure. line_of: the line of the file at which a problem is, shown below it."""
     with ui.element("ul").classes("problems").props("role=alert") as listed:
         for problem in problems:
             place = f"{problem.file}:{problem.line}" if problem.line else problem.file
             with ui.element("li"):
                 ui.label(place).classes("place")
                 ui.label(problem.what).classes("what")
+                if line_of and (line := line_of(problem)):
+                    ui.label(line.strip()).classes("line")
                 if problem.cure:
                     ui.label(problem.cure).classes("cure")
     return listed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import secrets
 import socket
@@ -23,10 +24,23 @@ from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
 
-ROUTERS = ("console",)
+ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api")
+PAGES = (
+    "home",
+    "api",
+    "cell",
+    "start",
+    "run",
+    "runs",
+    "result",
+    "compare",
+    "daily",
+    "tables",
+    "analyse",
+    "analyse_one",
+)
 """Modules of `cellctl.console.pages`."""
 
 
@@ -75,11 +89,13 @@ def console_app(console: Console) -> Guard:
     from nicegui import ui
 
     from cellctl.console.look import CSS
+    from cellctl.console.scene.points import installed_sources
 
     app = api_app(console)
     pages.state.openapi = app.openapi
     for name in PAGES:
         import_module(f"cellctl.console.pages.{name}")
+    pages.on_startup(lambda: asyncio.to_thread(installed_sources))  # its imports take a second of the first run page
     ui.add_css(CSS, shared=True)
     ui.run_with(
         app,

@@ -23,10 +23,13 @@ Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 
 OPERATIONS: dict[str, str] = {
     "act_on_table": "cellctl.console.run_jobs:act_on_table",
+    "compensate": "cellctl.console.analysing:compensate",
     "export": "cellctl.console.run_jobs:export",
+    "fit": "cellctl.console.analysing:fit",
     "look_at_table": "cellctl.console.run_jobs:look_at_table",
     "replay": "cellctl.console.run_jobs:replay",
     "report": "cellctl.console.run_jobs:report",
+    "understand": "cellctl.console.analysing:understand",
 }
 """Operation → `module:function`."""
 

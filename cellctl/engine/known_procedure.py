@@ -34,14 +34,29 @@ class KnownProcedure:
 
     @classmethod
     def of(cls, started: RunStarted, registry: StepRegistry) -> Self | None:
-        """The procedure of a started run; None if it was written by a version with other rules or packages."""
+        """The procedure of a started run; None if it was written by a version with other rules.
+
+        Of steps whose package is not installed here only the ids are known.
+        """
         try:
             procedure = read_procedure(parse_yaml(started.procedure.text, started.procedure.path))
-            phases = phase_titles(procedure, registry)
-            expected = expected_passes(procedure, started.parameters, registry)
-            return cls(procedure, _titles(procedure, registry), phases, expected)
-        except (InputError, UnknownStep, BrokenSteps):
+        except InputError:
             return None
+        titles = _titles(procedure, registry)
+        try:
+            expected = expected_passes(procedure, started.parameters, registry)
+            return cls(procedure, titles, phase_titles(procedure, registry), expected)
+        except (UnknownStep, BrokenSteps):
+            return cls(procedure, titles, {}, 0)
+        except InputError:
+            return None
+
+
+def _title_of_kind(do: str, registry: StepRegistry) -> str:
+    try:
+        return registry.find(do).title
+    except (UnknownStep, BrokenSteps):
+        return ""
 
 
 def _titles(procedure: Procedure, registry: StepRegistry) -> dict[str, str]:
@@ -53,7 +68,7 @@ def _titles(procedure: Procedure, registry: StepRegistry) -> dict[str, str]:
             case Loop(title=title):
                 pass
             case Step(do=do):
-                title = registry.find(do).title
+                title = _title_of_kind(do, registry)
             case _:
                 title = ""
         titles[action.id] = title or action.id.replace("_", " ")

@@ -9,6 +9,7 @@ import io
 import os
 import shlex
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self, final
@@ -22,6 +23,9 @@ except ImportError:  # Windows: runs can only be read there
     HAS_LOCKS = False
 else:
     HAS_LOCKS = True
+
+_ASKED_S, _ATTEMPTS = 0.3, 30
+"""A process that asks who writes (`lock_holder`) holds a free lock for a moment: wall time to wait for its end, s."""
 
 _LONGEST = 4096
 """Number of bytes read from a lock file: more than a process writes to it."""
@@ -75,7 +79,7 @@ class WriterLock:
             raise JournalError(path.parent, "a run cannot be written on this system", "run it on Linux")
         stream = io.FileIO(path, "a+")
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(stream)
             stream.truncate(0)
             stream.write(Writer.this_process().text().encode(errors="replace"))
         except BlockingIOError:
@@ -90,6 +94,18 @@ class WriterLock:
     def release(self) -> None:
         """Release the lock; a second call has no effect."""
         self._stream.close()
+
+
+def _lock(stream: io.FileIO) -> None:
+    """Lock `stream` for writing. Raises BlockingIOError if another process holds it for longer than `_ASKED_S`."""
+    for _ in range(_ATTEMPTS - 1):
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            threading.Event().wait(_ASKED_S / _ATTEMPTS)
+        else:
+            return
+    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def lock_holder(path: Path) -> Writer | None:

@@ -13,7 +13,7 @@ from typing import final
 from cellctl.clock import WallClock
 from cellctl.devices.cell import ClockMode
 from cellctl.files import InputError, Problem
-from cellctl.journal import JournalError, RunState, fold, last_number, read_journal, writer_of
+from cellctl.journal import JournalError, RunState, fold, last_number, read_journal
 from cellctl.journal.schema import FILE_NAME
 from cellctl.operations.checking import check
 from cellctl.operations.results import OUTPUT_NAME, new_run_folder
@@ -108,7 +108,7 @@ async def _begun(process: subprocess.Popen[bytes], folder: Path, seen: int) -> b
     until = clock.now() + _PATIENCE_S
     while clock.now() < until:
         ended = process.poll() is not None
-        if (ended or writer_of(folder)) and _last(folder) > seen:
+        if _last(folder) > seen:
             return True
         if ended:
             return False

@@ -116,7 +116,7 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
     from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
     from cellctl.operations.fit_split import split_of
 
-    measured = _measured(given, asked)
+    measured = measured_rows(given, asked)
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
     progress = shown or _silently
@@ -152,8 +152,8 @@ def _is_robot(path: Path) -> bool:
     return isinstance(content, dict) and {"convention", "joints"} <= content.keys()
 
 
-def _measured(given: FitInput, asked: Asked) -> Measurements:
-    """The usable rows for the fit."""
+def measured_rows(given: FitInput, asked: Asked) -> Measurements:
+    """The usable rows for the fit. Raises InputError where data and options do not allow one."""
     from cellctl.formats import from_prior, measurements, only
 
     measured = measurements(

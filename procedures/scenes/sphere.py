@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from cellctl.calibration.rows.places import sphere_centre
-from cellctl.console.scene.points import Points, Role, SceneRun, SceneSource
+from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
+from cellctl.records import Row
+from procedures.scenes.tool import TOOLS, tool_errors
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, StandOffRow, TouchRow
 from procedures.steps.tool.rows import ToolTouchRow
 
 _LEAST = 5
 """Touches of a sphere from which its centre is fitted for a preliminary residual: 4 have none."""
 
+_MOST = 200
+"""More touches than these do not change a centre that is drawn; every so many of them are used."""
+
 _ROLES = {"fit": Role.FIT, "test": Role.HELD_OUT, "locate": Role.CHECK, "reference": Role.CHECK}
 
-AnyTouch = TypeVar("AnyTouch", TouchRow, LocateRow, ReferenceRow, ToolTouchRow)
+Rows = Sequence[Mapping[str, Any]]
 
 
 def points(run: SceneRun) -> list[Points]:
@@ -36,49 +41,55 @@ def points(run: SceneRun) -> list[Points]:
 def found(run: SceneRun) -> Mapping[str, Floats]:
     """Centres of spheres, from the touches so far by the nominal robot; of the proof sphere as it was located."""
     rows, _ = run.rows(TouchRow)
-    places = {name: centre for name, (centre, _) in _centres(run, rows).items()}
+    places = {name: centre for name, _, centre, _ in _centres(run, rows)}
     proofs, _ = run.rows(ProofRow)
-    return places | {row.sphere: np.array(row.nominal_centre) for row in proofs}
+    return places | {row["sphere"]: np.array(row["nominal_centre"]) for row in proofs}
 
 
-def _touches(run: SceneRun, name: str, kind: type[AnyTouch], done: set[int]) -> Iterator[Points]:
+def _touches(run: SceneRun, name: str, kind: type[Row], done: set[int]) -> Iterator[Points]:
     rows, seq = run.rows(kind)
     if not rows:
         return
-    done |= {row.number for row in rows}
-    readings = [row.joints for row in rows]
+    done |= {row["number"] for row in rows}
+    readings = [row["joints"] for row in rows]
     at = run.setting.tcp(readings)
-    before, after = run.residuals(readings)
-    if name == "touch" and np.isnan(before).all():
+    tool = kind is ToolTouchRow
+    before, after = tool_errors(run, len(rows)) if tool else run.residuals(readings)
+    if np.isnan(before).all() and kind in (TouchRow, ToolTouchRow):
         before = _preliminary(run, rows, at)
-    every = Points.of(name, Role.FIT, [row.number for row in rows], at, seq=seq, before=before, after=after)
-    yield from every.parts(_masks([_ROLES[row.set] for row in rows]))
+    label, pair = [row["number"] for row in rows], TOOLS if tool else ROBOTS
+    every = Points.of(name, Role.FIT, label, at, seq=seq, before=before, after=after, compared=pair)
+    yield from every.parts(_masks([_ROLES[row["set"]] for row in rows]))
 
 
 def _masks(roles: Sequence[Role]) -> dict[Role, Any]:
     return {role: np.array([each is role for each in roles], bool) for role in Role}
 
 
-def _preliminary(run: SceneRun, rows: Sequence[AnyTouch], at: Floats) -> Floats:
+def _preliminary(run: SceneRun, rows: Rows, at: Floats) -> Floats:
     """Distance of each touch from the sphere through its sphere's touches (N,), mm; NaN: too few touches."""
-    centres = _centres(run, rows)
     result = np.full(len(rows), np.nan)
-    for index, row in enumerate(rows):
-        if row.sphere in centres:
-            centre, reach = centres[row.sphere]
-            result[index] = abs(float(np.linalg.norm(at[index] - centre)) - reach)
+    for _, mine, centre, reach in _centres(run, rows):
+        result[mine] = np.abs(np.linalg.norm(at[mine] - centre, axis=1) - reach)
     return result
 
 
-def _centres(run: SceneRun, rows: Sequence[AnyTouch]) -> dict[str, tuple[Floats, float]]:
-    """Sphere → centre (3,) through its touches by the nominal robot, and the TCP's distance from it at a touch, mm."""
-    artefact, centres = run.setting.artefact, {}
+def _centres(run: SceneRun, rows: Rows) -> Iterator[tuple[str, list[int], Floats, float]]:
+    """Spheres with enough touches: name, which of the rows touch it, the centre (3,) through them by the nominal
+    robot, mm, and the TCP's distance from it at a touch.
+    """
+    artefact = run.setting.artefact
     for sphere in artefact.spheres if artefact else ():
-        mine = [row.joints for row in rows if row.sphere == sphere.id]
+        mine = [index for index, row in enumerate(rows) if row["sphere"] == sphere.id]
         if artefact and len(mine) >= _LEAST:
             reach = sphere.diameter / 2.0 + artefact.tip_radius
-            centres[sphere.id] = sphere_centre(run.setting.tcp(mine), reach), reach
-    return centres
+            used = mine[:: max(1, len(mine) // _MOST)]
+            yield (
+                sphere.id,
+                mine,
+                sphere_centre(run.setting.tcp([rows[index]["joints"] for index in used]), reach),
+                reach,
+            )
 
 
 def _coming_touches(run: SceneRun, done: set[int]) -> Iterator[Points]:
@@ -107,9 +118,9 @@ def _on_surface(
 
 def _stand_offs(run: SceneRun) -> Iterator[Points]:
     rows, seq = run.rows(StandOffRow)
-    done = {(row.number, row.run) for row in rows}
+    done = {(row["number"], row["run"]) for row in rows}
     for when in ("before", "after"):
-        mine = [(row, at) for row, at in zip(rows, seq.tolist(), strict=True) if row.run == when]
+        mine = [(row, at) for row, at in zip(rows, seq.tolist(), strict=True) if row["run"] == when]
         if mine:
             yield _measured(run, when, [row for row, _ in mine], [at for _, at in mine])
     coming = [plan for plan in run.planned("standoffs") if (plan["number"], plan["run"]) not in done]
@@ -118,13 +129,13 @@ def _stand_offs(run: SceneRun) -> Iterator[Points]:
         yield Points.of("planned stand-off", Role.TARGET, label, _on_surface(run, coming, lambda plan: plan["end"]))
 
 
-def _measured(run: SceneRun, when: str, rows: Sequence[StandOffRow], seq: Sequence[float]) -> Points:
-    error = np.abs([row.error_mm for row in rows])
-    label = [f"{row.number} {when}" for row in rows]
-    at = run.setting.tcp([row.at_contact for row in rows])
+def _measured(run: SceneRun, when: str, rows: Rows, seq: Sequence[float]) -> Points:
+    error = np.abs([row["error_mm"] for row in rows])
+    label = [f"{row['number']} {when}" for row in rows]
+    at = run.setting.tcp([row["at_contact"] for row in rows])
     if when == "before":
         return Points.of("stand-off", Role.TARGET, label, at, seq=seq, before=error)
-    return Points.of("stand-off", Role.TARGET, label, at, seq=seq, after=error, sigma=[row.sigma_mm for row in rows])
+    return Points.of("stand-off", Role.TARGET, label, at, seq=seq, after=error, sigma=[row["sigma_mm"] for row in rows])
 
 
 SOURCE = SceneSource(points=points, found=found)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, SELFCAL, Ended, cell_with, faults, run_here
+from cell_runs import CELL, ROOT, SELFCAL, Ended, cell_with, faults, run_here
+from shared_campaign import SEED, Whole, shared_campaign
 from volumetric import truth
 
 from cellctl.devices import DeviceFault
@@ -37,51 +37,37 @@ def short_campaign(folder: Path, **settings: Any) -> Path:
     return path
 
 
-@dataclass
-class Run:
-    ended: Ended
-    cell: Path
-    folder: Path
-
-    def rows(self, kind: str) -> list[dict[str, Any]]:
-        return [dict(row) for row in self.ended.journal.data_of(kind)]
-
-
 @pytest.fixture(scope="module")
-def proved(tmp_path_factory) -> Run:
-    folder = tmp_path_factory.mktemp("proved")
-    cell = cell_with(folder)
-    ended = run_here(short_campaign(folder, touches_fit=50, reference_every=20), cell, folder)
-    assert ended.outcome.state is State.FINISHED, ended.outcome.error
-    return Run(ended, cell, folder)
+def proved(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    return shared_campaign(tmp_path_factory)
 
 
-def true_errors(run: Run, which: str) -> np.ndarray:
+def true_errors(run: Whole, which: str, folder: Path) -> np.ndarray:
     """How far off the distance meant the true mean robot stands at the joints that were arrived at (N,), mm."""
-    rows = [row for row in run.rows("standoff") if row["run"] == which]
-    tips = truth(run.cell, 1, np.array([row["at_target"] for row in rows]), run.folder)
-    centre = next(np.array(contact["centre"]) for contact in run.ended.truth if contact["sphere"] == "P1")
+    rows = [row for row in run.journal.data_of("standoff") if row["run"] == which]
+    tips = truth(CELL, SEED, np.array([row["at_target"] for row in rows]), folder)
+    centre = next(np.array(contact["centre"]) for contact in run.truth if contact["sphere"] == "P1")
     return np.linalg.norm(tips - centre, axis=1) - REACH_MM - 10.0
 
 
 @pytest.mark.long
-def test_what_a_stand_off_measures_is_how_far_off_the_true_robot_stands(proved: Run) -> None:
-    after = np.array([row["error_mm"] for row in proved.rows("standoff") if row["run"] == "after"])
-    off = after - true_errors(proved, "after")
+def test_what_a_stand_off_measures_is_how_far_off_the_true_robot_stands(proved: Whole, tmp_path: Path) -> None:
+    after = np.array([row["error_mm"] for row in proved.journal.data_of("standoff") if row["run"] == "after"])
+    off = after - true_errors(proved, "after", tmp_path)
     assert float(np.sqrt(np.mean(off**2))) <= REPEATABILITY_MM
-    before = np.array([row["error_mm"] for row in proved.rows("standoff") if row["run"] == "before"])
+    before = np.array([row["error_mm"] for row in proved.journal.data_of("standoff") if row["run"] == "before"])
     # before, the tip comes down beside the normal's foot: up to s²/2R for s of some millimetres, and 1 % of the way
-    assert before == pytest.approx(true_errors(proved, "before"), abs=0.35)
+    assert before == pytest.approx(true_errors(proved, "before", tmp_path), abs=0.35)
     assert np.abs(before).mean() > 5 * np.abs(after).mean()
 
 
 @pytest.mark.long
-def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_the_robot_went(proved: Run) -> None:
-    table = TableFile.load(proved.folder / "run" / "table.json")
-    pushed = proved.rows("table")
-    assert pushed == [{**pushed[0], "id": table.id, "rows": 6, "pushed": True, "verified": True, "active": True}]
-    after = [row for row in proved.rows("standoff") if row["run"] == "after"]
-    assert [row["row"] for row in after] == [1, 2, 3, 4, 5, 6]
+def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_the_robot_went(proved: Whole) -> None:
+    table = TableFile.load(proved.run / "table.json")
+    pushed = [dict(row) for row in proved.journal.data_of("table")]
+    assert pushed == [{**pushed[0], "id": table.id, "rows": 30, "pushed": True, "verified": True, "active": True}]
+    after = [row for row in proved.journal.data_of("standoff") if row["run"] == "after"]
+    assert [row["row"] for row in after] == [*range(1, 31)]
     for row, (nominal, compensated) in zip(after, table.pairs(), strict=True):
         assert row["nominal"] == pytest.approx(nominal)
         assert row["commanded"] == pytest.approx(compensated)
@@ -91,17 +77,17 @@ def test_the_pushed_table_is_the_one_in_the_run_folder_and_its_joints_are_where_
 
 
 @pytest.mark.long
-def test_the_proof_sphere_is_in_no_fit(proved: Run) -> None:
-    assert {row["sphere"] for row in proved.rows("touch")} == {"S1", "S2", "S3"}
-    assert {row["sphere"] for row in proved.rows("locate")} == {"P1"}
-    model = ModelFile.load(proved.folder / "run" / "model.json")
+def test_the_proof_sphere_is_in_no_fit(proved: Whole) -> None:
+    assert {row["sphere"] for row in proved.journal.data_of("touch")} == {"S1", "S2", "S3"}
+    assert {row["sphere"] for row in proved.journal.data_of("locate")} == {"P1"}
+    model = ModelFile.load(proved.run / "model.json")
     assert {centre.id for centre in model.centres} == {"S1", "S2", "S3"}
-    assert "P1" not in (proved.folder / "run" / "dataset.csv").read_text()
+    assert "P1" not in (proved.run / "dataset.csv").read_text()
 
 
 @pytest.mark.long
-def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
-    verdict = proved.rows("verdict")[-1]
+def test_the_verdict_says_both_and_the_table(proved: Whole) -> None:
+    verdict = proved.journal.data_of("verdict")[-1]
     assert verdict["verdict"] == "better"
     assert "P1" in verdict["sentence"]
     assert "held-out touches" in verdict["lines"][0]
@@ -113,17 +99,25 @@ def test_the_verdict_says_both_and_the_table(proved: Run) -> None:
 
 
 @pytest.mark.long
-def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(proved: Run) -> None:
-    visits = proved.rows("reference")
-    assert [row["after_touch"] for row in visits] == [19, 40]  # the first visit is touch 0, the second number 20
-    assert {row["sphere"] for row in visits} == {proved.rows("touch")[0]["sphere"]}
+def test_the_campaign_goes_back_to_its_first_touch_and_finds_nothing_changed(proved: Whole) -> None:
+    visits = proved.journal.data_of("reference")
+    assert [row["after_touch"] for row in visits] == [
+        19,
+        40,
+        61,
+        82,
+        91,
+        91,
+        91,
+    ]  # the first is touch 0, the second number 20
+    assert {row["sphere"] for row in visits} == {proved.journal.data_of("touch")[0]["sphere"]}
     assert max(abs(row["shift_mm"]) for row in visits) < 5 * visits[0]["sigma_mm"]
-    assert not proved.rows("verdict")[-1]["drift"]["modelled"]
+    assert not proved.journal.data_of("verdict")[-1]["drift"]["modelled"]
 
 
 @pytest.mark.long
-def test_after_every_stand_off_the_robot_has_gone_back_clear_of_all_spheres(proved: Run) -> None:
-    assert len(proved.ended.truth) == len([row for kind in KINDS for row in proved.rows(kind)])
+def test_after_every_stand_off_the_robot_has_gone_back_clear_of_all_spheres(proved: Whole) -> None:
+    assert len(proved.truth) == len([row for kind in KINDS for row in proved.journal.data_of(kind)])
 
 
 KINDS = ("touch", "reference", "locate", "standoff")
@@ -145,7 +139,7 @@ def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: P
 @pytest.mark.long
 def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(tmp_path: Path) -> None:
     strict = {"limits:\n": "limits:\n  table: {correction_deg: 0.01}\n"}
-    enough = short_campaign(tmp_path, touches_fit=50, reference_every=20)  # to be better, which comes before
+    enough = short_campaign(tmp_path, touches_fit=30, reference_every=0)  # to be better, which comes before
     ended = run_here(enough, cell_with(tmp_path, replace=strict), tmp_path)
     assert isinstance(ended.outcome.error, InputError)
     assert "row 1" in str(ended.outcome.error)
@@ -180,7 +174,10 @@ def test_a_tip_that_jumps_stops_the_run_at_the_next_visit_to_the_reference(tmp_p
 def test_wear_of_the_tip_is_seen_and_allowed_for(tmp_path: Path) -> None:
     """0.01 mm a touch: 0.6 mm in all, several times what the held-out touches would be off by otherwise."""
     cell = cell_with(tmp_path, "  errors: {wear: 20}\n")
-    ended = run_here(short_campaign(tmp_path, touches_fit=50, reference_every=10), cell, tmp_path)
+    procedure = short_campaign(tmp_path, touches_fit=50, reference_every=10)
+    text = procedure.read_text()
+    procedure.write_text(text[: text.index("  - id: proof")] + text[text.index("cleanup:") :])  # it is judged before
+    ended = run_here(procedure, cell, tmp_path)
     first = next(row for row in ended.journal.data_of("verdict"))
     assert first["drift"]["significant"]
     assert first["drift"]["modelled"]
@@ -191,14 +188,14 @@ def test_wear_of_the_tip_is_seen_and_allowed_for(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def at_two_speeds(tmp_path_factory) -> list[Run]:
+def at_two_speeds(tmp_path_factory) -> list[Ended]:
     runs = []
     for speed in (2, 8):
         folder = tmp_path_factory.mktemp(f"speed{speed}")
         procedure = folder / "touches.yaml"
         procedure.write_text(TOUCHES.format(speed=speed))
         cell = cell_with(folder)
-        runs.append(Run(run_here(procedure, cell, folder), cell, folder))
+        runs.append(run_here(procedure, cell, folder))
     return runs
 
 
@@ -224,14 +221,14 @@ cleanup:
 
 
 @pytest.mark.long
-def test_where_contact_is_measured_does_not_depend_on_the_speed_of_the_search(at_two_speeds: list[Run]) -> None:
+def test_where_contact_is_measured_does_not_depend_on_the_speed_of_the_search(at_two_speeds: list[Ended]) -> None:
     robot = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")
     tips = [
-        robot.chain().forward(robot.joint_map().model([row["joints"] for row in run.rows("touch")]))[:, :3, 3]
+        robot.chain().forward(robot.joint_map().model([row["joints"] for row in run.touches]))[:, :3, 3]
         for run in at_two_speeds
     ]
     apart = np.linalg.norm(tips[0] - tips[1], axis=1)
     assert len(apart) == 8
     assert apart.max() <= REPEATABILITY_MM + ALLOWANCE_MM
-    over = [np.mean([contact["overtravel_mm"] for contact in run.ended.truth]) for run in at_two_speeds]
+    over = [np.mean([contact["overtravel_mm"] for contact in run.truth]) for run in at_two_speeds]
     assert over[1] > 2 * over[0], "the stopped pose does depend on it"

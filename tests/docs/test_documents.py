@@ -27,7 +27,10 @@ from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
-UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
+DATA = ROOT.parent / "shared" / "data"
+UR10 = DATA / "ur10_tracker" / "measurements_grid.csv"
+MEASURED = {"measurements_grid.csv": UR10, "iiwa14_sockets": DATA / "iiwa14_sockets"}
+"""Measurements of real robots, by the names that documents call them; they are not in the repository."""
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -75,6 +78,11 @@ def session(parts: list[Block], folder: Path, timeout: float) -> subprocess.Comp
         (tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {words}"$@"\n')
         (tools / name).chmod(0o755)
     script = "set -euo pipefail\n" + "".join(part.text for part in parts)
+    for name, source in MEASURED.items():
+        if name in script:
+            if not source.exists():
+                pytest.skip(f"{source} is not here: see docs/reference/data-sets.md, public data sets")
+            (folder / name).symlink_to(source)
     return subprocess.run(
         ["bash", "-c", f'export PATH="{tools}:$PATH"\n{script}'],
         cwd=folder,
@@ -104,7 +112,8 @@ def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
     """Documents that take a user through a whole story take as long as the story."""
     text = "".join(part.text for part in parts)
     whole = [pytest.mark.campaign, pytest.mark.long] if "cellctl run" in text else []
-    return whole or ([pytest.mark.long] if text.count("cellctl ") > MOST_COMMANDS else [])
+    many = text.count("cellctl ") > MOST_COMMANDS or any(name in text for name in MEASURED)
+    return whole or ([pytest.mark.long] if many else [])
 
 
 @pytest.mark.timeout(1500)

@@ -54,6 +54,14 @@ cleanup:
 """
 
 
+def confirmed_touches(folder: Path, fit: int = 12) -> Path:
+    """A procedure that waits for a confirmation, then does `fit` touches and one more, without identification."""
+    path = folder / "confirmed_touches.yaml"
+    text = TOUCHES.replace("FIT", str(fit)).replace("procedure: touches", f"procedure: confirmed_touches\ncell: {CELL}")
+    path.write_text(text.replace("steps:\n", 'steps:\n  - {id: clear, confirm: "Is the cell clear?"}\n', 1))
+    return path
+
+
 def touches_procedure(folder: Path, fit: int = 5) -> Path:
     """A procedure of `fit` touches and one more, without identification."""
     path = folder / "touches.yaml"

@@ -41,12 +41,12 @@ def free_port() -> int:
 
 
 @contextmanager
-def console_process(runs: Path, *options: str, port: int = 0) -> Iterator[ConsoleProcess]:
-    """A console over the folder `runs`; `options`: further ones, such as `--cell CELL`."""
+def console_process(runs: Path, *options: str, port: int = 0, folder: Path | None = None) -> Iterator[ConsoleProcess]:
+    """A console over the folder `runs`; `options`: further ones, such as `--cell CELL`; `folder`: where it works."""
     port = port or free_port()
     command = [sys.executable, "-P", "-m", "cellctl", "console", "--runs", str(runs), "--port", str(port), *options]
     with (runs.parent / f"console-{port}.log").open("w+") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, cwd=folder)
         try:
             yield _started(process, port, runs, log)
         finally:

@@ -1,5 +1,6 @@
 """What was appended is there: after a crash, for a second reader, on a full disk; and nobody else can write it."""
 
+import fcntl
 import itertools
 import json
 import os
@@ -9,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+import threading
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -137,6 +139,15 @@ def test_one_run_has_one_writer_and_the_second_gets_the_name_of_the_process(jour
     journal.append(Said("the first goes on"))
     journal.close()
     assert not is_being_written(journal.path)
+
+
+def test_a_process_that_asks_who_writes_does_not_keep_a_run_from_beginning(tmp_path, now_ns):
+    (tmp_path / "run").mkdir()
+    with (tmp_path / "run" / "journal.lock").open("a+") as asking:
+        fcntl.flock(asking, fcntl.LOCK_SH)  # as `writer_of` for a moment
+        threading.Timer(0.05, lambda: fcntl.flock(asking, fcntl.LOCK_UN)).start()
+        with Journal.create(tmp_path / "run", now_ns) as journal:
+            assert journal.append(Said("one")).seq == 1
 
 
 def test_a_journal_is_not_seen_before_it_is_one(tmp_path, now_ns, monkeypatch):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run
+from shared_campaign import shared_campaign
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
 
@@ -118,9 +119,9 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
 
 
 @pytest.mark.long
-def test_the_shipped_campaign_is_replayed_byte_for_byte(tmp_path):
-    assert cellctl("run", SELFCAL, "--runs", tmp_path / "runs").returncode == 0
-    done = cellctl("replay", only_run(tmp_path / "runs"), "--json", tmp_path / "replay.json")
+def test_the_shipped_campaign_is_replayed_byte_for_byte(tmp_path_factory, tmp_path):
+    run = shared_campaign(tmp_path_factory).run
+    done = cellctl("replay", run, "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "replay.json").read_text())
     assert [each["name"] for each in found["artefacts"]] == FILES

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Self, final
 
 from cellctl.console.live.run import UNREADABLE, Snapshot
+from cellctl.console.live.unexpected import unexpected
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, RunState, fold, read_journal
 from cellctl.operations.run_summary import run_summary
@@ -60,6 +61,8 @@ class RunRow:
             return cls(folder.name, folder, run_summary(folder, state), active, problem, state.last_seq)
         except InputError as error:  # rows of another version
             return cls._unreadable(folder, error.problems[0])
+        except Exception as error:
+            return cls._unreadable(folder, unexpected(folder, error))
 
     @classmethod
     def _unreadable(cls, folder: Path, problem: Problem) -> Self:

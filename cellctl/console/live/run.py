@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from typing import final
 
 from cellctl.console.live.log import LogLine, log_line
 from cellctl.console.live.tail import Found, JournalTail
+from cellctl.console.live.unexpected import unexpected
 from cellctl.engine.status import RunProgress, Status
 from cellctl.engine.tree_node import Node
 from cellctl.files import Problem
@@ -95,17 +95,14 @@ class LiveRun:
                 return False
             self._version += 1
             self.snapshot = self._snapshot()
-        except Exception as error:  # one run that cannot be shown must not stop the others
-            logging.getLogger(__name__).exception("%s cannot be shown", self.folder)
-            self._break(error)
+        except Exception as error:
+            self._break(unexpected(self.folder, error))
         return True
 
-    def _break(self, error: Exception) -> None:
-        """Show what was shown before, and the error."""
+    def _break(self, problem: Problem) -> None:
+        """Show what was shown before, and the problem."""
         self._broken = True
         self._version += 1
-        what = f"its events cannot be shown: {type(error).__name__}: {error}"
-        problem = Problem(str(self.folder), 0, 0, what, "look at it with `cellctl show --events`, and report the error")
         self.snapshot = replace(self.snapshot, version=self._version, problem=problem)
 
     def _clear(self) -> None:

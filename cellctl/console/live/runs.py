@@ -19,6 +19,9 @@ from cellctl.console.live.tail import Found
 from cellctl.files import InputError, Problem
 from cellctl.procedure import StepRegistry
 
+_LONGEST = 255
+"""Number of bytes of a file name at most."""
+
 _BATCH = 10
 """Number of old runs that are read between two looks at the folder."""
 
@@ -78,7 +81,7 @@ class LiveRuns:
 
         Raises InputError if `name` cannot be the name of a run.
         """
-        if name in ("", ".", "..") or {"/", "\\", "\0"} & set(name):
+        if name in ("", ".", "..") or {"/", "\\", "\0"} & set(name) or len(name.encode(errors="replace")) > _LONGEST:
             raise InputError(Problem(name, 0, 0, "is no name of a run", "name a run folder of this console"))
         live = self._followed.pop(name, None) or LiveRun(self.folder / name, self._registry)
         self._followed[name] = live  # the one asked for last is the last

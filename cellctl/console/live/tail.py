@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import final
 
+from cellctl.console.live.unexpected import unexpected
 from cellctl.engine.known_procedure import KnownProcedure
 from cellctl.files import Problem
 from cellctl.journal import Entry, JournalError, RunStarted, Writer, read_journal, writer_of
@@ -29,7 +30,7 @@ def stamp(path: Path) -> Stamp:
     """The stamp of a file: another one after each change."""
     try:
         found = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # ValueError: a name that no file can have
         return None
     return found.st_ino, found.st_size, found.st_mtime_ns
 
@@ -97,6 +98,8 @@ class JournalTail:
             entries.extend(islice(read_journal(self._folder / FILE_NAME, self._seq), _SLICE))
         except JournalError as error:
             self._problem = Problem(str(error.path), 0, 0, error.what, error.cure)
+        except Exception as error:
+            self._problem = unexpected(self._folder, error)
         if entries:
             self._seq = entries[-1].seq
         return entries
@@ -104,7 +107,11 @@ class JournalTail:
     def _known(self, entries: list[Entry]) -> KnownProcedure | None:
         events = (entry.event for entry in entries)
         started = next((event for event in events if isinstance(event, RunStarted)), None)
-        return KnownProcedure.of(started, self._registry()) if started else None
+        try:
+            return KnownProcedure.of(started, self._registry()) if started else None
+        except Exception as error:  # of a step's own code: the run is shown without its tree
+            unexpected(self._folder, error)
+            return None
 
     def _writer_now(self) -> Writer | None:
         """The process that writes the run.

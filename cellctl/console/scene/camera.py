@@ -16,16 +16,21 @@ FIELD_OF_VIEW_DEG = 32.0
 _ASPECT = 1.6
 """Width of the picture over its height, at least."""
 
+_THICKNESS = 0.08
+"""Of bodies around their places, as a share of the content's size."""
+
 VIEWS = {"All": (0.75, -0.6, 0.42), "Front": (1.0, 0.0, 0.06), "Side": (0.0, -1.0, 0.06), "Top": (0.001, -0.02, 1.0)}
 """Direction from the content to the camera, in the robot's base frame."""
 
 
 def look_at_all(scene: ui.scene, content: SceneContent, view: str, duration_s: float) -> None:
     """Move the camera so that it shows the content from a side of `VIEWS`."""
-    stand(scene, _corners(content), np.array(VIEWS[view]), duration_s)
+    corners = _corners(content)
+    thickness = _THICKNESS * float(np.ptp(corners, axis=0).max())
+    stand(scene, corners, np.array(VIEWS[view]), duration_s, thickness)
 
 
-def stand(scene: ui.scene, corners: Floats, direction: Floats, duration_s: float, margin: float = 0.12) -> None:
+def stand(scene: ui.scene, corners: Floats, direction: Floats, duration_s: float, margin: float) -> None:
     """Move the camera so that `corners` (N, 3), m, are in the picture, with a margin, m, seen from `direction` (3,)."""
     back = direction / np.linalg.norm(direction)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -56,7 +61,7 @@ def look_at_sphere(scene: ui.scene, content: SceneContent, name: str, duration_s
         if body.kind is Kind.SPHERE and body.name == name:
             centre = 0.001 * (np.array(body.at) - [0.0, 0.0, content.floor_mm])
             reach = 0.001 * body.radius_mm * np.array([np.eye(3), -np.eye(3)]).reshape(-1, 3)
-            stand(scene, centre + 1.4 * reach, np.array(VIEWS["All"]), duration_s, margin=0.0)
+            stand(scene, centre + 1.4 * reach, np.array(VIEWS["All"]), duration_s, 0.0)
 
 
 def _corners(content: SceneContent) -> Floats:

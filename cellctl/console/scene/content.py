@@ -106,9 +106,16 @@ def _named(problems: list[str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # the code of another package may raise anything
-        text = str(error) if isinstance(error, InputError) else f"a scene source failed: {error!r}"
+        text = _text(error)
         if text not in problems:
             problems.append(text)
+
+
+def _text(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        cure = "read it with the cellctl that wrote it, or restore the run folder from a copy"
+        return f"journal: a row is without {error}\n    {cure}"
+    return str(error) if isinstance(error, InputError) else f"a scene source failed: {error!r}"
 
 
 def _found(run: SceneRun, sources: Iterable[SceneSource], problems: list[str]) -> Mapping[str, Floats]:
@@ -141,7 +148,7 @@ def _spheres(artefact: Artefact, found: Mapping[str, Floats]) -> Iterable[Body]:
         corners = np.array([sphere.centre[:2] for sphere in artefact.spheres])
         low, high = corners.min(axis=0) - _EDGE_MM, corners.max(axis=0) + _EDGE_MM
         middle = (*((low + high) / 2.0), plate.z)
-        yield Body(Kind.PLATE, "plate of the spheres", _vector(middle), size_mm=_vector(high - low))
+        yield Body(Kind.PLATE, "plate", _vector(middle), size_mm=_vector(high - low))
     for sphere in artefact.spheres:
         yield Body(
             Kind.SPHERE,

@@ -46,8 +46,10 @@ export default class Marks {
       alphaTest: 0.3,
     });
     material.onBeforeCompile = (shader) => {
-      // smaller from afar, larger when near, but never too small to see or so large that marks hide each other
-      const scaled = "gl_PointSize = size * clamp(2.4 / -mvPosition.z, 0.55, 1.4);";
+      // smaller from afar, larger when near, never too small to see;
+      // and 5 mm towards the camera: a touch by the nominal robot may lie inside its sphere
+      const scaled = `gl_PointSize = size * clamp(2.4 / -mvPosition.z, 0.55, 1.4);
+        gl_Position = projectionMatrix * vec4(mvPosition.xy, mvPosition.z + 0.005, 1.0);`;
       shader.vertexShader = shader.vertexShader.replace("gl_PointSize = size;", scaled);
     };
     this.mesh = new THREE.Points(new THREE.BufferGeometry(), material);

@@ -20,6 +20,9 @@ from cellctl.console.scene.table import ContentTable
 
 CSS = (Path(__file__).parent / "scene.css").read_text(encoding="utf-8")
 
+_NO_WEBGL = "This browser draws no 3-D pictures (WebGL is off). The table below has the same content."
+"""Behind the picture, which hides it."""
+
 _GROUND = "#f4f6f8"
 _GRID = (12, 24)
 """Size of the grid on the floor, m, and its squares along one side."""
@@ -36,6 +39,7 @@ class SceneView:
         with ui.element("div").classes("scene-view"):
             self._problems = ui.label().classes("note").style("white-space: pre-line").props("role=status")
             with ui.element("div").classes("picture"):
+                ui.label(_NO_WEBGL).classes("instead")
                 self._scene = _scene()
                 self._views(content)
             self._posture = ui.label().classes("note")
@@ -74,7 +78,7 @@ class SceneView:
             return
         if self._robot is None:
             with self._scene, self._root:
-                self._robot = RobotDrawing(self._scene, posture)
+                self._robot = RobotDrawing(self._scene, posture, self._content.floor_mm)
         self._robot.show(posture)
 
 

@@ -178,9 +178,30 @@ def test_a_run_that_nobody_writes_is_read_when_it_is_asked_for_and_a_missing_one
         assert missing.problem is not None
         assert missing.problem.what == "there is no journal"
         assert [each.run for each in runs.rows] == ["a"]
-        for name in ("", "..", "a/b", "../a", "a\\b"):
+        for name in ("", "..", "a/b", "../a", "a\\b", 300 * "a"):
             with pytest.raises(InputError, match="is no name of a run"):
                 runs.run(name)
+
+    followed(tmp_path, see)
+
+
+def test_a_run_whose_summary_fails_is_listed_with_its_problem_and_the_others_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "ab":
+        WrittenRun(tmp_path / name).end()
+    original = row.run_summary
+
+    def failing(folder: Path, state: Any) -> Any:
+        return original(folder, state) if folder.name == "a" else 1 / 0
+
+    monkeypatch.setattr(row, "run_summary", failing)
+
+    async def see(runs: LiveRuns) -> None:
+        assert [(each.run, each.state) for each in runs.rows] == [("a", "finished"), ("b", "unreadable")]
+        problem = runs.rows[1].problem
+        assert problem is not None
+        assert "ZeroDivisionError" in problem.what
 
     followed(tmp_path, see)
 

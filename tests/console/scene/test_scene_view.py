@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from nicegui import ui
 from nicegui.client import Client
-from scene_journals import MadeJournal, touch_run
+from scene_journals import touch_run
 
-from cellctl.console.scene import scene_of
+from cellctl.console.scene import SceneContent, scene_of
+from cellctl.console.scene.points import Points, Role
 from cellctl.console.scene.table import HEADINGS, PAGE, body_rows, point_rows
 from cellctl.console.scene.view import SceneView, scene_view
 
@@ -18,8 +20,8 @@ from cellctl.console.scene.view import SceneView, scene_view
 class Sent:
     """A page with a scene, and the calls that its browser gets."""
 
-    def __init__(self, run: MadeJournal, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.view: SceneView = scene_view(scene_of(run.state()))
+    def __init__(self, content: SceneContent, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.view: SceneView = scene_view(content)
         self.calls: list[tuple[Any, ...]] = []
         monkeypatch.setattr(self.view._scene, "run_method", lambda *call, **_: self.calls.append(call))
 
@@ -39,14 +41,14 @@ def on_a_page() -> Iterator[None]:
 @pytest.mark.usefixtures("on_a_page")
 def test_the_same_content_again_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     run = touch_run(20, 10)
-    sent = Sent(run, monkeypatch)
+    sent = Sent(scene_of(run.state()), monkeypatch)
     sent.view.update(scene_of(run.state()))
     assert sent.calls == []
 
 
 @pytest.mark.usefixtures("on_a_page")
 def test_a_new_touch_sends_the_robot_and_its_own_mark(monkeypatch: pytest.MonkeyPatch) -> None:
-    sent = Sent(touch_run(9, 2), monkeypatch)
+    sent = Sent(scene_of(touch_run(9, 2).state()), monkeypatch)
     sent.view.update(scene_of(touch_run(9, 3).state()))
     assert {call[0] for call in sent.calls} == {"move", "rotate", "run_method_on_component"}
     assert len(sent.calls) <= 2 * 7 + 2
@@ -55,10 +57,23 @@ def test_a_new_touch_sends_the_robot_and_its_own_mark(monkeypatch: pytest.Monkey
 
 @pytest.mark.usefixtures("on_a_page")
 def test_a_page_that_comes_back_gets_all_marks_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    sent = Sent(touch_run(9, 2), monkeypatch)
+    sent = Sent(scene_of(touch_run(9, 2).state()), monkeypatch)
     sent.view.update(scene_of(touch_run(9, 5).state()))
     lengths = [thing.args[3] for thing in sent.view._scene.objects.values() if thing.args[:1] == ["disc"]]
     assert lengths == [9 - 2 - 4, 4]
+
+
+@pytest.mark.usefixtures("on_a_page")
+def test_one_more_point_beside_ten_thousand_sends_one_mark(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = np.random.default_rng(1).uniform(0.0, 1000.0, (10_001, 3))
+    contents = [
+        SceneContent(points=(Points.of("touch", Role.FIT, range(n), at[:n], seq=1, after=0.1),))
+        for n in (10_000, 10_001)
+    ]
+    sent = Sent(contents[0], monkeypatch)
+    sent.view.update(contents[1])
+    assert sent.marks() == [(10_001, [10_000])]
+    assert len(sent.calls) == 1
 
 
 def test_the_table_has_every_body_and_every_point() -> None:

@@ -1,0 +1,79 @@
+"""Commands that a page gives, with their refusals shown; and changes that send only what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import final
+
+from nicegui import ui
+
+from cellctl.console.frame import with_operator
+from cellctl.console.look import problem_list
+from cellctl.devices import DeviceError
+from cellctl.engine import Operator
+from cellctl.files import InputError, Problem
+from cellctl.journal import JournalError
+
+
+@final
+class Commands:
+    """Carries out commands from a page. A refused one is shown at this place until the next command."""
+
+    def __init__(self) -> None:
+        self._place = ui.element("div").classes("refusals").props("aria-live=assertive")
+        self._at_work = False
+
+    async def give(self, work: Callable[[Operator], Awaitable[object]]) -> None:
+        """Carry out `work`, once the browser has given the token; a second one at the same time is ignored."""
+
+        async def done(operator: Operator) -> None:
+            if self._at_work:
+                return
+            self._at_work = True
+            self._place.clear()
+            try:
+                await work(operator)
+            except (InputError, DeviceError, JournalError, OSError) as error:
+                self.refuse(problems_of(error))
+            finally:
+                self._at_work = False
+
+        await with_operator(done)
+
+    def refuse(self, problems: tuple[Problem, ...]) -> None:
+        """Show why a command was refused."""
+        self._place.clear()
+        with self._place:
+            problem_list(problems)
+
+
+def problems_of(error: Exception) -> tuple[Problem, ...]:
+    """The problems of an error, for `problem_list`."""
+    match error:
+        case InputError():
+            return tuple(error.problems)
+        case DeviceError():
+            return (Problem(error.device, 0, 0, error.what, error.cure),)
+        case JournalError():
+            return (Problem(str(error.path), 0, 0, error.what, error.cure),)
+        case _:
+            return (Problem("this computer", 0, 0, str(error)),)
+
+
+async def answer_of(dialog: ui.dialog) -> bool:
+    """Show a dialog until it is answered by `submit`; closing it means no. The dialog is removed afterwards."""
+    answer = await dialog
+    dialog.delete()
+    return bool(answer)
+
+
+def set_text(label: ui.label, text: str) -> None:
+    """Change the text of a label; an unchanged one sends nothing."""
+    if label.text != text:
+        label.set_text(text)
+
+
+def enable(button: ui.button, value: bool) -> None:
+    """Enable or disable a button; an unchanged one sends nothing."""
+    if button.enabled is not value:
+        button.set_enabled(value)

@@ -1,0 +1,189 @@
+"""`/analyse`: drop a data file; the analyses of this folder."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from nicegui import events, ui
+
+from cellctl.console import analysis_commands as commands
+from cellctl.console.frame import TokenDialog, frame, operator
+from cellctl.console.guarding import LARGEST_BODY
+from cellctl.console.look import State, command_button, problem_list, section, state_word
+from cellctl.console.pages.uploading import drop_zone, upload_of
+from cellctl.console.shared import console
+from cellctl.files import InputError, Problem
+from cellctl.operations import analyses
+from cellctl.operations.uploaded_files import roles
+
+STATES: dict[str, tuple[State, str]] = {
+    "better": ("good", "better than nominal"),
+    "no better": ("warning", "no better than nominal"),
+    "worse": ("bad", "worse than nominal"),
+    "new": ("off", "not fitted yet"),
+    "running": ("working", "fitting"),
+    "failed": ("bad", "not fitted: input refused"),
+    "cancelled": ("off", "cancelled"),
+    "cut off": ("warning", "cut off"),
+}
+"""Word of each verdict, and of each state without one."""
+
+_EXAMPLE = """A1,A2,A3,A4,A5,A6,X,Y,Z
+20.0,-70.0,80.0,10.0,50.0,30.0,1090.37,-460.32,439.12
+-35.5,-62.1,71.4,0.0,48.2,90.0,812.04,604.77,512.90"""
+_ANSWERS = {
+    "unit": ("Unit of X, Y, Z", ["", "mm", "m", "cm", "um", "inch"]),
+    "angles": ("Unit of the joints", ["", "deg", "rad"]),
+    "decimal": ("Decimal sign", ["", "point", "comma"]),
+    "pair": ("Pair two files by", ["", "name", "order"]),
+    "orientation": ("Orientations are", ["", "abc", "quaternion", "fixed-xyz", "euler-xyz", "rotation-vector"]),
+}
+
+
+@ui.page("/analyse", response_timeout=10.0)
+async def analyse() -> None:
+    """Upload, and the list of analyses."""
+    found = await asyncio.to_thread(analyses.analyses, console().runs)
+    with frame("Analyse a data file", "/analyse"):
+        ui.label(
+            "Joints and measured points of a robot, from a tracker, a probe or a list typed by hand: see how accurate "
+            "the robot is, identify it, and take model, URDF and compensated programs away. No cell is needed."
+        ).style("max-width: 60rem")
+        _UploadPart()
+        with section("Analyses of this folder"):
+            _table(found)
+
+
+class _UploadPart:
+    """Drop zone, answers to an import's questions, and what was refused."""
+
+    def __init__(self) -> None:
+        self._place = ui.column().classes("w-full").style("width: 100%; gap: .75rem")
+        with self._place:
+            self._zone = ui.element("div").style("width: 100%")
+            self._busy = ui.element("div").classes("row").props("role=status")
+            self._problems = ui.element("div").classes("when-filled")
+            self._answers = _answers()
+            _what_it_must_hold()
+        self._busy.set_visibility(False)
+        with self._busy:
+            ui.spinner(size="1.4em")
+            self._doing = ui.label()
+        self._show_zone()
+
+    def _show_zone(self, _: Any = None) -> None:
+        self._zone.clear()
+        with self._zone:
+            if operator() is None:
+                _ask_for_token(self._show_zone)
+            else:
+                self._upload = drop_zone(
+                    "Drop a data file here",
+                    "A CSV data set, a table with joints and positions, or a robot program and its table of positions "
+                    "together. A robot file and an artefact file (YAML) may come along. "
+                    f"At most {LARGEST_BODY // 1_000_000} MB.",
+                    self._uploaded,
+                    self._too_large,
+                )
+
+    async def _uploaded(self, event: events.MultiUploadEventArguments) -> None:
+        here = operator()
+        if here is None:
+            return
+        self._problems.clear()
+        self._doing.set_text(f"Reading {', '.join(file.name for file in event.files)}: 5 to 20 seconds …")
+        self._busy.set_visibility(True)
+        files = {file.name: file for file in event.files}
+        try:
+            found = roles({name: await _head(file) for name, file in files.items()})
+            others = {str(role): upload_of(files[name]) for role, name in found.items() if role != "data"}
+            answers = {name: str(field.value) for name, field in self._answers.items() if field.value}
+            name = await commands.upload(here, upload_of(files[found["data"]]), others, "", answers)
+            ui.navigate.to(f"/analyse/{name}")
+        except InputError as error:
+            self._refused(list(error.problems))
+        finally:
+            self._busy.set_visibility(False)
+            self._upload.reset()
+
+    def _too_large(self) -> None:
+        cure = "leave rows out, or use the command line: `cellctl fit` reads files of any size"
+        self._refused([Problem("upload", 0, 0, f"is larger than {LARGEST_BODY / 1e6:g} MB", cure)])
+
+    def _refused(self, problems: list[Problem]) -> None:
+        self._problems.clear()
+        with self._problems:
+            problem_list(problems)
+
+
+def _ask_for_token(then: Any) -> None:
+    with ui.element("div").classes("drop"), ui.element("div").classes("inner"):
+        ui.label("To upload a file, give the console's token").classes("title")
+        command_button("Give commands", lambda: TokenDialog(then).open(), important=True)
+
+
+def _answers() -> dict[str, Any]:
+    """Fields for what a file may leave open, by option of `cellctl import`."""
+    fields: dict[str, Any] = {}
+    with ui.expansion("Answers to questions of an import").props("dense").classes("unfolding").style("width: 100%"):
+        ui.label("Only where a file leaves them open. Then drop it again.").classes("note")
+        with ui.element("div").classes("answers"):
+            for name, (label, options) in _ANSWERS.items():
+                fields[name] = ui.select(options, value="", label=label).props("outlined dense")
+            fields["columns"] = ui.input("Columns: A1=shoulder,X=north").props("outlined dense")
+    return fields
+
+
+def _what_it_must_hold() -> None:
+    with ui.expansion("What a data file holds").props("dense").classes("unfolding").style("width: 100%"):
+        ui.label(
+            "One row for each measurement: joints A1 … An in degrees (or q1 … qn in radians) and X, Y, Z in mm as the "
+            "instrument states them. In place of X, Y, Z: sphere, socket or plane for touches at fixed places. σ, "
+            "session, temperature, payload and set (fit or test) are optional. Base and tool need not be known."
+        ).classes("note")
+        ui.label(_EXAMPLE).classes("mono").style("white-space: pre; overflow-x: auto")
+
+
+def _table(found: list[dict[str, Any]]) -> None:
+    if not found:
+        ui.label("None yet.").classes("note")
+        return
+    with ui.element("div").classes("scrolling"), ui.element("table").classes("figures"):
+        with ui.element("thead"), ui.element("tr"):
+            for name in ("Data file", "Robot", "State", "Result", "Uploaded (UTC)", "By"):
+                with ui.element("th").classes("words"):
+                    ui.label(name)
+        with ui.element("tbody"):
+            for each in found:
+                _row(each)
+
+
+def _row(each: dict[str, Any]) -> None:
+    outcome = each["outcome"] or {}
+    state, word = STATES[outcome.get("verdict") or each["state"]]
+    with ui.element("tr"):
+        with ui.element("td").classes("words"):
+            ui.link(each["data"], f"/analyse/{each['name']}")
+        for cell in (each["library"] or each["robot"] or "–",):
+            with ui.element("td").classes("words"):
+                ui.label(cell)
+        with ui.element("td").classes("words"):
+            state_word(state, word)
+        for cell in (result_words(outcome), each["created"].replace("T", " ").rstrip("Z"), each["operator"]):
+            with ui.element("td").classes("words"):
+                ui.label(cell)
+
+
+def result_words(outcome: dict[str, Any]) -> str:
+    """The first sentence of a verdict, or the first problem."""
+    if outcome.get("sentence"):
+        return str(outcome["sentence"]).split(". ")[0]
+    problems = (outcome.get("failure") or {}).get("problems") or [{}]
+    return str(problems[0].get("what", ""))
+
+
+async def _head(file: Any) -> str:
+    async for part in file.iterate(chunk_size=65536):
+        return bytes(part).decode(errors="replace")
+    return ""

@@ -1,0 +1,164 @@
+"""`/start`: procedure and cell, parameters with limits and units, the check, then a run that lives on without it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import final
+
+from nicegui import ui
+
+from cellctl.console import commands
+from cellctl.console.frame import frame
+from cellctl.console.look import command_button, facts, problem_list, section, state_word
+from cellctl.console.page_commands import Commands, answer_of, enable, problems_of
+from cellctl.console.pages.parameter_fields import ParameterFields
+from cellctl.console.shared import console
+from cellctl.devices.cell import ClockMode
+from cellctl.engine import Operator
+from cellctl.files import InputError, Problem
+from cellctl.operations.checking import Checked, FileChoice, ProcedureForm, check, choices, form_of, line_of
+from cellctl.operations.detached import RunOrder
+from cellctl.procedure import load_procedure
+
+_CLOCKS = {"": "as the cell file states", "lockstep": "lockstep: as fast as it can", "realtime": "real time"}
+
+
+@ui.page("/start", response_timeout=30.0)
+async def start(procedure: str = "", cell: str = "") -> None:
+    """The form for a procedure and a cell; default: the first one, and the console's or the procedure's cell."""
+    procedures = await asyncio.to_thread(choices, "procedure")
+    cells = await asyncio.to_thread(choices, "cell", console().settings.cell)
+    chosen = procedures.get(procedure) or next(iter(procedures.values()))
+    with frame("Start a run", "/start"):
+        try:
+            form = await asyncio.to_thread(form_of, chosen.file)
+        except InputError as error:
+            _selects(procedures, cells, chosen, "")
+            problem_list(problems_of(error))
+            return
+        given = console().settings.cell
+        default = given.stem if given else form.cell.stem if form.cell else ""
+        cell = next((name for name in (cell, default) if name in cells), next(iter(cells)))
+        _selects(procedures, cells, chosen, cell)
+        _StartPage(form, cells[cell])
+
+
+def _selects(procedures: dict[str, FileChoice], cells: dict[str, FileChoice], chosen: FileChoice, cell: str) -> None:
+    def go() -> None:
+        if procedure.value and place.value:
+            ui.navigate.to(f"/start?procedure={procedure.value}&cell={place.value}")
+
+    with ui.element("div").classes("row"):
+        names = {name: f"{one.title} ({name})" for name, one in procedures.items()}
+        procedure = ui.select(names, value=chosen.name, label="Procedure", with_input=True, on_change=lambda: go())
+        procedure.props("outlined dense options-dense").style("min-width: min(34rem, 100%)")
+        titles = {name: f"{one.title} ({name}), {_kind(one)}" for name, one in cells.items()}
+        place = ui.select(titles, value=cell or None, label="Cell", with_input=True, on_change=lambda: go())
+        place.props("outlined dense options-dense").style("min-width: min(26rem, 100%)")
+
+
+def _kind(cell: FileChoice) -> str:
+    return "simulated" if cell.simulated else "REAL"
+
+
+@final
+class _StartPage:
+    """The form below the choice of procedure and cell. A run can be started once its check found no error."""
+
+    def __init__(self, form: ProcedureForm, cell: FileChoice) -> None:
+        self._form, self._cell = form, cell
+        with ui.element("div").classes("start-columns"):
+            with section("Parameters", note="Empty or unchanged fields keep the default."):
+                self._fields = ParameterFields(form, load_procedure(form.file), self._changed)
+                self._further()
+            with section("Check and start"):
+                self._about()
+                with ui.element("div").classes("row"):
+                    self._check = command_button("Check", self._on_check, icon="rule")
+                    self._start = command_button("Start the run", self._on_start, icon="play_arrow", important=True)
+                self._working = ui.label().classes("note").props("role=status")
+                self._commands = Commands()
+                self._result = ui.element("div").classes("section").props("aria-live=polite")
+        self._changed()
+
+    def _further(self) -> None:
+        with ui.expansion("Seed and time").props("dense").classes("further"), ui.element("div").classes("row"):
+            self._seed = ui.input("Seed", on_change=lambda: self._changed()).props("outlined dense clearable")
+            self._seed.props('inputmode=numeric hint="Default: the cell file\'s"')
+            self._clock = ui.select(_CLOCKS, value="", label="Time of a simulated cell", on_change=self._changed)
+            self._clock.props("outlined dense options-dense").style("min-width: 16rem")
+            self._clock.set_enabled(bool(self._cell.simulated))
+
+    def _about(self) -> None:
+        form, cell = self._form, self._cell
+        rows = [("Procedure", f"{form.title} ({form.file})"), ("Cell", f"{cell.title}, {_kind(cell)} ({cell.file})")]
+        facts([*rows, *(("You will confirm", text) for text in form.confirms)])
+        if cell.simulated is False:
+            state_word("warning", "The robot of a real cell will move.")
+
+    def _changed(self) -> None:
+        """The form is not the one that was checked."""
+        self._result.clear()
+        enable(self._start, False)
+        enable(self._check, self._fields.valid)
+        self._working.set_text("Check first: nothing moves." if self._fields.valid else "Correct the marked fields.")
+
+    def _order(self) -> RunOrder:
+        seed = (self._seed.value or "").strip()
+        if seed and not seed.isdecimal():
+            raise InputError(Problem("seed", 0, 0, f"'{seed}' is no seed", "give a whole number from 0, or nothing"))
+        clock: ClockMode | None = self._clock.value or None
+        settings = tuple(self._fields.settings())
+        return RunOrder(self._form.file, self._cell.file, settings, int(seed) if seed else None, clock)
+
+    async def _on_check(self) -> None:
+        self._changed()
+        enable(self._check, False)
+        self._working.set_text("Checking procedure, cell and parameters …")
+        try:
+            order = self._order()
+            found = await check(order.procedure, order.cell, order.settings)
+            if order != self._order():
+                return  # the form was changed meanwhile
+        except InputError as error:
+            found = Checked(problems_of(error))
+        enable(self._check, True)
+        self._show(found)
+        enable(self._start, not found.problems)
+
+    def _show(self, found: Checked) -> None:
+        self._result.clear()
+        number = len(found.problems)
+        self._working.set_text("" if number else "Start the run when the cell is ready.")
+        with self._result:
+            if number:
+                state_word("bad", f"{number} error{'s' * (number > 1)}: the run cannot start")
+                problem_list(found.problems, line_of)
+            else:
+                state_word("good", f"No errors. Cell '{found.cell}': {', '.join(found.devices)}.")
+            if found.warnings:
+                state_word("warning", "Allowed, but probably not intended:")
+                problem_list(found.warnings, line_of)
+
+    async def _on_start(self) -> None:
+        if self._cell.simulated:
+            await self._commands.give(self._begin)
+            return
+        with ui.dialog() as dialog, ui.card():
+            ui.label(f"Start on the real cell '{self._cell.title}'?").classes("section-title")
+            ui.label("The robot will move. Nobody may be inside the guard.")
+            with ui.element("div").classes("row"):
+                command_button("Start the run", lambda: dialog.submit(True), important=True)
+                command_button("Cancel", lambda: dialog.submit(False))
+        if await answer_of(dialog):
+            await self._commands.give(self._begin)
+
+    async def _begin(self, operator: Operator) -> None:
+        enable(self._start, False)
+        self._working.set_text("Starting: the run checks again, and connects to its devices …")
+        try:
+            name = await commands.start(operator, self._order())
+        except BaseException:
+            self._changed()
+            raise
+        ui.navigate.to(f"/run/{name}")

@@ -1,0 +1,337 @@
+"""Analyses: a data file fitted without a cell. Each is a folder `RUNS/analyses/NAME` with its files and results."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self, final
+
+from cellctl.calibration.estimation.progress import Progress, part_of, silent
+from cellctl.clock import calendar_time
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.journal.lock import WriterLock, lock_holder
+from cellctl.operations.failure import ABORTED, MEANINGS, Failure
+from cellctl.operations.fit_options import Asked, Judging
+from cellctl.robots import library, near
+
+FOLDER = "analyses"
+RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK = "analysis.json", "understood.json", "outcome.json", "log.jsonl", "lock"
+MODEL, REPORT, FIT, URDF = "model.json", "report.html", "fit.json", "robot.urdf"
+RESULTS = {MODEL: "model", REPORT: "report", URDF: "URDF", FIT: "figures (JSON)"}
+"""Files of a fit that can be downloaded, with what they are."""
+
+_LONGEST_NAME = 80
+
+
+@final
+@dataclass(frozen=True)
+class FitSettings:
+    """Options of a fit, as those of `cellctl fit`: the few that a page offers."""
+
+    model: str = "auto"
+    measure: str | None = None
+    holdout: float | None = None
+    folds: int | None = None
+    by: str | None = None
+    seed: int = 0
+    check: bool = True
+
+    def judging(self) -> Judging:
+        """The held-out rows."""
+        return Judging(self.holdout, self.folds, None, self.by, self.seed)
+
+
+@final
+@dataclass(frozen=True)
+class Analysis:
+    """The record of an analysis. data, positions, artefact, robot: names of files in its folder, empty for none.
+
+    dataset: the data set that is fitted: `data`, or what an import made of it. library: the robot's name in the
+    library, empty for an own file. answers: to an import's questions, by option (`unit`: `mm`).
+    """
+
+    name: str
+    created: str
+    operator: str
+    data: str
+    positions: str = ""
+    artefact: str = ""
+    dataset: str = ""
+    robot: str = ""
+    library: str = ""
+    answers: Mapping[str, str] = field(default_factory=dict)
+    settings: FitSettings = field(default_factory=FitSettings)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Raises InputError where `folder` is no analysis."""
+        try:
+            given = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+            return cls(**{**given, "settings": FitSettings(**given["settings"])})
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise InputError(Problem(folder.name, 0, 0, "is no analysis", "choose one of the list")) from error
+
+    def save(self, folder: Path) -> None:
+        """Write the record. Raises OSError."""
+        write_json(folder / RECORD, asdict(self))
+
+    def asked(self) -> Asked:
+        """The options of the fit, files by their names in the folder."""
+        settings, artefact = self.settings, Path(self.artefact) if self.artefact else None
+        return Asked(settings.measure, settings.model, artefact, True, (), "base", None, None)
+
+
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """How a fit ended. code: exit code of `cellctl fit`; state: `done`, `failed` or `cancelled`."""
+
+    state: str
+    code: int
+    verdict: str = ""
+    sentence: str = ""
+    failure: Mapping[str, Any] | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """With the meaning of the exit code."""
+        return {**asdict(self), "meaning": MEANINGS[self.code]}
+
+
+def safe_name(name: str, default: str = "file") -> str:
+    """A file name without folder, hidden name, or characters other than letters, digits, `.`, `-` and `_`."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", re.split(r"[/\\]", name)[-1]).lstrip("._-")
+    stem, dot, suffix = plain.rpartition(".")
+    return f"{stem[: _LONGEST_NAME - len(suffix)]}{dot}{suffix[:12]}" if stem else plain[:_LONGEST_NAME] or default
+
+
+def free_name(folder: Path, name: str, role: str) -> str:
+    """A safe name for the uploaded file `name` that no other file of the analysis has."""
+    safe = safe_name(name, role)
+    taken = (RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK, *RESULTS)
+    return f"{role}-{safe}" if safe in taken or (folder / safe).exists() else safe
+
+
+def new_analysis(runs: Path, operator: str, data: str) -> tuple[Path, Analysis]:
+    """A new folder for the data file named `data`, which is still to be put there. Raises OSError."""
+    file = free_name(runs / FOLDER, data, "data")
+    created = calendar_time()
+    name = f"{Path(file).stem}-{re.sub('[-:]', '', created)}"
+    folders = (runs / FOLDER / (f"{name}-{number}" if number > 1 else name) for number in range(1, 1000))
+    folder = next(each for each in folders if _made(each))
+    found = Analysis(folder.name, created, operator, file)
+    found.save(folder)
+    return folder, found
+
+
+def analysis_folder(runs: Path, name: str) -> Path:
+    """The folder of the analysis `name`. Raises InputError where there is none."""
+    folder = runs / FOLDER / name
+    if safe_name(name) != name or not (folder / RECORD).is_file():
+        raise InputError(Problem(name, 0, 0, "there is no such analysis", "choose one of the list"))
+    return folder
+
+
+def analyses(runs: Path) -> list[dict[str, Any]]:
+    """All analyses, the newest first: record, state, verdict and sentence."""
+    records = (runs / FOLDER).glob(f"*/{RECORD}")
+    found = [state_of(record.parent) for record in records]
+    return sorted(found, key=lambda each: (each["created"], each["name"]), reverse=True)
+
+
+def state_of(folder: Path) -> dict[str, Any]:
+    """The record of an analysis, its `state` (`new`, `running`, `done`, `failed`, `cancelled`, `cut off`), how its fit
+    ended (`outcome`), and the files that can be downloaded. Raises InputError.
+    """
+    record, outcome = Analysis.load(folder), read_json(folder / OUTCOME)
+    running = lock_holder(folder / LOCK)
+    begun = (folder / LOG).exists()
+    state = "running" if running else outcome["state"] if outcome else "cut off" if begun else "new"
+    return {
+        **asdict(record),
+        "state": state,
+        "process": int(running.pid) if running else None,
+        "outcome": outcome if not running else None,
+        "files": [name for name in RESULTS if (folder / name).is_file()] if not running else [],
+        "programs": programs(folder),
+    }
+
+
+def set_robot(folder: Path, library_name: str = "", file: str = "") -> Analysis:
+    """Choose the robot: one of the library, or a robot file that is in the folder. Raises InputError."""
+    record = Analysis.load(folder)
+    if library_name:
+        known = library()
+        if library_name not in known:
+            raise InputError(Problem(library_name, 0, 0, "the library has no robot of this name", near(library_name)))
+        file = f"{library_name}.yaml"
+        write_atomically(folder / file, known[library_name].read_bytes())
+    changed = replace(record, robot=file, library=library_name)
+    changed.save(folder)
+    return changed
+
+
+def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, Any]:
+    """Read the data, suggest a robot, and look for set-up errors; writes the data set and `understood.json`.
+
+    Without a chosen robot, the best suggestion is taken, if one agrees with the rows. Raises InputError where the file
+    cannot be read.
+    """
+    from cellctl.formats import load_artefact
+    from cellctl.operations.robot_suggestion import suggest_robots
+    from cellctl.operations.understanding import read_data, understand
+
+    with inside(folder):
+        record = Analysis.load(Path())
+        robot = Path(record.robot) if record.robot else None
+        progress("reading the data", 0.0)
+        given = read_data(Path(record.data), _path(record.positions), _choices(record), robot)
+        if given.data.file != record.data:
+            given.data.write(Path(given.data.file))
+        record = replace(record, dataset=given.data.file)
+        record.save(Path())
+        progress("comparing with the library", 0.2)
+        artefact = load_artefact(Path(record.artefact)) if record.artefact else None
+        suggested = suggest_robots(given.data, artefact)
+        if not record.robot and suggested.certainty != "none":
+            record = set_robot(Path(), suggested.robots[0].name)
+        progress("set-up check", 0.6)
+        found = understand(given, _path(record.robot), record.asked(), progress)
+        result = {**found.to_json(), "suggestions": suggested.to_json()}
+        write_json(Path(UNDERSTOOD), result)
+    return result
+
+
+def fit_analysis(folder: Path, settings: FitSettings, progress: Progress = silent) -> Outcome:
+    """Fit the robot of an analysis as `cellctl fit` does; writes model, report, figures, URDF and the outcome.
+
+    Errors are written as the outcome, and raised. Raises JournalError while another process fits it.
+    """
+    lock = WriterLock.take(folder / LOCK)
+    try:
+        for name in (OUTCOME, LOG, *RESULTS):
+            (folder / name).unlink(missing_ok=True)
+        replace(Analysis.load(folder), settings=settings).save(folder)
+        with inside(folder), _kept_on_error():
+            outcome = _fitted(_logged(Path(LOG), progress))
+            write_json(Path(OUTCOME), outcome.to_json())
+    finally:
+        lock.release()
+    return outcome
+
+
+def programs(folder: Path) -> list[dict[str, Any]]:
+    """The compensated programs of an analysis: id, name, figures and files."""
+    results = sorted(folder.glob("programs/*/result.json"), key=lambda path: int(path.parent.name))
+    return [found for path in results if (found := read_json(path))]
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """The object in a file; None where there is none, or only a part of one."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def write_json(path: Path, value: Mapping[str, Any]) -> None:
+    """Write `value` as JSON. Raises OSError."""
+    write_atomically(path, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
+
+
+@contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    """Work in `folder`, so that errors name its files as the user does. Only in a process of its own."""
+    with chdir(folder):
+        yield
+
+
+@contextmanager
+def _kept_on_error() -> Iterator[None]:
+    """Write an error as the outcome."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        write_json(Path(OUTCOME), Outcome("cancelled", ABORTED).to_json())
+        raise
+    except Exception as error:
+        failure = Failure.of(error)
+        write_json(Path(OUTCOME), Outcome("failed", failure.code, failure=failure.to_json()).to_json())
+        raise
+
+
+def _fitted(progress: Progress) -> Outcome:
+    from contextlib import nullcontext
+
+    from cellctl.operations.fitting import FitInput, fit_rows
+
+    record = Analysis.load(Path())
+    asked, judging = record.asked(), record.settings.judging()
+    asked.refuse(judging)
+    if not record.robot:
+        raise InputError(Problem(record.data, 0, 0, "no robot is chosen", "choose one, or give a robot file"))
+    given = FitInput.load(Path(record.robot), Path(record.dataset or record.data), asked)
+    parts = {"check": part_of(progress, 0.0, 0.1), "fit": part_of(progress, 0.1, 0.97)}
+    found = fit_rows(given, asked, judging, lambda name: nullcontext(parts[name]), check=record.settings.check)
+    progress("writing model and report", 0.98)
+    model = found.model()
+    model.save(Path(MODEL))
+    write_atomically(Path(REPORT), found.page(record.library or record.robot, record.data))
+    write_json(Path(FIT), found.report)
+    code = 0 if found.report["verdict"] == "better" else 1
+    return Outcome("done", code, found.report["verdict"], found.report["sentence"], notes=_urdf(model))
+
+
+def _urdf(model: Any) -> tuple[str, ...]:
+    """Write the URDF; what it cannot hold, or why there is none."""
+    from cellctl.operations.exporting import ExportOptions, exported, model_source
+
+    try:
+        made = exported(model_source(model, MODEL), "urdf", ExportOptions())
+    except InputError as error:
+        return tuple(f"URDF: {problem.what}" for problem in error.problems)
+    write_atomically(Path(URDF), made.content)
+    return tuple(f"URDF: {line}" for line in made.lines())
+
+
+def _logged(log: Path, progress: Progress) -> Progress:
+    """Also write each new activity to `log`."""
+    log.touch()
+    last = ""
+
+    def told(doing: str, share: float) -> None:
+        nonlocal last
+        progress(doing, share)
+        if doing != last:
+            last = doing
+            with log.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps({"time": calendar_time(), "doing": doing, "share": round(share, 3)}) + "\n")
+
+    return told
+
+
+def _choices(record: Analysis) -> Any:
+    from cellctl.pendant_import import choices
+
+    answers = dict(record.answers)
+    columns = answers.pop("columns", "")
+    return choices(
+        {name: answers.get(name) for name in ("decimal", "unit", "angles", "pair", "orientation", "j3")}, [columns]
+    )
+
+
+def _path(name: str) -> Path | None:
+    return Path(name) if name else None
+
+
+def _made(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True

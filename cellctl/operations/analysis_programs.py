@@ -1,0 +1,125 @@
+"""A program or a list of targets, compensated with the model of an analysis; the results stay in its folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.operations.analyses import MODEL, inside, write_json
+
+_KRL = (".src", ".dat", ".sub")
+
+
+@final
+@dataclass(frozen=True)
+class ProgramRequest:
+    """What to compensate. files: names in the folder `programs/ID/given`. tool, base: X,Y,Z,A,B,C, empty where
+    `$config.dat` or the program has them. arm_only, insert: as the options of `cellctl compensate`. orientation: of
+    targets in a table with other angles than A, B, C.
+    """
+
+    files: tuple[str, ...]
+    tool: str = ""
+    base: str = ""
+    arm_only: bool = False
+    insert: bool = False
+    orientation: str = ""
+
+
+def new_program(folder: Path) -> Path:
+    """A new folder `programs/ID/given` for the uploaded files. Raises OSError."""
+    numbers = [int(each.name) for each in (folder / "programs").glob("[0-9]*")]
+    given = folder / "programs" / str(max(numbers, default=0) + 1) / "given"
+    given.mkdir(parents=True)
+    return given
+
+
+def compensate_analysis(
+    folder: Path, number: str, request: ProgramRequest, progress: Progress = silent
+) -> dict[str, Any]:
+    """Compensate the files of `programs/NUMBER`; writes them beside, and `result.json` with name, files and figures.
+
+    Raises InputError where the model, the files or a point do not allow it.
+    """
+    from cellctl.formats import ModelFile
+
+    with inside(folder):
+        if not Path(MODEL).is_file():
+            raise InputError(Problem(folder.name, 0, 0, "has no model yet", "fit first"))
+        model = ModelFile.load(Path(MODEL))
+    progress("compensating", 0.1)
+    with inside(folder / "programs" / number / "given"):
+        out = Path("..")
+        config, main = _parts(request)
+        if main.suffix.lower() in _KRL:
+            found = _program(model, main, config, request, out)
+        else:
+            found = _targets(model, main, request, out)
+        result = {"id": number, "name": main.name, **found}
+        write_json(out / "result.json", result)
+    return result
+
+
+def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
+    """`$config.dat`, and the file with the program or the targets."""
+    paths = [Path(name) for name in request.files]
+    config = next((path for path in paths if path.name.lower() == "config.dat"), None)
+    rest = [path for path in paths if path != config]
+    main = [path for path in rest if path.suffix.lower() == ".src"] or rest
+    if len(main) != 1:
+        names = ", ".join(path.name for path in paths) or "none"
+        cure = "one .src with its .dat and $config.dat, or one file with targets"
+        raise InputError(Problem(names, 0, 0, "is not one program", cure))
+    return config, main[0]
+
+
+def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest, out: Path) -> dict[str, Any]:
+    from cellctl.operations.program_compensation import ProgramOptions, compensate_files
+    from cellctl.operations.program_files import ProgramFiles
+
+    files = ProgramFiles.of(src, config)
+    options = ProgramOptions(config, request.tool or None, request.base or None, None, request.insert, request.arm_only)
+    made = compensate_files(model, MODEL, files, "pseudo-target", options, None)
+    paths = files.outputs(out)
+    for part, content in made.texts().items():
+        write_atomically(paths[part], content)
+    written = [path.name for path in paths.values() if path.is_file()]
+    figures = made.figures([])
+    kept = ("compensated", "left", "correction_mm", "correction_deg", "before_mm", "after_mm", "tool_shift_mm", "paths")
+    return {"kind": "program", "files": written, **{name: figures[name] for name in kept}}
+
+
+def _targets(model: Any, file: Path, request: ProgramRequest, out: Path) -> dict[str, Any]:
+    from cellctl.formats.table_making import row_figures
+    from cellctl.formats.targets import read_targets
+    from cellctl.operations.compensating import compensate_targets
+
+    data, decided = _target_set(file, request)
+    made = compensate_targets(model, read_targets(data, model.robot), data.file)
+    name = f"{file.stem}-compensated.csv"
+    write_atomically(out / name, made.csv())
+    figures = row_figures(made.rows)
+    kept = ("max_correction_deg", "predicted_before_mm", "predicted_after_mm", "sigma_mm")
+    return {
+        "kind": "targets",
+        "files": [name],
+        "compensated": figures["rows"],
+        "left": decided,
+        **{name: figures[name] for name in kept},
+    }
+
+
+def _target_set(file: Path, request: ProgramRequest) -> tuple[Any, list[dict[str, Any]]]:
+    """The targets as a data set, and what an import left out."""
+    from cellctl.formats import DataSet
+    from cellctl.formats.dataset import text_of
+    from cellctl.pendant_import import choices, imported_targets
+
+    if file.suffix.lower() == ".csv" and not request.orientation:
+        return DataSet.load(file), []
+    found = imported_targets(file, choices({"orientation": request.orientation or None}))
+    left = [{"file": row.file, "line": row.line, "name": row.name, "reason": row.reason} for row in found.left_out]
+    return DataSet.parse(text_of(found.records), file.name), left

@@ -1,0 +1,241 @@
+"""What a data file is understood as: rows by kind, joints, σ, sessions, rejected rows, set-up errors."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.files import InputError, Problem
+from cellctl.formats.columns import Sieve
+from cellctl.formats.dataset import DataSet
+from cellctl.formats.measurements.kinds import KINDS, NOUNS, PLACE, Kind, kinds_of
+from cellctl.formats.measurements.repeats import POINT_COLUMNS
+from cellctl.formats.measurements.sigmas import has_own_sigma
+
+if TYPE_CHECKING:
+    from cellctl.operations.fit_options import Asked
+    from cellctl.pendant_import import Choices
+
+MOST_JOINTS = 20
+_CONDITIONS = {"temperature": "temperature", "payload": "payload", "I1": "motor currents"}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DataFile:
+    """A data file as a data set. decided: what an import decided, a sentence each; empty where none was needed.
+
+    left_out: rows of an imported file, with the reason.
+    """
+
+    data: DataSet
+    decided: tuple[str, ...] = ()
+    left_out: tuple[Mapping[str, Any], ...] = ()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Understood:
+    """A data set in figures. rows: of the file. usable: rows for a fit; without a robot, those that can be read.
+
+    joints: their number; unit: `deg` or `rad`, empty without joints. kinds: noun of each kind (`touches`) → rows.
+    points: spheres, sockets, … → their names. own_sigma: the rows state their σ. sessions, sets: name → rows. rejected:
+    line and reason. problems: why no fit is possible, each with its place and cure. findings: how set-up errors are
+    among them. robot: name in the robot file, empty without one.
+    """
+
+    file: str
+    rows: int
+    usable: int
+    joints: int
+    unit: str
+    kinds: Mapping[str, int]
+    points: Mapping[str, Sequence[str]]
+    own_sigma: bool
+    sessions: Mapping[str, int]
+    sets: Mapping[str, int]
+    conditions: Sequence[str]
+    rejected: Sequence[Mapping[str, Any]]
+    decided: Sequence[str] = ()
+    problems: Sequence[Problem] = ()
+    note: str = ""
+    robot: str = ""
+    checked: bool = False
+
+    def words(self) -> Iterator[tuple[str, str]]:
+        """Name and value of each finding, in plain words."""
+        yield "File", self.file
+        if self.robot:
+            yield "Robot", self.robot
+        yield "Rows", self._rows_words()
+        yield "Joints", f"{self.joints}, in {'degrees' if self.unit == 'deg' else 'radians'}" if self.unit else "none"
+        for noun, names in self.points.items():
+            yield noun.capitalize(), f"{len(names)}: {_listed(names)}"
+        yield "σ", "stated in the rows" if self.own_sigma else "not stated: the robot file's repeatability is used"
+        if self.sessions:
+            yield "Sessions", _counted(self.sessions)
+        yield "Held-out rows", f"by the column set: {_counted(self.sets)}" if self.sets else "chosen in five parts"
+        if self.conditions:
+            yield "Conditions", ", ".join(self.conditions)
+        if self.robot:
+            yield "Set-up check", self._check_words()
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as JSON; `facts`: the words."""
+        from dataclasses import asdict
+
+        return {**asdict(self), "facts": [list(pair) for pair in self.words()]}
+
+    def _rows_words(self) -> str:
+        kinds = _counted({noun: count for noun, count in self.kinds.items() if count}, "{1} {0}")
+        rejected = f"; {len(self.rejected)} of {self.rows} cannot be used" if self.rejected else ""
+        return f"{kinds or self.rows}{rejected}"
+
+    def _check_words(self) -> str:
+        if self.checked:
+            return "robot file and data agree" if not self.problems else "robot file and data do not agree"
+        return "not done: the data cannot be used as they are"
+
+
+def read_data(file: Path, positions: Path | None, choices: Choices, robot: Path | None = None) -> DataFile:
+    """A data set, or what `cellctl import` makes of another file: a table, a robot program with measured `positions`.
+
+    Raises InputError where the file is neither, with the errors of the form that it is nearer to.
+    """
+    if positions is None and _is_data_set(file):
+        return DataFile(DataSet.load(file))
+    from cellctl.formats import RobotFile
+    from cellctl.formats.dataset import text_of
+    from cellctl.pendant_import import imported
+
+    found = imported(file, positions, choices, RobotFile.load(robot) if robot else None)
+    left = tuple({"file": row.file, "line": row.line, "reason": row.reason} for row in found.left_out)
+    name = f"{file.stem}-imported.csv"
+    return DataFile(DataSet.parse(text_of(found.records), name), found.decided, left)
+
+
+def understand(given: DataFile, robot: Path | None, asked: Asked, progress: Progress = silent) -> Understood:
+    """What `given` is understood as, with the set-up check where a robot file is given.
+
+    Problems are part of the result: nothing is raised for wrong data. Raises InputError for a wrong robot file or
+    artefact.
+    """
+    plain = _plain(given)
+    if robot is None or plain.problems:
+        return plain
+    from cellctl.formats import load_artefact
+    from cellctl.operations.fitting import FitInput, robot_of
+
+    document, robot_file = robot_of(robot)
+    input_ = FitInput(document, robot_file, given.data, load_artefact(asked.artefact) if asked.artefact else None)
+    named = replace(plain, robot=robot_file.name)
+    try:
+        return _of_fit(named, input_, asked, progress)
+    except InputError as error:
+        return replace(named, usable=0, problems=tuple(error.problems), note=error.note)
+
+
+def joints_of(data: DataSet) -> tuple[int, str]:
+    """Number and unit of the joints that a data set names: A1, A2, … (deg) or q1, q2, … (rad); (0, "") for none."""
+    for letter, unit in (("A", "deg"), ("q", "rad")):
+        names = (f"{letter}{number}" for number in range(1, MOST_JOINTS + 1))
+        count = next((number for number, name in enumerate(names) if not data.has(name)), MOST_JOINTS)
+        if count:
+            return count, unit
+    return 0, ""
+
+
+def _plain(given: DataFile) -> Understood:
+    """What the columns alone show."""
+    data = given.data
+    joints, unit = joints_of(data)
+    kinds = kinds_of(Sieve(data), None)
+    rejected = [{"line": row.line, "reason": row.reason} for row in data.rejected] + [*given.left_out]
+    return Understood(
+        file=data.file,
+        rows=len(data) + len(rejected),
+        usable=len(data),
+        joints=joints,
+        unit=unit,
+        kinds=_by_kind(kinds),
+        points=_points(data),
+        own_sigma=has_own_sigma(data),
+        sessions=_counts(data.texts("session")),
+        sets=_counts(data.texts("set")),
+        conditions=[words for column, words in _CONDITIONS.items() if any(data.texts(column))],
+        rejected=rejected,
+        decided=given.decided,
+        problems=tuple(_lacking(data, joints, kinds)),
+    )
+
+
+def _of_fit(plain: Understood, given: Any, asked: Asked, progress: Progress) -> Understood:
+    """What a fit would use, and what its set-up check finds."""
+    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
+    from cellctl.operations.fitting import NO_CHECK, measured_rows
+
+    measured = measured_rows(given, asked)
+    rejected = [{"line": row.line, "reason": row.reason} for row in measured.rejected]
+    imported = [row for row in plain.rejected if "file" in row]
+    found = replace(
+        plain,
+        usable=len(measured.lines),
+        kinds=_by_kind(measured.kinds),
+        sessions=_counts(measured.texts("session")),
+        sets=_counts(measured.sets),
+        rejected=[*rejected, *imported],
+        checked=True,
+    )
+    try:
+        refuse_setup_errors(
+            measured, SetupFiles(given.document, Path(given.data.file), asked.artefact), NO_CHECK, progress
+        )
+    except InputError as error:
+        return replace(found, problems=tuple(error.problems), note=error.note)
+    return found
+
+
+def _is_data_set(file: Path) -> bool:
+    """Whether a file has the columns of a data set: joints A1… or q1…, and a measured quantity."""
+    try:
+        data = DataSet.load(file)
+    except InputError:
+        return False
+    measured = any(data.has(*names) for names in (PLACE, *((column,) for column in POINT_COLUMNS.values())))
+    return bool(joints_of(data)[0]) and measured
+
+
+def _lacking(data: DataSet, joints: int, kinds: Sequence[Kind]) -> Iterator[Problem]:
+    if not joints:
+        cure = f"A1, A2, … in degrees or q1, q2, … in radians; columns here: {', '.join(data.columns[:12])}"
+        yield Problem(data.file, 1, 0, "has no column with joint readings", cure)
+    if "position" in kinds and not data.has(*PLACE):
+        cure = f"X, Y, Z in mm, or sphere, plane, socket, anchor; columns here: {', '.join(data.columns[:12])}"
+        yield Problem(data.file, 1, 0, "has no column with a measured quantity", cure)
+
+
+def _by_kind(kinds: Sequence[Kind]) -> dict[str, int]:
+    counts = Counter(kinds)
+    return {NOUNS[kind]: counts[kind] for kind in KINDS if counts[kind]}
+
+
+def _points(data: DataSet) -> dict[str, list[str]]:
+    """Names of spheres, planes, sockets and anchors, by their noun."""
+    named = {f"{column}s": sorted(set(filter(None, data.texts(column)))) for column in POINT_COLUMNS.values()}
+    return {noun: names for noun, names in named.items() if names}
+
+
+def _counts(texts: Sequence[str]) -> dict[str, int]:
+    return {name: count for name, count in Counter(texts).items() if name}
+
+
+def _counted(counts: Mapping[str, int], form: str = "{0} ({1} rows)") -> str:
+    return ", ".join(form.format(name, count) for name, count in counts.items())
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (" …" if len(names) > 8 else "")

@@ -1,0 +1,50 @@
+"""Every open page shows the same state within 0.2 s, and a page that was opened late or reloaded sees everything."""
+
+from __future__ import annotations
+
+import statistics
+from pathlib import Path
+from typing import Any
+
+import pytest
+from console_process import browser
+from live_console import live_console, now_ms, shown_at_ms
+from live_journals import WrittenRun
+
+EVENTS = 12
+LOOK_MS = 50.0
+
+
+def round_trip_ms(page: Any, count: int) -> float:
+    """Time from a click on the page's button to what the console answers, ms."""
+    began = now_ms(page)
+    page.evaluate("document.getElementById('click').click()")
+    return shown_at_ms(page, "count", str(count)) - began
+
+
+@pytest.mark.long
+def test_all_pages_show_an_event_within_two_looks_and_some_round_trips_and_a_reloaded_page_shows_it_too(
+    tmp_path: Path,
+) -> None:
+    run = WrittenRun(tmp_path / "run")
+    run.say("first")
+    with live_console(tmp_path) as console, browser() as chromium:
+        pages = [console.page(chromium) for _ in range(3)]
+        for page in pages:
+            shown_at_ms(page, "message", "first")
+        shown, apart, trips = [], [], []
+        for number in range(1, EVENTS + 1):
+            began = now_ms(pages[0])
+            run.say(f"event {number}")
+            times = [shown_at_ms(page, "message", f"event {number}") for page in pages]
+            shown.append(max(times) - began)
+            apart.append(max(times) - min(times))
+            trips.append(round_trip_ms(pages[0], number))
+        pages[0].reload()
+        for page in (pages[0], console.page(chromium)):
+            shown_at_ms(page, "message", f"event {EVENTS}")
+    all_ms, apart_ms, trip_ms = (statistics.median(each) for each in (shown, apart, trips))
+    print(
+        f"all of 3 pages show an event after {all_ms:.0f} ms, {apart_ms:.0f} ms apart; {all_ms / trip_ms:.1f} × a trip"
+    )
+    assert all_ms < 2 * LOOK_MS + 5 * trip_ms
