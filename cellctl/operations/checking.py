@@ -75,6 +75,12 @@ def choices(kind: Literal["procedure", "cell"], named: Path | None = None) -> di
     return found
 
 
+def first_choice(procedures: Mapping[str, FileChoice], cell: str) -> FileChoice:
+    """The procedure to offer first for the cell of this name: the first one that names it, else `sphere_selfcal`."""
+    fitting = [one for one in procedures.values() if cell and one.cell == cell]
+    return next(iter(fitting), procedures.get("sphere_selfcal") or next(iter(procedures.values())))
+
+
 def form_of(file: Path) -> ProcedureForm:
     """The form of a procedure file. Raises InputError if it is not readable YAML."""
     procedure = load_procedure(file)

@@ -50,7 +50,7 @@ def _from_table(table: Cells, choices: Choices, robot: RobotFile | None, measure
     if head is None:
         sizes = (robot.n,) if robot else _NO_ROBOT
         layouts = [[*(f"J{number}" for number in range(1, size + 1)), *measured] for size in sizes]
-        cure = "give headings (A1…, or J1…), or --robot ROBOT, which says how many joints there are"
+        cure = "name the columns: --columns A1=…,X=…; or, without headings, say how many joints: --robot ROBOT"
         head = unheaded(table, layouts, cure)
     own = [name for name in head.places if _JOINT.fullmatch(name) or _EXTERNAL.fullmatch(name)]
     missing = [name for name in measured if name not in head.places]

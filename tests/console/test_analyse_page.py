@@ -32,6 +32,34 @@ def ur10_rows(count: int) -> str:
     return "\n".join(["q1,q2,q3,q4,q5,q6,X,Y,Z", *lines, ""])
 
 
+def instrument_rows(count: int) -> str:
+    """Some rows of the real UR10, as its instrument wrote them: own headings, radians, decimal comma."""
+    if not MEASURED.exists():
+        pytest.skip("needs the UR10 measurements of /work/shared/data")
+    heading, *rows = MEASURED.read_text().splitlines(keepends=True)
+    return "".join([heading, *rows[:: len(rows) // count]])
+
+
+def test_a_refused_file_is_read_again_with_the_answers_that_the_page_asks_for(tmp_path: Path) -> None:
+    data = tmp_path / "grid.csv"
+    data.write_text(instrument_rows(40))
+    with console_process(tmp_path / "runs") as console, browser() as chromium:
+        page = chromium.new_page()
+        page.set_default_timeout(TIME_MS)
+        page.goto(console.command_url)
+        choose(page, data)
+        page.get_by_role("alert").get_by_text("‘Columns of the file’").wait_for()
+        columns = dict(zip(["A1", "A2", "A3", "A4", "A5", "A6", "X", "Y", "Z"], JOINTS + PLACE, strict=True))
+        page.get_by_label("Columns of the file").fill(",".join(f"{name}={own}" for name, own in columns.items()))
+        page.get_by_role("button", name="Read the file again").click()
+        page.get_by_role("alert").get_by_text("‘Unit of the joints’ rad").wait_for()
+        page.get_by_label("Unit of the joints").click()
+        page.get_by_role("option", name="rad").click()
+        page.get_by_role("button", name="Read the file again").click()
+        page.wait_for_url("**/analyse/grid-*")
+        assert "Universal Robots UR10" in page.locator(".facts").inner_text()
+
+
 def test_an_upload_and_one_button_lead_to_verdict_report_and_downloads(tmp_path: Path) -> None:
     data = tmp_path / "ur10.csv"
     data.write_text(ur10_rows(120))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.operations.checking import check, choices, form_of, line_of, setting_problem
+from cellctl.operations.checking import check, choices, first_choice, form_of, line_of, setting_problem
 from cellctl.procedure import load_procedure
 
 OWN = """procedure: mine
@@ -42,6 +42,13 @@ def test_own_files_below_the_working_folder_are_offered_beside_the_shipped_ones(
     assert procedures["sphere_selfcal"].shipped
     assert "notes" not in procedures.keys() | cells.keys()
     assert (cells["my_cell"].simulated, cells["sphere_cell"].simulated) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("cell", "procedure"), [("my_cell", "mine"), ("sphere_cell", "sphere_selfcal"), ("", "sphere_selfcal")]
+)
+def test_the_procedure_offered_first_fits_the_cell(own: Path, cell: str, procedure: str) -> None:
+    assert first_choice(choices("procedure"), cell).name == procedure
 
 
 def test_the_form_has_each_parameter_with_limits_and_unit_and_what_an_operator_confirms(own: Path) -> None:

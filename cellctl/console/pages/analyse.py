@@ -6,12 +6,14 @@ import asyncio
 from typing import Any
 
 from nicegui import events, ui
+from nicegui.elements.upload_files import FileUpload
 
 from cellctl.console import analysis_commands as commands
 from cellctl.console.following import follow_event
 from cellctl.console.frame import TokenDialog, frame, operator
 from cellctl.console.guarding import LARGEST_BODY
 from cellctl.console.look import State, command_button, problem_list, section, state_word
+from cellctl.console.pages.import_answers import ImportAnswers, names_fields
 from cellctl.console.pages.uploading import drop_zone, upload_of
 from cellctl.console.shared import console
 from cellctl.files import InputError, Problem
@@ -33,13 +35,6 @@ STATES: dict[str, tuple[State, str]] = {
 _EXAMPLE = """A1,A2,A3,A4,A5,A6,X,Y,Z
 20.0,-70.0,80.0,10.0,50.0,30.0,1090.37,-460.32,439.12
 -35.5,-62.1,71.4,0.0,48.2,90.0,812.04,604.77,512.90"""
-_ANSWERS = {
-    "unit": ("Unit of X, Y, Z", ["", "mm", "m", "cm", "um", "inch"]),
-    "angles": ("Unit of the joints", ["", "deg", "rad"]),
-    "decimal": ("Decimal sign", ["", "point", "comma"]),
-    "pair": ("Pair two files by", ["", "name", "order"]),
-    "orientation": ("Orientations are", ["", "abc", "quaternion", "fixed-xyz", "euler-xyz", "rotation-vector"]),
-}
 
 
 @ui.page("/analyse", response_timeout=10.0)
@@ -60,12 +55,13 @@ class _UploadPart:
     """Drop zone, answers to an import's questions, and what was refused."""
 
     def __init__(self) -> None:
+        self._files: dict[str, FileUpload] = {}
         self._place = ui.column().classes("w-full").style("width: 100%; gap: .75rem")
         with self._place:
             self._zone = ui.element("div").style("width: 100%")
             self._busy = ui.element("div").classes("row").props("role=status")
             self._problems = ui.element("div").classes("when-filled")
-            self._answers = _answers()
+            self._answers = ImportAnswers(self._read)
             _what_it_must_hold()
         self._busy.set_visibility(False)
         with self._busy:
@@ -89,21 +85,25 @@ class _UploadPart:
                 )
 
     async def _uploaded(self, event: events.MultiUploadEventArguments) -> None:
-        here = operator()
+        self._files = {file.name: file for file in event.files}
+        await self._read()
+
+    async def _read(self) -> None:
+        here, files = operator(), self._files
         if here is None:
             return
         self._problems.clear()
-        self._doing.set_text(f"Reading {', '.join(file.name for file in event.files)}: 5 to 20 seconds …")
+        self._doing.set_text(f"Reading {', '.join(files)}: 5 to 20 seconds …")
         self._busy.set_visibility(True)
-        files = {file.name: file for file in event.files}
         try:
             found = roles({name: await _head(file) for name, file in files.items()})
             others = {str(role): upload_of(files[name]) for role, name in found.items() if role != "data"}
-            answers = {name: str(field.value) for name, field in self._answers.items() if field.value}
-            name = await commands.upload(here, upload_of(files[found["data"]]), others, "", answers)
+            library = "" if "robot" in others else self._answers.robot
+            name = await commands.upload(here, upload_of(files[found["data"]]), others, library, self._answers.texts())
             ui.navigate.to(f"/analyse/{name}")
         except InputError as error:
-            self._refused(list(error.problems))
+            self._refused([names_fields(problem) for problem in error.problems])
+            self._answers.ask()
         finally:
             self._busy.set_visibility(False)
             self._upload.reset()
@@ -122,18 +122,6 @@ def _ask_for_token(then: Any) -> None:
     with ui.element("div").classes("drop"), ui.element("div").classes("inner"):
         ui.label("To upload a file, give the console's token").classes("title")
         command_button("Give commands", lambda: TokenDialog(then).open(), important=True)
-
-
-def _answers() -> dict[str, Any]:
-    """Fields for what a file may leave open, by option of `cellctl import`."""
-    fields: dict[str, Any] = {}
-    with ui.expansion("Answers to questions of an import").props("dense").classes("unfolding").style("width: 100%"):
-        ui.label("Only where a file leaves them open. Then drop it again.").classes("note")
-        with ui.element("div").classes("answers"):
-            for name, (label, options) in _ANSWERS.items():
-                fields[name] = ui.select(options, value="", label=label).props("outlined dense")
-            fields["columns"] = ui.input("Columns: A1=shoulder,X=north").props("outlined dense")
-    return fields
 
 
 def _what_it_must_hold() -> None:

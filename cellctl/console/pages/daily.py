@@ -83,7 +83,9 @@ def _content(found: DailyHistories, chosen: int, way: str, choose: Any) -> None:
 
 
 def _title(history: DailyHistory) -> str:
-    return f"{history.robot}, baseline ‘{history.baseline}’, {history.payload_kg:g} kg, {len(history.checks)} checks"
+    count = len(history.checks)
+    number = f"{count} check{'s' * (count != 1)}"
+    return f"{history.robot}, baseline ‘{history.baseline}’, {history.payload_kg:g} kg, {number}"
 
 
 def _head(history: DailyHistory) -> None:

@@ -16,7 +16,16 @@ from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
-from cellctl.operations.checking import Checked, FileChoice, ProcedureForm, check, choices, form_of, line_of
+from cellctl.operations.checking import (
+    Checked,
+    FileChoice,
+    ProcedureForm,
+    check,
+    choices,
+    first_choice,
+    form_of,
+    line_of,
+)
 from cellctl.operations.detached import RunOrder
 from cellctl.procedure import load_procedure
 
@@ -25,10 +34,11 @@ _CLOCKS = {"": "as the cell file states", "lockstep": "lockstep: as fast as it c
 
 @ui.page("/start", response_timeout=30.0)
 async def start(procedure: str = "", cell: str = "") -> None:
-    """The form for a procedure and a cell; default: the first one, and the console's or the procedure's cell."""
+    """The form for a procedure and a cell; default: one for the console's cell, and that or the procedure's own."""
     procedures = await asyncio.to_thread(choices, "procedure")
     cells = await asyncio.to_thread(choices, "cell", console().settings.cell)
-    chosen = procedures.get(procedure) or next(iter(procedures.values()))
+    given = console().settings.cell
+    chosen = procedures.get(procedure) or first_choice(procedures, cell or (given.stem if given else ""))
     with frame("Start a run", "/start"):
         try:
             form = await asyncio.to_thread(form_of, chosen.file)
@@ -36,7 +46,6 @@ async def start(procedure: str = "", cell: str = "") -> None:
             _selects(procedures, cells, chosen, "")
             problem_list(problems_of(error))
             return
-        given = console().settings.cell
         default = given.stem if given else form.cell.stem if form.cell else ""
         cell = next((name for name in (cell, default) if name in cells), next(iter(cells)))
         _selects(procedures, cells, chosen, cell)
