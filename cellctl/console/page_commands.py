@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import final
 
 from nicegui import ui
@@ -42,9 +42,16 @@ class Commands:
 
     def refuse(self, problems: tuple[Problem, ...]) -> None:
         """Show why a command was refused."""
-        self._place.clear()
-        with self._place:
-            problem_list(problems)
+        show_problems(self._place, problems)
+
+
+def show_problems(place: ui.element, problems: Iterable[Problem]) -> None:
+    """Show `problems` at `place`, in place of what was there, and scroll the page to them."""
+    place.clear()
+    with place:
+        listed = problem_list(problems)
+    scroll = f"getHtmlElement({listed.id})?.scrollIntoView({{block: 'center'}})"
+    listed.client.run_javascript(f"setTimeout(() => {scroll}, 100)")  # once the browser has drawn them
 
 
 def problems_of(error: Exception) -> tuple[Problem, ...]:

@@ -39,7 +39,7 @@ def joint_texts(text: str, file: str, choices: Choices, robot: RobotFile | None,
     if found is None:
         return _from_table(cells_of(text, file), choices, robot, measured)
     if measured:
-        cure = "give the table of positions too: cellctl import JOINTS POSITIONS"
+        cure = "give the table of positions too, as the second file"
         raise InputError(Problem(file, 0, 0, "holds joints only", cure))
     return found
 

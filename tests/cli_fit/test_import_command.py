@@ -85,7 +85,7 @@ def test_joints_and_measurements_in_one_file_need_no_pairing(cellctl, files, cap
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["messung.dat"], "cellctl import JOINTS POSITIONS"),
+        (["messung.dat"], "give the table of positions too"),
         (["messung.dat", "none.csv"], "none.csv: cannot be read"),
         (["messung.dat", "positionen.csv", "-o", "positionen.csv"], "is read here"),
         (["messung.dat", "positionen.csv", "--json", "-"], "give -o FILE too"),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from console_process import browser, console_process
+from playwright.sync_api import expect
 
 from cellctl.formats import ModelFile
 from cellctl.kinematics import abc_from_rotation
@@ -44,7 +45,7 @@ def test_a_refused_file_is_read_again_with_the_answers_that_the_page_asks_for(tm
     data = tmp_path / "grid.csv"
     data.write_text(instrument_rows(40))
     with console_process(tmp_path / "runs") as console, browser() as chromium:
-        page = chromium.new_page()
+        page = chromium.new_page(viewport={"width": 1024, "height": 400})
         page.set_default_timeout(TIME_MS)
         page.goto(console.command_url)
         choose(page, data)
@@ -52,7 +53,7 @@ def test_a_refused_file_is_read_again_with_the_answers_that_the_page_asks_for(tm
         columns = dict(zip(["A1", "A2", "A3", "A4", "A5", "A6", "X", "Y", "Z"], JOINTS + PLACE, strict=True))
         page.get_by_label("Columns of the file").fill(",".join(f"{name}={own}" for name, own in columns.items()))
         page.get_by_role("button", name="Read the file again").click()
-        page.get_by_role("alert").get_by_text("‘Unit of the joints’ rad").wait_for()
+        expect(page.get_by_role("alert").get_by_text("‘Unit of the joints’ rad")).to_be_in_viewport(timeout=TIME_MS)
         page.get_by_label("Unit of the joints").click()
         page.get_by_role("option", name="rad").click()
         page.get_by_role("button", name="Read the file again").click()

@@ -12,7 +12,8 @@ from cellctl.console import analysis_commands as commands
 from cellctl.console.following import follow_event
 from cellctl.console.frame import TokenDialog, frame, operator
 from cellctl.console.guarding import LARGEST_BODY
-from cellctl.console.look import State, command_button, problem_list, section, state_word
+from cellctl.console.look import State, command_button, section, state_word
+from cellctl.console.page_commands import show_problems
 from cellctl.console.pages.import_answers import ImportAnswers, names_fields
 from cellctl.console.pages.uploading import drop_zone, upload_of
 from cellctl.console.shared import console
@@ -113,9 +114,7 @@ class _UploadPart:
         self._refused([Problem("upload", 0, 0, f"is larger than {LARGEST_BODY / 1e6:g} MB", cure)])
 
     def _refused(self, problems: list[Problem]) -> None:
-        self._problems.clear()
-        with self._problems:
-            problem_list(problems)
+        show_problems(self._problems, problems)
 
 
 def _ask_for_token(then: Any) -> None:

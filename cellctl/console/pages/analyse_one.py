@@ -13,6 +13,7 @@ from cellctl.console.following import follow_event
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.jobs import Job
 from cellctl.console.look import command_button, problem_list, section
+from cellctl.console.page_commands import show_problems
 from cellctl.console.pages.analyse_parts import (
     Options,
     ProgramOptions,
@@ -204,6 +205,4 @@ class _Page:
             self._show([*error.problems])
 
     def _show(self, problems: list[Problem]) -> None:
-        self._problems.clear()
-        with self._problems:
-            problem_list(problems)
+        show_problems(self._problems, problems)
