@@ -142,7 +142,7 @@ class TableAction:
 def _cell_choice(serial: str) -> tuple[ui.select, ui.select]:
     """The cell whose controller is meant, and for a simulated one the run whose memory it continues."""
     own = console().settings.cell
-    names = {"": f"{own} (this console's)"} if own else {}
+    names = {"": f"{own.stem} (this console's)"} if own else {}
     names |= {name: name for name in shipped_names("cell")}
     rows = [row for row in live_rows() if robot_serial(row) == serial and row.get("cell")]
     used = next((_stem(row["cell"]) for row in rows), "")

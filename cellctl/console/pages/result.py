@@ -108,7 +108,7 @@ class _Files:
                         with ui.element("td").classes("words note"):
                             ui.label(file.what)
                         with ui.element("td"):
-                            ui.label(_size(file.size))
+                            ui.label(_size(file.size)).style("white-space: nowrap")
             with ui.element("div").classes("row").style("align-content: flex-start"):
                 options = {form.value: words for form, words in _FORMS.items()}
                 chosen = ui.select(options, label="Export", value=Form.ZIP.value, on_change=self._choose)
