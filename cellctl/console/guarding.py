@@ -20,6 +20,8 @@ from cellctl.console.sessions import Session, Sessions
 LARGEST_BODY = 20_000_000
 """Bytes of a request's body; a data set of 20 MB has some 100 000 rows."""
 
+NO_TOKEN = "this command needs the console's token"
+
 _SESSION = "cellctl.session"
 _OWN = ("none", "same-origin")
 """Sec-Fetch-Site of requests by the console's own pages and by the address bar."""
@@ -66,7 +68,7 @@ class Guard:
     largest_body: int = LARGEST_BODY
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse: 421 wrong host, 403 another site or a wrong token, 413 too large."""
+        """Answer, or refuse: 421 wrong host, 401 a command without the token, 403 another site, 413 too large."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -91,6 +93,8 @@ class Guard:
             return 421, "this console is not known by that name", f"open http://{sorted(self.names)[0]}"
         if self._of_another_site(scope, headers):
             return 403, "a page of another site sent this request", "use the console's own pages"
+        if _commands(scope) and not self.sessions.allows(_bearer(headers)):
+            return 401, NO_TOKEN, "send `Authorization: Bearer TOKEN`"
         length = headers.get("content-length", "0")
         if not length.isdecimal() or int(length) > self.largest_body:
             return _too_large(self.largest_body)
@@ -142,6 +146,20 @@ def _is_page(scope: Scope) -> bool:
     return scope["type"] == "http" and not scope["path"].startswith(("/api/", "/_nicegui"))
 
 
+def _commands(scope: Scope) -> bool:
+    """Whether the API is asked to do something: its content is not read without the token."""
+    return (
+        scope["type"] == "http"
+        and scope["path"].startswith("/api/")
+        and scope["method"] not in ("GET", "HEAD", "OPTIONS")
+    )
+
+
+def _bearer(headers: Headers) -> str:
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else ""
+
+
 def _place(origin: str) -> str:
     try:
         return urlsplit(origin).netloc.lower()
@@ -186,7 +204,8 @@ def _cookie(headers: Headers, name: str) -> str | None:
 
 
 def _failure(status: int, what: str, cure: str) -> JSONResponse:
-    return JSONResponse({"what": what, "cure": cure, "problems": []}, status)
+    headers = {"www-authenticate": "Bearer"} if status == 401 else None
+    return JSONResponse({"what": what, "cure": cure, "problems": []}, status, headers)
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, what: str, cure: str) -> None:

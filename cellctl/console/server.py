@@ -24,10 +24,23 @@ from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Console, Settings, use
 from cellctl.files import InputError, Problem
 
-ROUTERS = ("console", "cells", "starting", "running", "analyses")
+ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""
 
-PAGES = ("home", "api", "cell", "start", "run", "analyse", "analyse_one")
+PAGES = (
+    "home",
+    "api",
+    "cell",
+    "start",
+    "run",
+    "runs",
+    "result",
+    "compare",
+    "daily",
+    "tables",
+    "analyse",
+    "analyse_one",
+)
 """Modules of `cellctl.console.pages`."""
 
 

@@ -31,6 +31,9 @@ COVERAGE = 2.0
 _LEVEL = 0.05
 """Models differ if the p-value is below it."""
 
+_LEAST_SHOWN = 0.001
+"""A smaller p-value is only said to be below it."""
+
 _DETERMINED = 0.9
 """A parameter is determined by the rows if σ after them is below this part of σ before."""
 
@@ -92,6 +95,11 @@ class ModelDifference:
     left_out: tuple[str, ...]
 
     @property
+    def differ(self) -> bool:
+        """Whether σ does not explain the difference, at a level of 5 %."""
+        return self.p_value < _LEVEL
+
+    @property
     def sentence(self) -> str:
         """The result in a sentence."""
         known = [each for each in self.parameters if each.sigma is not None]
@@ -99,9 +107,9 @@ class ModelDifference:
             return "No parameter is determined by the rows of both models."
         count = sum(bool(each.significant) for each in known)
         counted = f"{count} of {len(known)} determined parameters differ by more than 2 σ"
-        if self.p_value < _LEVEL:
-            return f"The models differ (p = {self.p_value:.2g}): {counted}."
-        return f"σ explains the difference of the models (p = {self.p_value:.2g}): {counted}."
+        p_value = f"p = {self.p_value:.2g}" if self.p_value >= _LEAST_SHOWN else f"p < {_LEAST_SHOWN:g}"
+        whole = "The models differ" if self.differ else "σ explains the difference of the models"
+        return f"{whole} ({p_value}): {counted}."
 
 
 def incomparable(a: ModelFile, b: ModelFile) -> str:

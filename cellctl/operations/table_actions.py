@@ -217,14 +217,15 @@ def _previous(state: TableState, history: TableHistory) -> TableFile | None:
 
 def _compared(active: Any, wanted: TableFile | None, history: TableHistory, place: TableCell) -> TableDifference | None:
     """The difference from the active table to the wanted one; None without one of them."""
+    name = "the table in force"
     if active is None or wanted is None:
         return None
     try:
         file = history.table(active.id)
         same = not differences(controller_table(file), history.serial, active)
-        first = ComparedTable.of_file("in force", file) if same else ComparedTable.of_controller("in force", active)
+        first = ComparedTable.of_file(name, file) if same else ComparedTable.of_controller(name, active)
     except InputError:
-        first = ComparedTable.of_controller("in force", active)
+        first = ComparedTable.of_controller(name, active)
     second = ComparedTable.of_file(short(wanted.id), wanted)
     robot = place.robot if wanted.robot.name == place.robot.name else None
     return table_difference(first, second, robot)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.rows.places import sphere_centre
-from cellctl.console.scene.points import Points, Role, SceneRun, SceneSource
+from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from cellctl.records import Row
+from procedures.scenes.tool import TOOLS, tool_errors
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, StandOffRow, TouchRow
 from procedures.steps.tool.rows import ToolTouchRow
 
@@ -52,10 +53,12 @@ def _touches(run: SceneRun, name: str, kind: type[Row], done: set[int]) -> Itera
     done |= {row["number"] for row in rows}
     readings = [row["joints"] for row in rows]
     at = run.setting.tcp(readings)
-    before, after = run.residuals(readings)
-    if name == "touch" and np.isnan(before).all():
+    tool = kind is ToolTouchRow
+    before, after = tool_errors(run, len(rows)) if tool else run.residuals(readings)
+    if np.isnan(before).all() and kind in (TouchRow, ToolTouchRow):
         before = _preliminary(run, rows, at)
-    every = Points.of(name, Role.FIT, [row["number"] for row in rows], at, seq=seq, before=before, after=after)
+    label, pair = [row["number"] for row in rows], TOOLS if tool else ROBOTS
+    every = Points.of(name, Role.FIT, label, at, seq=seq, before=before, after=after, compared=pair)
     yield from every.parts(_masks([_ROLES[row["set"]] for row in rows]))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from cellctl.calibration.estimation.registration import rigid_fit
 from cellctl.console.scene.points import Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
-from procedures.steps.iso9283.rows import IsoPoseRow
+from procedures.steps.iso9283.rows import IsoPoseRow, IsoRow
 from procedures.steps.tracker.rows import (
     CompensatedRow,
     MonumentsRow,
@@ -39,11 +39,10 @@ def points(run: SceneRun) -> list[Points]:
     """Poses, compensated targets, turns and returns; those of the plans that are not measured yet come last."""
     groups = list(_poses(run))
     groups += _targets(run)
-    for name, kind in (("turn", TurnRow), ("return", ReturnRow), ("pose of the cube", IsoPoseRow)):
-        rows, seq = run.rows(kind)
-        role = Role.TARGET if kind is IsoPoseRow else Role.CHECK
-        groups += _group(run, name, role, rows, seq)
-    return [*groups, *_coming(run)]
+    kinds: tuple[tuple[str, type[VisitedRow]], ...] = (("turn", TurnRow), ("return", ReturnRow))
+    for name, kind in kinds:
+        groups += _group(run, name, Role.CHECK, *run.rows(kind))
+    return [*groups, *_cube(run), *_coming(run)]
 
 
 def found(run: SceneRun) -> Mapping[str, Floats]:
@@ -69,9 +68,20 @@ def _at(run: SceneRun, rows: Rows) -> Floats:
     return np.array([by_name[row["reflector"]][index] for index, row in enumerate(rows)])
 
 
-def _group(run: SceneRun, name: str, role: Role, rows: Rows, seq: Floats, **columns: Floats) -> Iterator[Points]:
+def _group(
+    run: SceneRun,
+    name: str,
+    role: Role,
+    rows: Rows,
+    seq: Floats,
+    *,
+    before: ArrayLike = np.nan,
+    after: ArrayLike = np.nan,
+    sigma: ArrayLike = np.nan,
+) -> Iterator[Points]:
     if rows:
-        yield Points.of(name, role, [row["number"] for row in rows], _at(run, rows), seq=seq, **columns)
+        label, at = [row["number"] for row in rows], _at(run, rows)
+        yield Points.of(name, role, label, at, seq=seq, before=before, after=after, sigma=sigma)
 
 
 def _poses(run: SceneRun) -> Iterator[Points]:
@@ -117,6 +127,25 @@ def _in_first(sessions: Sessions, row: Mapping[str, Any]) -> Floats:
     session = sessions.session(row["visit"])
     xyz = np.array([row["point"]["xyz"]])
     return np.full(3, np.nan) if session is None else sessions.to_first(session, xyz)[0]
+
+
+def _cube(run: SceneRun) -> Iterator[Points]:
+    """Visits to the points of the ISO cube; their distances from the commanded places once the test is evaluated."""
+    rows, seq = run.rows(IsoPoseRow)
+    tests = {row["when"]: row["deviations"] for row in run.rows(IsoRow)[0] if not row["figures"]["left_out"]}
+    for when in ("before", "after"):
+        chosen = [index for index, row in enumerate(rows) if row["when"] == when]
+        mine = [rows[index] for index in chosen]
+        error = [_deviation(tests.get(when, ()), row) for row in mine]
+        unknown = [np.nan] * len(error)
+        before, after = (error, unknown) if when == "before" else (unknown, error)
+        yield from _group(run, f"cube {when}", Role.TARGET, mine, seq[chosen], before=before, after=after)
+
+
+def _deviation(cycles: Sequence[Sequence[Sequence[float]]], row: Mapping[str, Any]) -> float:
+    """Distance from the commanded place, mm; NaN: not known, or a visit of another kind than that of the cycles."""
+    known = not row["side"] and row["cycle"] < len(cycles)
+    return float(np.linalg.norm(cycles[row["cycle"]][row["place"]])) if known else float("nan")
 
 
 def _coming(run: SceneRun) -> Iterator[Points]:

@@ -31,19 +31,22 @@ class ApiClient:
         )
 
     def get(self, path: str, **more: Any) -> httpx.Response:
-        return self._done(self._client.get(path, **more))
+        return self.done(self._client.get(path, **more))
 
     def post(self, path: str, **more: Any) -> httpx.Response:
-        return self._done(self._client.post(path, timeout=60.0, **more))
+        return self.done(self._client.post(path, timeout=60.0, **more))
 
-    def _done(self, work: Coroutine[Any, Any, T]) -> T:
+    def done(self, work: Coroutine[Any, Any, T]) -> T:
+        """The result of `work` in the application's loop."""
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(60.0)
 
 
 @contextmanager
-def api_client(runs: Path, registry: Callable[[], StepRegistry] = StepRegistry.installed) -> Iterator[ApiClient]:
+def api_client(
+    runs: Path, registry: Callable[[], StepRegistry] = StepRegistry.installed, cell: Path | None = None
+) -> Iterator[ApiClient]:
     """The API over the folder `runs`; its token is TOKEN."""
-    console = replace(new_console(Settings(runs), TOKEN), live=LiveRuns(runs, registry))
+    console = replace(new_console(Settings(runs, cell), TOKEN), live=LiveRuns(runs, registry))
     loop = asyncio.new_event_loop()
     end = asyncio.Event()
 

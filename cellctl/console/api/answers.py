@@ -13,6 +13,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
+from cellctl.console.guarding import NO_TOKEN
 from cellctl.console.sessions import operator_named
 from cellctl.console.shared import console
 from cellctl.devices import DeviceError
@@ -55,7 +56,7 @@ def _operator(
     x_operator: Annotated[str, Header(description="Name of the person who gives the command")] = "",
 ) -> Operator:
     if token is None or not console().sessions.allows(token.credentials):
-        raise Refused(401, "this command needs the console's token", "send `Authorization: Bearer TOKEN`")
+        raise Refused(401, NO_TOKEN, "send `Authorization: Bearer TOKEN`")
     return operator_named(_decoded(x_operator))
 
 

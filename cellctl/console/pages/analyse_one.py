@@ -123,7 +123,7 @@ class _Page:
             command_button("Delete this analysis", self._ask_delete, icon="delete", dangerous=True)
 
     def _progress(self) -> None:
-        with ui.element("div").classes("progress").props("role=status") as row:
+        with ui.element("div").classes("fit-progress").props("role=status") as row:
             self._bar = ui.linear_progress(0.0, show_value=False, size="10px").props('aria-label="Progress"')
             self._doing, self._step = ui.label("0 %"), ui.label("")
         row.set_visibility(self._job is not None)

@@ -83,7 +83,7 @@ class _RunPage:
         if self._bar.value != share:
             self._bar.set_value(share)
         set_text(self._progress, text)
-        set_text(self._message, now.status.message)
+        set_text(self._message, "" if now.status.confirm else now.status.message)
         self._show_problem(now)
         self._controls.show(now)
         self._tree.show(now.tree)

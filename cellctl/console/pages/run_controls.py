@@ -10,7 +10,7 @@ from nicegui import ui
 from cellctl.console import commands
 from cellctl.console.live import Snapshot
 from cellctl.console.look import command_button, link_button
-from cellctl.console.page_commands import Commands, answer_of, enable, problems_of, set_text
+from cellctl.console.page_commands import Commands, answer_of, enable, problems_of
 from cellctl.console.run_sentence import is_pausing
 from cellctl.engine import ActionName, Operator
 from cellctl.journal import JournalError
@@ -28,11 +28,9 @@ class RunControls:
 
     def __init__(self, snapshot: Snapshot) -> None:
         self._run, self._folder = snapshot.run, snapshot.folder
-        self._step = ""
-        with ui.element("div").classes("confirm-panel").props("role=alert") as self._panel:
-            ui.label("Confirm before the run goes on").classes("section-title")
-            self._text = ui.label().classes("confirm-text")
-            command_button("Confirm", self._on_confirm, icon="check", important=True)
+        self._asked = ("", "")
+        self._panel = ui.element("div").classes("confirm-panel").props("role=alert")
+        self._panel.set_visibility(False)
         with ui.element("div").classes("row"):
             self._pause = command_button("Pause", lambda: self._act("pause"), icon="pause")
             self._resume = command_button("Continue", lambda: self._act("resume"), icon="play_arrow")
@@ -46,9 +44,7 @@ class RunControls:
         status, active = now.status, now.active
         pausing = is_pausing(now)
         ending = status.state == "cleaning"
-        self._step = status.step if status.confirm else ""
-        self._panel.set_visibility(bool(status.confirm) and active)
-        set_text(self._text, status.confirm)
+        self._ask(*((status.step, status.confirm) if status.confirm and active else ("", "")))
         enable(self._pause, active and not ending and not pausing and status.state != "paused")
         enable(self._resume, active and (pausing or status.state == "paused"))
         enable(self._abort, active and not ending)
@@ -59,9 +55,19 @@ class RunControls:
     async def _act(self, name: ActionName, text: str = "") -> None:
         await self._commands.give(lambda operator: commands.act_on(operator, self._folder, name, text))
 
-    async def _on_confirm(self) -> None:
-        if self._step:
-            await self._act("confirm", self._step)
+    def _ask(self, step: str, text: str) -> None:
+        """Show the text to confirm. Each question has a button of its own: a late click confirms no other step."""
+        if (step, text) == self._asked:
+            return
+        self._asked = step, text
+        self._panel.clear()
+        self._panel.set_visibility(bool(step))
+        if not step:
+            return
+        with self._panel:
+            ui.label("Confirm before the run goes on").classes("section-title")
+            ui.label(text).classes("confirm-text")
+            command_button("Confirm", lambda: self._act("confirm", step), icon="check", important=True)
 
     async def _on_abort(self) -> None:
         with ui.dialog() as dialog, ui.card():

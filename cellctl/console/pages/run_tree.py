@@ -77,7 +77,7 @@ class _Line:
             with ui.element("div").classes("words"):
                 self._title = ui.label()
                 self._note = ui.label().classes("note")
-            self._progress = ui.label().classes("progress")
+            self._progress = ui.label().classes("passes")
             self._state = ui.label().classes("state")
 
     def show(self, row: TreeRow | None) -> None:
@@ -116,6 +116,8 @@ def _passes(loop: Node) -> list[Node]:
 
 def _title(node: Node) -> str:
     title = node.title.partition("\n")[0]
+    if node.kind is NodeKind.PASS:
+        return f"Pass {title}"
     return f"Confirm: {title}" if node.kind is NodeKind.CONFIRM else title[:1].upper() + title[1:]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cellctl.console.scene.series import NOMINAL, Line, Series
+from cellctl.console.scene.series import Line, Series
 
 _NOMINAL, _IDENTIFIED, _SIGMA = "#d55e00", "#0072b2", "#4b545e"
 _SOFT, _LINE = "#5a6169", "#e4e8ec"
@@ -44,7 +44,7 @@ _DASHES = tuple(_ICONS)
 
 def _look(line: Line) -> tuple[str, str]:
     """Colour, and symbol: hollow for points of the fit, filled where no fit used them."""
-    colour = _NOMINAL if line.robot == NOMINAL else _IDENTIFIED
+    colour = _IDENTIFIED if line.after else _NOMINAL
     filled = "triangle" if line.name.endswith("targets") else "diamond"
     return colour, filled if line.held_out else "emptyCircle"
 
@@ -117,7 +117,7 @@ def _options(shown: list[Options], x: str, y: str, empty: str) -> Options:
             "nameLocation": "middle",
             "nameGap": 42,
             **_axis(),
-            **_RANGE,
+            **(_RANGE if shown else _EMPTY),
         },
         "graphic": [_words(empty)] if empty else [],
         "series": shown,
@@ -131,6 +131,9 @@ def _entry(series: Options) -> Options:
         return {"name": series["name"]}
     return {"name": series["name"], "icon": _ICONS[series["lineStyle"]["type"]]}
 
+
+_EMPTY = {"min": 0.01, "max": 10}
+"""The range of a chart without points."""
 
 _RANGE = {
     ":min": "(range) => Math.min(0.01, 10 ** Math.floor(Math.log10(range.min)))",
@@ -157,6 +160,7 @@ def _words(text: str) -> Options:
         "font": f"14px {_FONT}",
         "width": 320,
         "overflow": "break",
+        "lineHeight": 20,
         "textAlign": "center",
     }
     return {"type": "text", "left": "center", "top": "35%", "style": style}

@@ -25,6 +25,10 @@ GROUP = "cellctl.scene_sources"
 """The entry point group: name = the source's, value = a `SceneSource`."""
 
 
+ROBOTS = ("nominal robot", "identified robot")
+"""What residuals before and after are of, unless a source states another pair."""
+
+
 class Role(StrEnum):
     """What a point is for."""
 
@@ -42,7 +46,7 @@ class Points:
     name: of one of them, as "touch". role: CHECK: no fit uses it and it judges nothing. label (N,): unique among those
     with this name. at (N, 3): robot's base frame, mm. seq (N,): event of the measurement; 0: not measured yet.
     before, after (N,): residual, mm, of the nominal robot, and of the identified or compensated one. sigma (N,):
-    predicted 1 σ of `after`, mm. NaN: not known.
+    predicted 1 σ of `after`, mm. NaN: not known. compared: what the residuals before and after are of.
     """
 
     name: str
@@ -53,6 +57,7 @@ class Points:
     before: Floats
     after: Floats
     sigma: Floats
+    compared: tuple[str, str] = ROBOTS
 
     @classmethod
     def of(
@@ -66,12 +71,14 @@ class Points:
         before: ArrayLike = np.nan,
         after: ArrayLike = np.nan,
         sigma: ArrayLike = np.nan,
+        compared: tuple[str, str] = ROBOTS,
     ) -> Self:
         """N points; seq and numbers in mm may be one for all."""
         n = len(label)
         columns = {"seq": seq, "before": before, "after": after, "sigma": sigma}
         full = {key: np.broadcast_to(np.asarray(value, float), (n,)) for key, value in columns.items()}
-        return cls(name=name, role=role, label=[str(one) for one in label], at=np.reshape(at, (n, 3)), **full)
+        places = np.reshape(at, (n, 3))
+        return cls(name=name, role=role, label=[str(one) for one in label], at=places, compared=compared, **full)
 
     def __len__(self) -> int:
         return len(self.label)

@@ -18,9 +18,12 @@ _THICKNESS = 0.052
 
 @final
 class RobotDrawing:
-    """A robot in a scene; create it inside the scene. Its bodies are made once: a new posture moves its frames."""
+    """A robot in a scene, on a column if the floor is lower; create it inside the scene.
 
-    def __init__(self, scene: ui.scene, posture: Posture) -> None:
+    Its bodies are made once: a new posture moves its frames.
+    """
+
+    def __init__(self, scene: ui.scene, posture: Posture, floor_mm: float) -> None:
         frames = np.concatenate([np.eye(4)[None], posture.frames])
         size = 0.001 * float(np.linalg.norm(np.diff(frames[:, :3, 3], axis=0), axis=1).sum())
         self._groups = []
@@ -31,6 +34,7 @@ class RobotDrawing:
             with scene.group() as group:
                 if index == 0:
                     rod(scene, [0, 0, 0], [0, 0, 0.25 * radius], 1.7 * radius, _FOOT)
+                    rod(scene, [0, 0, 0.001 * floor_mm], [0, 0, 0], 1.3 * radius, _LINK)
                 if index < last:
                     _link(scene, to_next, 0.8 * radius)
                 if 0 < index < last:

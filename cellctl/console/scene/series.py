@@ -9,14 +9,14 @@ from typing import final
 import numpy as np
 
 from cellctl.console.scene.content import read_points
-from cellctl.console.scene.points import Points, Role, SceneRun, installed_sources
+from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, installed_sources
 from cellctl.console.scene.setting import Setting
 from cellctl.files import InputError
 from cellctl.journal import RunState
 from cellctl.kinematics import Floats
 from cellctl.records import IdentificationRow
 
-NOMINAL, IDENTIFIED = "nominal robot", "identified robot"
+NOMINAL, IDENTIFIED = ROBOTS
 
 Pair = tuple[float, float]
 
@@ -26,11 +26,13 @@ Pair = tuple[float, float]
 class Line:
     """One series of a chart. xy: place in the order of measurement, from 1, and value, mm. labels: of each point.
 
-    robot: NOMINAL or IDENTIFIED. held_out: no fit used these points: held-out ones, and targets.
+    robot: what the values are of: NOMINAL, IDENTIFIED, or another pair of a source; after: the second of the pair.
+    held_out: no fit used these points: held-out ones, and targets.
     """
 
     name: str
     robot: str
+    after: bool
     held_out: bool
     xy: tuple[Pair, ...]
     labels: tuple[str, ...]
@@ -67,16 +69,16 @@ def series_of(state: RunState, points: Sequence[Points] | None = None) -> Series
     levels = _levels(state)
     targets = [group for group in groups if np.isfinite(group.sigma).any()]
     residuals = tuple(_residual_lines(groups, order))
-    sigmas = tuple(_line(each, order, "predicted σ", IDENTIFIED, each.sigma) for each in targets)
-    errors = tuple(_line(each, order, "found error", IDENTIFIED, each.after) for each in targets)
+    sigmas = [_joined(targets, [each.sigma for each in targets], order, "predicted σ", IDENTIFIED, True)]
+    errors = [_joined(targets, [each.after for each in targets], order, "found error", IDENTIFIED, True)]
     return Series(
         measured=len(order),
         residuals=residuals,
-        sigmas=sigmas,
-        errors=errors,
+        sigmas=tuple(line for line in sigmas if line.xy),
+        errors=tuple(line for line in errors if line.xy),
         levels=levels,
         residual_note=_residual_note(residuals, identified=bool(levels)),
-        sigma_note=_sigma_note(levels, sigmas),
+        sigma_note=_sigma_note(levels, targets),
     )
 
 
@@ -87,28 +89,28 @@ def _order(groups: Sequence[Points]) -> dict[float, int]:
 
 
 def _residual_lines(groups: Sequence[Points], order: dict[float, int]) -> list[Line]:
+    uses = ((Role.FIT, "points of the fit"), (Role.HELD_OUT, "held-out points"), (Role.TARGET, "targets"))
     lines = []
-    for robot, column in ((NOMINAL, "before"), (IDENTIFIED, "after")):
-        for role, name in (
-            (Role.FIT, "points of the fit"),
-            (Role.HELD_OUT, "held-out points"),
-            (Role.TARGET, "targets"),
-        ):
-            mine = [_line(each, order, name, robot, getattr(each, column)) for each in groups if each.role is role]
-            lines.append(_joined(mine, f"{robot}, {name}", robot, role is not Role.FIT))
+    for pair in dict.fromkeys(group.compared for group in groups):
+        for after, robot in enumerate(pair):
+            for role, use in uses:
+                mine = [each for each in groups if each.role is role and each.compared == pair]
+                columns = [each.after if after else each.before for each in mine]
+                lines.append(_joined(mine, columns, order, f"{robot}, {use}", robot, bool(after)))
     return [line for line in lines if line.xy]
 
 
-def _line(group: Points, order: dict[float, int], name: str, robot: str, values: Floats) -> Line:
-    known = np.flatnonzero(np.isfinite(values) & (group.seq > 0)).tolist()
-    pairs = sorted((order[float(group.seq[k])], float(values[k]), f"{group.name} {group.label[k]}") for k in known)
-    xy = tuple((float(place), value) for place, value, _ in pairs)
-    return Line(name, robot, group.role is not Role.FIT, xy, tuple(label for *_, label in pairs))
-
-
-def _joined(lines: Sequence[Line], name: str, robot: str, held_out: bool) -> Line:
-    entries = sorted((pair, label) for line in lines for pair, label in zip(line.xy, line.labels, strict=True))
-    return Line(name, robot, held_out, tuple(pair for pair, _ in entries), tuple(label for _, label in entries))
+def _joined(
+    groups: Sequence[Points], columns: Sequence[Floats], order: dict[float, int], name: str, robot: str, after: bool
+) -> Line:
+    """One line of the points of all `groups` whose values, one column for each group, are known."""
+    found = sorted(
+        ((float(order[float(group.seq[k])]), float(values[k])), f"{group.name} {group.label[k]}")
+        for group, values in zip(groups, columns, strict=True)
+        for k in np.flatnonzero(np.isfinite(values) & (group.seq > 0)).tolist()
+    )
+    held_out = any(group.role is not Role.FIT for group in groups)
+    return Line(name, robot, after, held_out, tuple(pair for pair, _ in found), tuple(label for _, label in found))
 
 
 def _levels(state: RunState) -> tuple[tuple[str, float], ...]:
@@ -128,15 +130,15 @@ def _levels(state: RunState) -> tuple[tuple[str, float], ...]:
 def _residual_note(residuals: Sequence[Line], *, identified: bool) -> str:
     if not residuals:
         return "No residual is known yet: it needs some measured points."
-    if not identified:
+    if not identified and not any(line.after for line in residuals):
         return (
             "Preliminary: the nominal robot against centres or an instrument fitted to the points so far. "
-            "Residuals of the identified robot follow after the identification."
+            "An identification replaces them."
         )
     return ""
 
 
-def _sigma_note(levels: Sequence[object], sigmas: Sequence[Line]) -> str:
+def _sigma_note(levels: Sequence[object], targets: Sequence[Points]) -> str:
     if not levels:
         return "σ is not known yet: the identification predicts it."
-    return "" if sigmas else "σ of each target is not in the journal yet; the lines are σ over the joints of the fit."
+    return "" if targets else "σ of each target is not in the journal yet; the lines are σ over the joints of the fit."

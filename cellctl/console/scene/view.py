@@ -78,7 +78,7 @@ class SceneView:
             return
         if self._robot is None:
             with self._scene, self._root:
-                self._robot = RobotDrawing(self._scene, posture)
+                self._robot = RobotDrawing(self._scene, posture, self._content.floor_mm)
         self._robot.show(posture)
 
 

@@ -140,6 +140,30 @@ def test_a_compensated_target_has_the_distance_from_its_intended_place_as_error(
     assert found.after[0] == pytest.approx(0.3)
 
 
+def test_a_pose_of_the_iso_cube_has_its_deviation_once_the_test_is_evaluated() -> None:
+    run, readings, places = poses_run(5)
+    for place in range(5):
+        visit = {"when": "before", "cycle": 0, "place": place, "side": 0, "others": []}
+        run.row("iso pose", {**visited_row(place, readings[place], seen(places[place])), **visit})
+    assert np.isnan(group(scene_of(run.state()), "cube before", Role.TARGET).before).all()
+    deviations = [[[0.0, 3.0, 4.0 + place] for place in range(5)]]
+    run.row("iso 9283", {"when": "before", "figures": {"left_out": 0}, "deviations": deviations})
+    found = group(scene_of(run.state()), "cube before", Role.TARGET)
+    assert found.before[0] == pytest.approx(5.0)
+    assert (np.diff(found.before) > 0).all()
+
+
+def test_contacts_of_a_tool_have_errors_with_the_taught_and_with_the_found_tool() -> None:
+    run = MadeJournal()
+    for number, readings in enumerate(readings_at(touch_places(3)[1])):
+        run.row("tool_pose", {"number": number, "joints": readings})
+    errors = {"orientation": [0, 1, 2], "held_out": [True] * 3, "taught": [1.0, -2.0, 3.0], "found": [0.1, 0.2, -0.3]}
+    run.row("tool_errors", errors)
+    poses = group(scene_of(run.state()), "pose", Role.HELD_OUT)
+    assert (poses.before.tolist(), poses.after.tolist()) == ([1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
+    assert poses.compared == ("taught tool", "found tool")
+
+
 def test_reflectors_move_with_the_flange() -> None:
     run, readings, places = poses_run(1)
     run.row("return", visited_row(0, readings[0], seen(places[0])))

@@ -1,0 +1,205 @@
+"""Finished and running runs: list, search, result, comparison, drift, daily checks, files, report, export, replay."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from fastapi import Path as PathParameter
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.background import BackgroundTask
+
+from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
+from cellctl.console.command_jobs import command_job
+from cellctl.console.known_runs import REPORT_CONTENT, exported, known_rows
+from cellctl.console.shared import console
+from cellctl.engine import Operator
+from cellctl.files import InputError
+from cellctl.operations.export import Form
+from cellctl.operations.run_files import run_file, run_files, run_named
+from cellctl.operations.run_list import RunFilter, run_row
+
+router = APIRouter(prefix="/api", tags=["runs"])
+
+_REPORT = "report.html"
+_FileName = Annotated[str, PathParameter(description="Name of the file, see `files`")]
+
+
+def _text(words: str) -> Any:
+    """A parameter of the query: a text."""
+    return Query(max_length=200, description=words)
+
+
+class ErrorFigures(BaseModel):
+    """Errors of a set of measurements, mm; null without errors."""
+
+    mean: float | None
+    rms: float | None
+    max: float | None
+
+
+class RunOut(BaseModel):
+    """A run, as `cellctl show --json` has it: with the fields of its kind of campaign besides these."""
+
+    model_config = ConfigDict(extra="allow")
+    run: str = Field(description="Name")
+    began: str | None = Field(default=None, description="UTC, ISO 8601")
+    procedure: str | None = Field(default=None, description="Procedure file")
+    cell: str | None = Field(default=None, description="Cell file")
+    operator: str | None = None
+    state: str = Field(
+        description="idle, checking, … finished, aborted, failed, uncertain, cut off while …, unreadable"
+    )
+    points: int | None = Field(default=None, description="Measurements that count")
+    verdict: str | None = None
+    sentence: str | None = Field(default=None, description="The verdict in a sentence, or why the run is unreadable")
+    before: ErrorFigures | None = Field(default=None, description="Measured held-out errors with nominal joints, mm")
+    after: ErrorFigures | None = Field(default=None, description="The same with compensated joints, mm")
+    table_state: str | None = Field(default=None, description="proved, taken back, or not proved, may be in force")
+
+
+class FileOut(BaseModel):
+    """A file of a run folder."""
+
+    name: str
+    size: int = Field(description="Bytes")
+    what: str = Field(description="What it is; empty if not known")
+
+
+class JobOut(BaseModel):
+    """A process that the console started."""
+
+    job: str = Field(description="`GET /api/jobs/{job}` shows its progress and outcome")
+
+
+@router.get("/runs")
+async def list_runs(
+    text: Annotated[str, _text("Words that are all in name, files, operator, devices or verdict")] = "",
+    state: Annotated[str, _text("State; empty: all")] = "",
+    verdict: Annotated[str, _text("Verdict; empty: all")] = "",
+    serial: Annotated[str, _text("Serial number of the robot; empty: all")] = "",
+    procedure: Annotated[str, _text("Name of the procedure; empty: all")] = "",
+    since: Annotated[str, _text("First day of the begin, ISO 8601")] = "",
+    until: Annotated[str, _text("Last day of the begin, ISO 8601")] = "",
+) -> list[RunOut]:
+    """The runs, newest first."""
+    asked = RunFilter(text, state, verdict, serial, procedure, since, until)
+    return [RunOut(**row) for row in await known_rows() if asked.keeps(row)]
+
+
+@router.get("/runs/{name}/result", responses=READS)
+async def result(name: RunName) -> RunOut:
+    """A run in figures."""
+    return RunOut(**await asyncio.to_thread(run_row, run_place(name)))
+
+
+@router.get("/runs/{name}/files", responses=READS)
+async def files(name: RunName) -> list[FileOut]:
+    """The files of a run."""
+    found = await asyncio.to_thread(run_files, run_place(name))
+    return [FileOut(name=each.name, size=each.size, what=each.what) for each in found]
+
+
+@router.get("/runs/{name}/files/{file}", response_class=FileResponse, responses=READS)
+async def download(name: RunName, file: _FileName) -> FileResponse:
+    """A file of a run, to save."""
+    return FileResponse(_file(run_place(name), file), media_type="application/octet-stream", filename=f"{name}-{file}")
+
+
+@router.get("/runs/{name}/report", response_class=FileResponse, responses=READS)
+async def report(name: RunName) -> FileResponse:
+    """The calibration report of a run, as a page."""
+    headers = {"content-security-policy": REPORT_CONTENT}
+    return FileResponse(_file(run_place(name), _REPORT), media_type="text/html; charset=utf-8", headers=headers)
+
+
+@router.get("/runs/{name}/export", response_class=FileResponse, responses=READS)
+async def export(name: RunName, form: Annotated[Form, Query(description="What to export")] = Form.ZIP) -> FileResponse:
+    """A run for other programs. csv, parquet: samples; jsonl: events; bluesky: documents; zip: everything."""
+    file, saved_as = await exported(run_place(name), form)
+    removed = BackgroundTask(shutil.rmtree, file.parent, ignore_errors=True)
+    return FileResponse(file, media_type="application/octet-stream", filename=saved_as, background=removed)
+
+
+@router.post("/runs/{name}/replay", status_code=202, responses=COMMANDS)
+async def replay(operator: Commander, name: RunName) -> JobOut:
+    """Compute the run again from its journal alone, and compare byte for byte; changes nothing in the run folder."""
+    return await _start(operator, "replay", name)
+
+
+@router.post("/runs/{name}/report", status_code=202, responses=COMMANDS)
+async def rewrite_report(operator: Commander, name: RunName) -> JobOut:
+    """Write the report of a run again."""
+    return await _start(operator, "report", name)
+
+
+@router.get("/jobs/{number}", responses=READS)
+async def job(
+    number: Annotated[str, PathParameter(description="`job` of the answer that started it")],
+) -> dict[str, Any]:
+    """A process that the console started: state, progress, result or failure."""
+    found = console().jobs.find(number)
+    if found is None:
+        raise Refused(404, f"there is no job {number[:80]}", "the console keeps the last 100 that it started")
+    return found.to_json()
+
+
+@router.get("/compare", responses=READS)
+async def compare(a: Annotated[str, _text("First run")], b: Annotated[str, _text("Second run")]) -> dict[str, Any]:
+    """Two runs side by side: facts, errors (mm), and parameters of their models with the difference and its 1 σ."""
+    from cellctl.operations.comparing_runs import compare_runs
+
+    first, second = run_place(a), run_place(b)
+    return (await asyncio.to_thread(compare_runs, first, second)).to_json()
+
+
+@router.get("/drift")
+async def drift(
+    serial: Annotated[str, _text("Serial number of the robot")],
+    parameter: Annotated[list[str], Query(max_length=200, description="Names of parameters")] = [],  # noqa: B006
+) -> dict[str, Any]:
+    """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
+    from cellctl.operations.parameter_drift import parameter_drift
+
+    rows = await known_rows()
+    return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()
+
+
+@router.get("/daily")
+async def daily(
+    baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
+) -> dict[str, Any]:
+    """Histories of daily checks with control charts (mm). baseline_runs: first checks that give the limits."""
+    from cellctl.operations.daily_history import daily_histories
+
+    found = await asyncio.to_thread(daily_histories, console().runs, baseline_runs)
+    left_out = [{"run": name, "why": why} for name, why in found.left_out]
+    return {"histories": [history.to_json() for history in found.histories], "left_out": left_out}
+
+
+def run_place(name: str) -> Path:
+    """The folder of the run `name`. Raises Refused."""
+    try:
+        return run_named(console().runs, name)
+    except InputError as error:
+        raise Refused(404, f"there is no run '{name[:80]}'", error.problems[0].cure) from None
+
+
+def _file(place: Path, name: str) -> Path:
+    try:
+        return run_file(place, name)
+    except InputError:
+        raise Refused(404, f"run {place.name} has no file '{name[:80]}'", "its list of files has the names") from None
+
+
+async def _start(operator: Operator, operation: str, name: str) -> JobOut:
+    request = {"place": str(run_place(name))}
+    title = f"{operation} of {name}"
+    started = await command_job(
+        operator, operation, name, lambda: console().jobs.start(title, operation, request, operator.name)
+    )
+    return JobOut(job=started.id)

@@ -1,0 +1,197 @@
+"""`/daily`: histories of daily checks as control charts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, final
+from urllib.parse import quote
+
+from nicegui import ui
+
+from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
+from cellctl.console.following import follow
+from cellctl.console.frame import frame
+from cellctl.console.look import facts, section, state_word
+from cellctl.console.run_words import figures, look_of_verdict, mm, shown_time
+from cellctl.console.shared import console
+from cellctl.report.numbers import fixed
+
+if TYPE_CHECKING:
+    from cellctl.operations.daily_history import DailyHistories, DailyHistory
+
+_NONE = "No daily check has finished in this folder of runs. `cellctl run daily_check` makes one."
+
+
+@ui.page("/daily")
+def daily(baseline_runs: int = 0) -> None:
+    """Histories of daily checks."""
+    with frame("Daily checks", "/daily"):
+        shown = _Daily(baseline_runs if baseline_runs >= 2 else None)
+        follow(shown.read)
+
+
+@final
+class _Daily:
+    """The chosen history. It is read again when a run has changed."""
+
+    def __init__(self, baseline_runs: int | None) -> None:
+        self._baseline_runs = baseline_runs
+        self._chosen, self._way = 0, ""
+        self._seen: Any = None
+        self._area = ui.element("div").style("display: contents")
+
+    async def read(self) -> None:
+        """Read the histories in a thread, if a daily check has begun, ended or gone."""
+        from cellctl.operations.daily_history import SECTION, daily_histories
+
+        now = [(row.run, row.state) for row in console().live.rows if SECTION in row.summary]
+        if now == self._seen:
+            return
+        self._seen = now
+        self._found = await asyncio.to_thread(daily_histories, console().runs, self._baseline_runs)
+        self._show()
+
+    def _show(self) -> None:
+        self._area.clear()
+        with self._area:
+            _content(self._found, self._chosen, self._way, self._choose)
+
+    def _choose(self, history: int | None = None, way: str = "") -> None:
+        self._chosen = self._chosen if history is None else history
+        self._way = way
+        self._show()
+
+
+def _content(found: DailyHistories, chosen: int, way: str, choose: Any) -> None:
+    if not found.histories:
+        ui.label(_NONE)
+    else:
+        history = found.histories[min(chosen, len(found.histories) - 1)]
+        if len(found.histories) > 1:
+            options = {number: _title(each) for number, each in enumerate(found.histories)}
+            ui.select(
+                options, label="Robot and baseline", value=chosen, on_change=lambda event: choose(event.value)
+            ).props("outlined dense").style("max-width: 36rem")
+        _head(history)
+        if history.charts:
+            _statistics(history)
+            _individuals(history, way or _most(history), choose)
+        _checks(history)
+    for name, why in found.left_out:
+        ui.label(f"Left out: {name}: {why}").classes("note")
+
+
+def _title(history: DailyHistory) -> str:
+    return f"{history.robot}, baseline ‘{history.baseline}’, {history.payload_kg:g} kg, {len(history.checks)} checks"
+
+
+def _head(history: DailyHistory) -> None:
+    last = history.checks[-1]
+    with ui.element("div").classes("row"):
+        state_word(look_of_verdict(last.verdict), last.verdict, large=True)
+        ui.label(f"{last.sentence} ({shown_time(last.began)} UTC)")
+    count = len(history.checks)
+    baseline = f"‘{history.baseline}’, {min(count, last.needed)} of {last.needed} checks"
+    facts(
+        {
+            "Robot": history.robot,
+            "Load": f"{history.payload_kg:g} kg",
+            "Instrument": f"accuracy profile {history.accuracy}",
+            "Baseline": baseline + (": not complete, limits are provisional" if history.provisional else ""),
+        }
+    )
+
+
+def _days(history: DailyHistory) -> list[str]:
+    return [shown_time(check.began)[5:] for check in history.checks]
+
+
+def _statistics(history: DailyHistory) -> None:
+    last, days = history.checks[-1], _days(history)
+    if last.t2_limit is None or last.ewma_limit is None:
+        return
+    note = "The verdict of a check is by these two: T² sees a sudden change, the EWMA a slow one."
+    with section("T² and EWMA", note=note), ui.element("div").classes("columns"):
+        for title, values, limit in (
+            ("T²", [check.t2 for check in history.checks], last.t2_limit),
+            ("EWMA", [check.ewma for check in history.checks], last.ewma_limit),
+        ):
+            statistic_chart(days, values, limit, last.needed, title)
+
+
+def _most(history: DailyHistory) -> str:
+    """The way with the largest deviation of the last check, in σ."""
+    return max(history.charts, key=lambda name: abs(_in_sigmas(history, name)))
+
+
+def _in_sigmas(history: DailyHistory, name: str) -> float:
+    chart = history.charts[name]
+    return float((chart.values[-1] - chart.centre) / chart.sigma) if chart.sigma > 0.0 else 0.0
+
+
+def _individuals(history: DailyHistory, way: str, choose: Any) -> None:
+    note = "Each way in which the points move together; turns and scale as RMS motion of the points. Limits: ± 3 σ."
+    with section("Individual values", note=note):
+        rows, marked = [], []
+        for number, (name, chart) in enumerate(history.charts.items()):
+            signals = "; ".join(chart.signals[-1]) or "–"
+            values = (chart.values[-1], chart.centre, *chart.limits)
+            rows.append([name, *(mm(value) for value in values), fixed(_in_sigmas(history, name), 1), signals])
+            marked += [number] if chart.signals[-1] else []
+        columns = [
+            ("Way", "words"),
+            ("last, mm", ""),
+            ("centre, mm", ""),
+            ("lower limit, mm", ""),
+            ("upper limit, mm", ""),
+        ]
+        columns += [("last, σ", ""), ("signals of the last check", "words")]
+        figures(columns, rows, label="Last check", marked=frozenset(marked))
+        chosen = ui.toggle(list(history.charts), value=way, on_change=lambda event: choose(way=event.value))
+        chosen.props('no-caps unelevated dense aria-label="Chart of"').classes("ways")
+        days, chart = _days(history), history.charts[way]
+        values_chart(days, chart)
+        ranges_chart(days, chart).classes("low")
+        _signals(history, chart.signals)
+
+
+def _signals(history: DailyHistory, signals: Sequence[Sequence[Any]]) -> None:
+    listed = [
+        f"{shown_time(check.began)}: {', '.join(rules)}"
+        for check, rules in zip(history.checks, signals, strict=True)
+        if rules
+    ]
+    ui.label(f"Signals: {'; '.join(listed) or 'none'}").classes("note")
+
+
+def _checks(history: DailyHistory) -> None:
+    with (
+        section("Checks"),
+        ui.element("div")
+        .classes("scrolling")
+        .props('tabindex=0 role=region aria-label="Checks"')
+        .style("max-height: 24rem"),
+        ui.element("table").classes("figures"),
+    ):
+        with ui.element("tr"):
+            for title, kind in (
+                ("Check", "words"),
+                ("Began (UTC)", "words"),
+                ("Verdict", "words"),
+                ("T²", ""),
+                ("EWMA", ""),
+            ):
+                with ui.element("th").classes(kind):
+                    ui.label(title)
+        for check in reversed(history.checks):
+            with ui.element("tr"):
+                with ui.element("td").classes("words"):
+                    ui.link(check.run, f"/run/{quote(check.run)}/result")
+                with ui.element("td").classes("words"):
+                    ui.label(shown_time(check.began))
+                with ui.element("td").classes("words"):
+                    state_word(look_of_verdict(check.verdict), check.verdict)
+                for value, places in ((check.t2, 1), (check.ewma, 2)):
+                    with ui.element("td"):
+                        ui.label(fixed(value, places))

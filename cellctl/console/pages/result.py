@@ -1,0 +1,189 @@
+"""`/run/NAME/result`: what a run came to, its report, files, export and replay."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any, final
+from urllib.parse import quote
+
+from nicegui import ui
+
+from cellctl.console.command_jobs import command_job
+from cellctl.console.frame import frame, with_operator
+from cellctl.console.job_view import JobView
+from cellctl.console.look import command_button, facts, link_button, problem_list, section, state_word
+from cellctl.console.run_words import figures, look_of_state, look_of_verdict, mm, shown_time
+from cellctl.console.shared import console
+from cellctl.engine import Operator
+from cellctl.files import InputError
+from cellctl.operations.export import Form
+from cellctl.operations.run_files import RunFile, run_files, run_named
+from cellctl.operations.run_list import RunRow, run_row
+
+_REPORT = "report.html"
+_FORMS = {
+    Form.ZIP: "everything, as one zip",
+    Form.CSV: "samples as CSV",
+    Form.PARQUET: "samples as Parquet",
+    Form.JSONL: "events as JSON lines",
+    Form.BLUESKY: "bluesky event-model documents",
+}
+
+
+@ui.page("/run/{name}/result")
+async def result(name: str) -> None:
+    """What a run came to."""
+    with frame(f"Result of {name}", "/runs"):
+        try:
+            place = run_named(console().runs, name)
+        except InputError as error:
+            problem_list(error.problems)
+            return
+        row, files = await asyncio.to_thread(lambda: (run_row(place), run_files(place)))
+        _verdict(row)
+        with ui.element("div").classes("columns"):
+            _facts(row)
+            _errors(row)
+        _Files(place, files)
+        _Replay(place)
+        _report(name, any(file.name == _REPORT for file in files))
+
+
+def _verdict(row: RunRow) -> None:
+    with ui.element("div").classes("row"):
+        state_word(look_of_state(row), row["state"], large=True)
+        if row.get("verdict"):
+            state_word(look_of_verdict(row["verdict"]), str(row["verdict"]), large=True)
+    with ui.element("div"):
+        ui.label(str(row.get("sentence") or row.get("reason") or "This run has no verdict."))
+        for line in row.get("lines") or ():
+            ui.label(line).classes("note")
+
+
+def _facts(row: RunRow) -> None:
+    devices = {
+        name: f"{each.get('model', '')}, serial {each.get('serial', '')}"
+        for name, each in (row.get("devices") or {}).items()
+    }
+    known = {
+        "Began (UTC)": shown_time(row.get("began")),
+        "Procedure": Path(row.get("procedure") or "–").stem,
+        "Cell": Path(row.get("cell") or "–").stem,
+        "Operator": str(row.get("operator") or "–"),
+        **devices,
+        "Points": str(row.get("points", "–")),
+        "Time of the cell": f"{row['cell_s'] / 60.0:.1f} min" if row.get("cell_s") else "–",
+        "Table": str(row.get("table_words") or "none was pushed"),
+    }
+    with section("Run"):
+        facts(known)
+        with ui.element("div").classes("row"):
+            link_button("Steps and log", f"/run/{quote(row['run'])}", icon="list")
+            link_button("Compare with another run", f"/compare?a={quote(row['run'])}", icon="compare_arrows")
+
+
+def _errors(row: RunRow) -> None:
+    rows = [
+        [name, *(mm((row.get(when) or {}).get(key)) for key in ("mean", "rms", "max"))]
+        for name, when in (("before", "before"), ("after", "after"))
+    ]
+    with section("Measured held-out errors", note="After: with the table in force on the controller."):
+        figures([("", "words"), ("mean, mm", ""), ("RMS, mm", ""), ("max, mm", "")], rows, label="Errors")
+
+
+@final
+class _Files:
+    """Files of the folder, and exports."""
+
+    def __init__(self, place: Path, files: list[RunFile]) -> None:
+        name = quote(place.name)
+        with section("Files and export"), ui.element("div").classes("columns"):
+            with ui.element("table").classes("figures"):
+                for file in files:
+                    with ui.element("tr"):
+                        with ui.element("td").classes("words"):
+                            ui.link(file.name, f"/api/runs/{name}/files/{quote(file.name)}").props("download")
+                        with ui.element("td").classes("words note"):
+                            ui.label(file.what)
+                        with ui.element("td"):
+                            ui.label(_size(file.size))
+            with ui.element("div").classes("row").style("align-content: flex-start"):
+                options = {form.value: words for form, words in _FORMS.items()}
+                chosen = ui.select(options, label="Export", value=Form.ZIP.value, on_change=self._choose)
+                chosen.props("outlined dense").style("min-width: 17rem")
+                self._link = link_button("Download", "", icon="download", download=True)
+        self._name = name
+        self._set(Form.ZIP.value)
+
+    def _choose(self, event: Any) -> None:
+        self._set(event.value)
+
+    def _set(self, form: str) -> None:
+        self._link.props(f'href="/api/runs/{self._name}/export?form={form}"')
+
+
+@final
+class _Replay:
+    """Replay of the run, with its progress and outcome."""
+
+    def __init__(self, place: Path) -> None:
+        self._place = place
+        note = "Computes data set, model and table again from the journal alone, and compares byte for byte."
+        with section("Replay", note=note):
+            with ui.element("div").classes("row"):
+                self._button = command_button("Replay", lambda: with_operator(self._start), icon="replay")
+            self._view = JobView(self._show)
+
+    async def _start(self, operator: Operator) -> None:
+        place = self._place
+        job = await command_job(
+            operator,
+            "replay",
+            place.name,
+            lambda: console().jobs.start(f"replay of {place.name}", "replay", {"place": str(place)}, operator.name),
+        )
+        self._button.disable()
+        self._view.follow(job, self._button.enable)
+
+    @staticmethod
+    def _show(found: dict[str, Any]) -> None:
+        equal = found["equal"]
+        state_word("good" if equal else "bad", "equal, byte for byte" if equal else "not equal", large=True)
+        for text in found["changed"]:
+            ui.label(f"Changed since the run: {text}").classes("note")
+        rows = [_artefact(each) for each in found["artefacts"]]
+        rows += [
+            [each["step"], _word(each["equal"]), "; ".join((*each["differences"][:3], *each["why"]))]
+            for each in found["steps"]
+        ]
+        figures(
+            [("File or step", "words"), ("Outcome", "words"), ("Difference and reason", "words")], rows, label="Replay"
+        )
+
+
+def _artefact(each: dict[str, Any]) -> list[str]:
+    first = each["first"]
+    where = f"first at byte {first['byte']}" if isinstance(first, dict) and "byte" in first else ""
+    hashes = f"sha256 {(each['replayed'] or 'not made')[:12]}"
+    return [each["name"], _word(each["equal"]), "; ".join(part for part in (hashes, where, *each["why"]) if part)]
+
+
+def _word(equal: object) -> str:
+    return "equal" if equal else "differs"
+
+
+def _report(name: str, there: bool) -> None:
+    with section("Report"):
+        if not there:
+            ui.label("This run has no report yet: `cellctl report` writes one.").classes("note")
+            return
+        target = f"/api/runs/{quote(name)}/report"
+        with ui.element("div").classes("row"):
+            link_button("Open the report alone, to print", target, icon="print")
+        frame_ = ui.element("iframe").classes("report-frame")
+        frame_.props(f'src="{target}" title="Calibration report of {name}"')
+
+
+def _size(size: int) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{max(size / 1e3, 0.1):.1f} kB"

@@ -1,0 +1,64 @@
+"""Commands about tables, for pages and API: each looks or acts in a process of its own, one at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from cellctl.console.command_jobs import command_job
+from cellctl.console.commands import being_examined
+from cellctl.console.jobs import Job
+from cellctl.console.shared import console
+from cellctl.engine import Operator
+from cellctl.files import InputError, Problem
+from cellctl.operations.results import SIMULATOR_MEMORY
+from cellctl.operations.run_files import run_named
+from cellctl.operations.shipped import shipped_file
+from cellctl.operations.table_actions import Action, TableRequest
+
+LOOK, ACT = "look_at_table", "act_on_table"
+
+
+def request_for(
+    action: Action, cell: str = "", table: str = "", memory: str = "", seen: str = "", confirmed: str = ""
+) -> TableRequest:
+    """A request about a cell (file, shipped name; empty: that of the console). memory: of a simulated cell, the run
+    whose simulated controller it continues. Raises InputError.
+    """
+    console_cell = console().settings.cell
+    if not cell and console_cell is None:
+        raise InputError(Problem("cell", 0, 0, "is not known", "choose a cell, or start the console with --cell CELL"))
+    file = shipped_file("cell", Path(cell)) if cell else console_cell
+    assert file is not None
+    state = run_named(console().runs, memory) / SIMULATOR_MEMORY if memory else None
+    return TableRequest(action, file, console().runs, table, state=state, seen=seen, confirmed=confirmed)
+
+
+async def start_look(operator: Operator, request: TableRequest) -> Job:
+    """Start looking what the request would change. Raises InputError while another table job runs."""
+    return await _start(operator, LOOK, f"look at the table of {request.cell.stem}", request)
+
+
+async def start_action(operator: Operator, request: TableRequest) -> Job:
+    """Start the action. Raises InputError while another table job runs."""
+    return await _start(operator, ACT, f"table {request.action} on {request.cell.stem}", request)
+
+
+async def _start(operator: Operator, operation: str, title: str, request: TableRequest) -> Job:
+    own = replace(request, who=f"{operator.name}@{operator.host}")
+
+    def start() -> Job:
+        if being_examined(request.cell):
+            raise InputError(Problem(str(request.cell), 0, 0, "its devices are being examined", "wait for the result"))
+        for job in console().jobs.all():
+            if job.operation in (LOOK, ACT) and not job.ended_already:
+                what = f"is busy: {job.title}, begun by {job.operator}"
+                raise InputError(Problem("controller", 0, 0, what, "wait until that has ended"))
+        return console().jobs.start(title, operation, own.to_json(), operator.name, computes=False)
+
+    name = "table look" if operation == LOOK else f"table {request.action}"
+    return await command_job(operator, name, request.table[:12] or request.cell.stem, start, **_details(request))
+
+
+def _details(request: TableRequest) -> dict[str, str]:
+    return {"cell": str(request.cell), "table": request.table, "seen": request.seen}

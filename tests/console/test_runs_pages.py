@@ -1,0 +1,113 @@
+"""The pages of runs and tables in a browser: search, compare, result, and a table pushed with a typed confirmation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from console_process import ConsoleProcess, browser, console_process
+from finished_runs import run_in
+from kr5_model import ERRORS, kr5_model, readings_near_the_middle, targets_csv
+
+from cellctl.cli import ends
+from cellctl.cli.verbs import app
+
+pytestmark = pytest.mark.long
+
+SERIAL = "SIM-925185"
+"""Of the shipped sphere cell's simulated controller."""
+PATIENCE_MS = 60_000
+
+
+def cellctl(*words: str | Path) -> None:
+    assert ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False)) == 0
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]:
+    """A console over two runs of the simulated sphere cell: each has a model, the second a table and a memory."""
+    runs = tmp_path_factory.mktemp("pages") / "runs"
+    runs.mkdir()
+    for month, a4 in ((10, 0.0), (11, 0.5)):
+        place = run_in(runs, f"sphere-{month}", f"2026-{month}-01", SERIAL, cell="sphere_cell")
+        kr5_model(errors={**ERRORS, "a4": a4}).save(place / "model.json")
+    (place / "report.html").write_text("<h1>The report of this run</h1><script>document.title = 'script ran'</script>")
+    (place / "targets.csv").write_text(targets_csv(readings_near_the_middle(8)))
+    table = ("--serial", SERIAL, "-o", place / "table.json")
+    cellctl("compensate", place / "model.json", place / "targets.csv", *table)
+    cellctl("table", "show", "--cell", "sphere_cell", "--state", place / "simulated_cell.json", "--json", "-")
+    run_in(runs, "daily-1", "2026-11-20", "111111", "in control", "daily_check")
+    with console_process(runs, "--cell", "sphere_cell") as console:
+        yield console
+
+
+@pytest.fixture(scope="module")
+def page(served: ConsoleProcess) -> Iterator[Any]:
+    with browser() as chromium:
+        page = chromium.new_page(viewport={"width": 1440, "height": 900})
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(served.command_url)
+        yield page
+
+
+def test_runs_are_searched_chosen_and_compared_by_keyboard_reachable_parts(page: Any, served: ConsoleProcess) -> None:
+    page.goto(f"{served.url}/runs")
+    page.get_by_text("3 of 3 runs").wait_for()
+    page.get_by_label("Search").fill(SERIAL)
+    page.get_by_text("2 of 3 runs").wait_for()
+    for box in page.locator("tbody .q-checkbox").all():
+        box.press("Space")
+    page.get_by_role("link", name="Compare the two chosen runs").click()
+    page.get_by_text("The models differ").wait_for()
+    assert "a=sphere-10&b=sphere-11" in page.url or "b=sphere-11&a=sphere-10" in page.url
+    page.get_by_role("cell", name="a4", exact=True).wait_for()
+
+
+def test_a_result_shows_the_report_without_running_its_scripts(page: Any, served: ConsoleProcess) -> None:
+    page.goto(f"{served.url}/run/sphere-11/result")
+    report = page.frame_locator("iframe")
+    report.get_by_role("heading", name="The report of this run").wait_for()
+    assert page.frames[-1].title() != "script ran"
+    with page.expect_download() as download:
+        page.get_by_role("link", name="model.json").click()
+    assert download.value.suggested_filename == "sphere-11-model.json"
+    page.get_by_role("button", name="Replay").click()
+    page.get_by_text("replay of sphere-11: failed").wait_for()
+
+
+def test_a_table_is_pushed_and_rolled_back_only_with_the_typed_serial(page: Any, served: ConsoleProcess) -> None:
+    table = json.loads((served.runs / "sphere-11" / "table.json").read_text())["id"][:12]
+    page.goto(f"{served.url}/tables")
+    page.get_by_role("button", name=f"Push {table}").click()
+    page.get_by_role("button", name="Look at the controller").click()
+    page.get_by_text("no table is in force", exact=False).first.wait_for()
+    page.get_by_label("Confirmation").fill("SIM-000000")
+    page.get_by_role("button", name="Push", exact=True).last.click()
+    page.get_by_text("is not the serial or the table").wait_for()
+    page.get_by_label("Confirmation").fill(SERIAL)
+    page.get_by_role("button", name="Push", exact=True).last.click()
+    page.get_by_text(f"Table {table} is in force on {SERIAL}").wait_for()
+    page.get_by_role("button", name="Close").click()
+    page.get_by_text(f"{table} is in force", exact=True).wait_for()
+
+    page.get_by_role("button", name=f"Verify {table}").click()
+    page.get_by_role("button", name="Compare with the controller").click()
+    page.get_by_text("all 8 rows as in the file").wait_for()
+    page.get_by_role("button", name="Close").click()
+
+    page.get_by_role("button", name="Roll back to the table before").click()
+    page.get_by_role("button", name="Look at the controller").click()
+    page.get_by_label("Confirmation").fill(SERIAL)
+    page.get_by_role("button", name="Roll back", exact=True).click()
+    page.get_by_text(f"In force on {SERIAL}: no table").wait_for()
+
+    (history,) = httpx.get(f"{served.url}/api/tables").json()
+    assert [change["action"] for change in history["changes"]] == ["rollback", "push"]
+    outcomes = [
+        line["outcome"] for line in httpx.get(f"{served.url}/api/audit").json() if line["command"] == "table push"
+    ]
+    assert outcomes == ["done", "failed"]
