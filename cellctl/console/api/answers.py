@@ -8,11 +8,12 @@ from typing import Annotated, Any
 from fastapi import Depends, FastAPI, Header, Path, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from fastapi.routing import APIRoute
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
+from cellctl.console.api.document import operations
 from cellctl.console.guarding import NO_TOKEN
 from cellctl.console.sessions import operator_named
 from cellctl.console.shared import console
@@ -146,13 +147,12 @@ def answer_errors(app: FastAPI) -> None:
 
 def answer_unknown(app: FastAPI) -> None:
     """Answer what is no route of the API: 404, or 405 for another method. Call it after the routes were added."""
-    routes = [route for route in app.routes if isinstance(route, APIRoute)]
 
     @app.api_route("/api/{rest:path}", methods=[*_METHODS], include_in_schema=False, operation_id="unknown")
     async def unknown(request: Request) -> JSONResponse:
         """No route of the API."""
         path = request.scope["path"]
-        known = {method for route in routes if route.path_regex.match(path) for method in route.methods or ()}
+        known = {method for method, form in operations(app.openapi()) if compile_path(form)[0].match(path)}
         if not known:
             return _failure(404, f"there is no {path[:200]}", "see /api")
         allowed = ", ".join(sorted(known))

@@ -34,6 +34,8 @@ def summarise(app: FastAPI) -> None:
         if not app.openapi_schema:
             for route in operations(made()).values():
                 route["summary"] = first_sentence(route.get("description", ""))
+                for answer in route["responses"].values():
+                    answer["description"] = answer["description"].replace("Successful Response", "Done")
         return made()
 
     app.openapi = document  # type: ignore[method-assign]
