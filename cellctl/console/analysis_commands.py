@@ -44,8 +44,9 @@ async def upload(
         folder, record = await asyncio.to_thread(analyses.new_analysis, console().runs, operator.name, data.name)
         try:
             await data.save(folder / record.data)
-            names = {role: analyses.free_name(folder, each.name, role) for role, each in others.items()}
+            names = {}
             for role, each in others.items():
+                names[role] = analyses.free_name(folder, each.name, role)
                 await each.save(folder / names[role])
             record = replace(record, answers=answers or {}, positions=names.get("positions", ""))
             replace(record, artefact=names.get("artefact", ""), robot=names.get("robot", "")).save(folder)
@@ -99,11 +100,13 @@ async def compensate(
     `files`. Raises InputError.
     """
     folder = _idle(name)
+    names = [analyses.safe_name(each.name) for each in files]
+    if twice := sorted({safe for safe in names if names.count(safe) > 1}):
+        raise InputError(Problem(", ".join(twice), 0, 0, "is there more than once", "give each file once"))
 
     async def work() -> dict[str, Any]:
         given = await asyncio.to_thread(new_program, folder)
         try:
-            names = [analyses.safe_name(each.name) for each in files]
             for each, safe in zip(files, names, strict=True):
                 await each.save(given / safe)
             program = ProgramRequest(tuple(names), **request)

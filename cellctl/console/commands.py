@@ -21,6 +21,7 @@ from cellctl.operations.run_files import run_named
 examinations = Subscribers()
 """Who is called when the examination of a cell (path of its file) begins or has ended."""
 
+
 _examined: set[Path] = set()
 """Files of the cells whose devices are being examined now."""
 

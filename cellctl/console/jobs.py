@@ -69,6 +69,7 @@ class Job:
         self._cancelled = False
         self._process: subprocess.Popen[bytes] | Adopted | None = None
         self._callbacks: list[Callable[[], None]] = []
+        self._on_state: Callable[[Job], None] = lambda _: None
 
     @property
     def ended_already(self) -> bool:
@@ -174,6 +175,8 @@ class Job:
         self.state = state or self.state
         for callback in tuple(self._callbacks):
             callback()
+        if state is not None:
+            self._on_state(self)
 
 
 @final
@@ -213,7 +216,10 @@ class Jobs:
         return job
 
     def subscribe(self, callback: Callable[[Job], None]) -> Callable[[], None]:
-        """Call `callback` with each new job, in the event loop; returns what ends that. It must not block."""
+        """Call `callback` with each job that is new, runs or has ended, in the event loop; returns what ends that.
+
+        It must not block.
+        """
         self._callbacks.append(callback)
         return lambda: self._callbacks.remove(callback) if callback in self._callbacks else None
 
@@ -248,9 +254,13 @@ class Jobs:
         job = Job(str(self._count), title, operation, operator, target)
         self._jobs[job.id] = job
         self._forget()
+        job._on_state = self._state_changed
+        self._state_changed(job)
+        return job
+
+    def _state_changed(self, job: Job) -> None:
         for callback in tuple(self._callbacks):
             callback(job)
-        return job
 
     def _do(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import secrets
 import socket
@@ -94,11 +95,13 @@ def console_app(console: Console) -> Guard:
     from nicegui import ui
 
     from cellctl.console.look import CSS
+    from cellctl.console.scene.points import installed_sources
 
     app = api_app(console)
     pages.state.openapi = app.openapi
     for name in PAGES:
         import_module(f"cellctl.console.pages.{name}")
+    pages.on_startup(lambda: asyncio.to_thread(installed_sources))  # its imports take a second of the first run page
     ui.add_css(CSS, shared=True)
     ui.run_with(
         app,

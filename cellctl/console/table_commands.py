@@ -28,10 +28,17 @@ def request_for(
     console_cell = console().settings.cell
     if not cell and console_cell is None:
         raise InputError(Problem("cell", 0, 0, "is not known", "choose a cell, or start the console with --cell CELL"))
-    file = shipped_file("cell", Path(cell)) if cell else console_cell
+    file = _cell_file(cell) if cell else console_cell
     assert file is not None
     state = run_named(console().runs, memory) / SIMULATOR_MEMORY if memory else None
     return TableRequest(action, file, console().runs, table, state=state, seen=seen, confirmed=confirmed)
+
+
+def _cell_file(cell: str) -> Path:
+    try:
+        return shipped_file("cell", Path(cell))
+    except (OSError, ValueError) as error:  # no file can have this name
+        raise InputError(Problem(cell[:80], 0, 0, f"is no cell file: {error}", "choose a cell of the list")) from error
 
 
 async def start_look(operator: Operator, request: TableRequest) -> Job:

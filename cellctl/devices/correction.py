@@ -74,6 +74,9 @@ class CorrectingRobot(MovingRobot, Protocol):
     async def correction_off(self) -> CorrectionReport:
         """Let the correction fade to zero, and end it. Raises DeviceFault, DeviceLost if it had ended, or does not."""
 
+    def correction_id(self) -> str:
+        """The id of the model in force; empty without an on-line correction."""
+
     def correction_samples(self) -> tuple[CorrectionSample, ...]:
         """The samples since the last call, up to half a second ago."""
 

@@ -40,7 +40,7 @@ class CorrectionFile(BaseModel):
     def of(cls, model: ModelFile, at: Postures | None = None) -> Self:
         """Of an identified robot, with the payload and temperature difference of `at`, one posture, throughout.
 
-        In the measured region the correction is whole; it fades to zero over the region's margin.
+        Where a table's rows are allowed, the correction is whole; outside it fades to zero over another such margin.
         Raises ValueError for a model with an effect that cannot be computed on-line.
         """
         import numpy as np
@@ -51,8 +51,8 @@ class CorrectionFile(BaseModel):
         found = online_arrays(
             model.robot_model(),
             model.robot.joint_map(),
-            np.array(region.min),
-            np.array(region.max),
+            np.array(region.min) - REGION_MARGIN_DEG,
+            np.array(region.max) + REGION_MARGIN_DEG,
             REGION_MARGIN_DEG,
             at,
         )

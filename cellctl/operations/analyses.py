@@ -181,8 +181,8 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
     Without a chosen robot, the best suggestion is taken, if one agrees with the rows. Raises InputError where the file
     cannot be read.
     """
-    from cellctl.formats import load_artefact
-    from cellctl.operations.robot_suggestion import suggest_robots
+    from cellctl.formats import RobotFile, load_artefact
+    from cellctl.operations.robot_suggestion import doubt_of, suggest_robots
     from cellctl.operations.understanding import read_data, understand
 
     with inside(folder):
@@ -196,12 +196,17 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
         record.save(Path())
         progress("comparing with the library", 0.2)
         artefact = load_artefact(Path(record.artefact)) if record.artefact else None
-        suggested = suggest_robots(given.data, artefact)
-        if not record.robot and suggested.certainty != "none":
-            record = set_robot(Path(), suggested.robots[0].name)
+        suggestions = (read_json(Path(UNDERSTOOD)) or {}).get("suggestions")
+        if not suggestions:
+            suggestions = suggest_robots(given.data, artefact).to_json()
+        if not record.robot and suggestions["certainty"] != "none":
+            record = set_robot(Path(), suggestions["robots"][0]["name"])
         progress("set-up check", 0.6)
         found = understand(given, _path(record.robot), record.asked(), progress)
-        result = {**found.to_json(), "suggestions": suggested.to_json()}
+        doubt = ""
+        if record.robot and not found.problems:
+            doubt = doubt_of(RobotFile.load(Path(record.robot)), given.data, artefact)
+        result = {**found.to_json(), "doubt": doubt, "suggestions": suggestions}
         write_json(Path(UNDERSTOOD), result)
     return result
 

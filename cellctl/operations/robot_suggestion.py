@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
 from cellctl.files import InputError
 from cellctl.formats.dataset import DataSet
-from cellctl.operations.robot_library import LibraryRobot, robots
+from cellctl.operations.robot_library import robots
 from cellctl.operations.understanding import joints_of
 
 if TYPE_CHECKING:
-    from cellctl.formats import Artefact
+    from cellctl.formats import Artefact, RobotFile
 
 Certainty: TypeAlias = Literal["clear", "several", "none"]
 
@@ -75,9 +75,23 @@ def suggest_robots(data: DataSet, artefact: Artefact | None = None) -> Suggestio
     """The robots of the library, ranked by how well they agree with a sample of the rows."""
     joints, _ = joints_of(data)
     sample = _sample(data)
-    tried = [_tried(each, sample, artefact) for each in robots() if each.robot.n == joints]
+    tried = [_tried(each.name, each.robot, sample, artefact) for each in robots() if each.robot.n == joints]
     found = sorted(filter(None, tried), key=lambda each: (not each.plausible, round(each.outside, 1), _size(each)))
     return Suggestions(found, _certainty(found))
+
+
+def doubt_of(robot: RobotFile, data: DataSet, artefact: Artefact | None = None) -> str:
+    """Why the rows are hardly of this robot, in one sentence; empty where they can be.
+
+    The set-up check lets a fit begin whose result is far from the robot file: here a person can still choose another.
+    """
+    found = _tried("", robot, _sample(data), artefact)
+    if found is None or found.plausible or found.rms_mm is None:
+        return ""
+    return (
+        f"Is this the robot that was measured? With base and tool fitted, the {found.robot} is {found.rms_mm:.3g} mm "
+        f"(RMS) from the rows; its tolerances predict {found.expected_mm:.2g} mm."
+    )
 
 
 def _certainty(found: Sequence[Suggestion]) -> Certainty:
@@ -100,7 +114,7 @@ def _sample(data: DataSet) -> DataSet:
     )
 
 
-def _tried(each: LibraryRobot, sample: DataSet, artefact: Artefact | None) -> Suggestion | None:
+def _tried(name: str, robot: RobotFile, sample: DataSet, artefact: Artefact | None) -> Suggestion | None:
     """None where no row can be of this robot."""
     import numpy as np
 
@@ -109,17 +123,17 @@ def _tried(each: LibraryRobot, sample: DataSet, artefact: Artefact | None) -> Su
     from cellctl.setup_check.misfit import misfit
 
     try:
-        rows = measurements(each.robot, sample, model="registration", artefact=artefact)
+        rows = measurements(robot, sample, model="registration", artefact=artefact)
     except InputError:
         return None
     outside = 1.0 - len(rows.lines) / len(sample)
     if rows.task.rows.size < 2 * rows.task.registering:
-        return Suggestion(each.name, each.robot.name, outside, None, None, False)
-    setup = Setup(rows.task, each.robot.joint_map(), rows.readings)
+        return Suggestion(name, robot.name, outside, None, None, False)
+    setup = Setup(rows.task, robot.joint_map(), rows.readings)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             found = misfit(setup).with_prediction(setup)
     except np.linalg.LinAlgError:
-        return Suggestion(each.name, each.robot.name, outside, None, None, False)
+        return Suggestion(name, robot.name, outside, None, None, False)
     plausible = not found.implausible and outside < 0.5
-    return Suggestion(each.name, each.robot.name, outside, found.mm, found.predicted_mm, plausible)
+    return Suggestion(name, robot.name, outside, found.mm, found.predicted_mm, plausible)

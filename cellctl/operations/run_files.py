@@ -11,6 +11,9 @@ from cellctl.files import InputError, Problem
 from cellctl.journal import is_being_written
 from cellctl.journal.schema import FILE_NAME
 
+_LONGEST = 255
+"""Bytes of a file's name."""
+
 _WORDS = {
     "dataset.csv": "measurements of the fit and the held-out ones",
     FILE_NAME: "the record of the run",
@@ -57,8 +60,9 @@ def run_file(place: Path, name: str) -> Path:
 
 
 def _plain(name: str) -> bool:
-    """Whether a name has no folder in it."""
-    return bool(name) and not name.startswith(".") and not set(name) & set("/\\\0")
+    """Whether a name can be a file's, is not hidden, and has no folder in it."""
+    short = len(name.encode(errors="replace")) <= _LONGEST
+    return bool(name) and short and not name.startswith(".") and not set(name) & set("/\\\0")
 
 
 def _readable(path: Path) -> bool:

@@ -97,7 +97,7 @@ class Understood:
 
     def _check_words(self) -> str:
         if self.checked:
-            return "robot file and data agree" if not self.problems else "robot file and data do not agree"
+            return "found an error" if self.problems else "no set-up error found"
         return "not done: the data cannot be used as they are"
 
 

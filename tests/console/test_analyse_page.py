@@ -36,6 +36,8 @@ def test_an_upload_and_one_button_lead_to_verdict_report_and_downloads(tmp_path:
     data = tmp_path / "ur10.csv"
     data.write_text(ur10_rows(120))
     (tmp_path / "picture.csv").write_bytes(bytes(range(256)))
+    large = tmp_path / "large.csv"
+    large.write_bytes(bytes(21_000_000))
     requested: set[str] = set()
     with console_process(tmp_path / "runs") as console, browser() as chromium:
         context = chromium.new_context()
@@ -45,7 +47,11 @@ def test_an_upload_and_one_button_lead_to_verdict_report_and_downloads(tmp_path:
         page.goto(console.command_url)
         choose(page, tmp_path / "picture.csv")
         assert page.get_by_role("alert").inner_text().split("\n")[:2] == ["picture.csv", "is not text"]
-        choose(page, data)
+        choose(page, large)
+        page.get_by_text("is larger than 20 MB").wait_for()
+        with page.expect_file_chooser() as chooser:
+            page.get_by_role("button", name="Choose files").press("Enter")
+        chooser.value.set_files(data)
         page.wait_for_url("**/analyse/ur10-*")
         assert "Universal Robots UR10" in page.locator(".facts").inner_text()
         other.goto(page.url)

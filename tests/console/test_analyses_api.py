@@ -49,7 +49,7 @@ def test_a_data_file_is_uploaded_understood_fitted_and_its_results_downloaded(tm
         }
         found = (await client.post("/api/analyses", files=files, headers=COMMANDS)).json()
         place = f"/api/analyses/{found['name']}"
-        assert dict(found["understood"]["facts"])["Set-up check"] == "robot file and data agree"
+        assert dict(found["understood"]["facts"])["Set-up check"] == "no set-up error found"
         assert (await client.post(f"{place}/fit", json={"model": "geometry"}, headers=COMMANDS)).status_code == 202
         while (state := (await client.get(place)).json())["state"] in ("new", "running"):
             await asyncio.sleep(0.05)
@@ -147,6 +147,14 @@ def test_targets_are_compensated_and_downloaded(tmp_path: Path) -> None:
     made, file = run(tmp_path, work)
     assert made.json()["predicted_after_mm"]["max"] < 0.01 < made.json()["predicted_before_mm"]["mean"]
     assert len(file.text.splitlines()) == 4
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    folder, _ = analyses.new_analysis(tmp_path, "Ada", "poses.csv")
+    files = [("files", ("a.csv", b"X\n")), ("files", ("a.csv", b"X\n"))]
+    url = f"/api/analyses/{folder.name}/programs"
+    answer = run(tmp_path, lambda client: client.post(url, files=files, headers=COMMANDS))
+    assert (answer.status_code, answer.json()["problems"][0]["what"]) == (422, "is there more than once")
 
 
 @pytest.mark.long

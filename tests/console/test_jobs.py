@@ -54,6 +54,16 @@ def test_a_job_gives_its_result_and_all_of_its_progress() -> None:
     assert {"number 0", "number 1", "number 2"} <= set(seen)
 
 
+def test_jobs_tell_of_each_job_that_is_new_runs_and_has_ended() -> None:
+    async def work(jobs: Jobs) -> list[tuple[str, str]]:
+        told: list[tuple[str, str]] = []
+        jobs.subscribe(lambda job: told.append((job.target, job.state)))
+        await jobs.start("count", "count", {"to": 1}, "Ada", target="data").ended()
+        return told
+
+    assert run(work) == [("data", "waiting"), ("data", "running"), ("data", "done")]
+
+
 def test_what_an_operation_prints_is_kept_as_lines_and_does_not_disturb_the_result() -> None:
     job = ended("count", {"to": 1})
     assert job.state == "done"

@@ -58,6 +58,8 @@ def test_runs_are_listed_and_searched_without_a_token(client: ApiClient) -> None
 def test_an_unreadable_run_says_why(client: ApiClient) -> None:
     (torn,) = client.get("/api/runs", params={"state": "unreadable"}).json()
     assert torn["sentence"]
+    assert client.get("/api/runs/torn/result").json()["state"] == "unreadable"
+    assert client.get("/api/runs/torn/export", params={"form": "csv"}).status_code == 422
     assert client.get("/api/compare", params={"a": "torn", "b": "sphere-9"}).status_code == 409
 
 
@@ -73,7 +75,20 @@ def test_two_runs_are_compared_and_a_robots_drift_is_shown(client: ApiClient) ->
 
 @pytest.mark.parametrize(
     "name",
-    ["..", ".", "%2e%2e", "..%2f..", "..%2fsecret.txt", "nothing", "tables", "sphere-11%2f..", "%00", "%5c..%5c", "~"],
+    [
+        "..",
+        ".",
+        "%2e%2e",
+        "..%2f..",
+        "..%2fsecret.txt",
+        "nothing",
+        "tables",
+        "sphere-11%2f..",
+        "%00",
+        "%5c..%5c",
+        "~",
+        "a" * 300,
+    ],
 )
 def test_nothing_outside_a_run_is_read_by_its_name(client: ApiClient, name: str) -> None:
     for path in ("files", "report", "result", "export", "files/secret.txt"):

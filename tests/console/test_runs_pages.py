@@ -10,6 +10,7 @@ from typing import Any
 import httpx
 import pytest
 from console_process import ConsoleProcess, browser, console_process
+from daily_checks import check
 from finished_runs import run_in
 from kr5_model import ERRORS, kr5_model, readings_near_the_middle, targets_csv
 
@@ -40,7 +41,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]
     table = ("--serial", SERIAL, "-o", place / "table.json")
     cellctl("compensate", place / "model.json", place / "targets.csv", *table)
     cellctl("table", "show", "--cell", "sphere_cell", "--state", place / "simulated_cell.json", "--json", "-")
-    run_in(runs, "daily-1", "2026-11-20", "111111", "in control", "daily_check")
+    for number in range(21):
+        check(runs, number, grown=5e-4 * (number >= 20))
     with console_process(runs, "--cell", "sphere_cell") as console:
         yield console
 
@@ -56,15 +58,24 @@ def page(served: ConsoleProcess) -> Iterator[Any]:
 
 def test_runs_are_searched_chosen_and_compared_by_keyboard_reachable_parts(page: Any, served: ConsoleProcess) -> None:
     page.goto(f"{served.url}/runs")
-    page.get_by_text("3 of 3 runs").wait_for()
+    page.get_by_text("23 of 23 runs").wait_for()
     page.get_by_label("Search").fill(SERIAL)
-    page.get_by_text("2 of 3 runs").wait_for()
+    page.get_by_text("2 of 23 runs").wait_for()
     for box in page.locator("tbody .q-checkbox").all():
         box.press("Space")
     page.get_by_role("link", name="Compare the two chosen runs").click()
     page.get_by_text("The models differ").wait_for()
     assert "a=sphere-10&b=sphere-11" in page.url or "b=sphere-11&a=sphere-10" in page.url
     page.get_by_role("cell", name="a4", exact=True).wait_for()
+
+
+def test_daily_checks_show_their_charts_and_the_signal_of_a_grown_robot(page: Any, served: ConsoleProcess) -> None:
+    page.goto(f"{served.url}/daily")
+    page.get_by_text("20 of 20 checks").wait_for()
+    signals = page.get_by_role("row").filter(has=page.get_by_role("cell", name="scale", exact=True))
+    assert "beyond 3 σ" in signals.inner_text()
+    page.get_by_role("button", name="turn x").click()
+    page.get_by_label("moving range, mm").locator("canvas").wait_for()
 
 
 def test_a_result_shows_the_report_without_running_its_scripts(page: Any, served: ConsoleProcess) -> None:

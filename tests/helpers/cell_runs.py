@@ -54,7 +54,7 @@ cleanup:
 """
 
 
-def confirmed_touches(folder: Path, fit: int = 12) -> Path:
+def confirmed_touches(folder: Path, fit: int = 8) -> Path:
     """A procedure that waits for a confirmation, then does `fit` touches and one more, without identification."""
     path = folder / "confirmed_touches.yaml"
     text = TOUCHES.replace("FIT", str(fit)).replace("procedure: touches", f"procedure: confirmed_touches\ncell: {CELL}")

@@ -136,6 +136,16 @@ def test_a_program_is_compensated_with_its_deviations_and_the_original_is_kept(w
     assert analyses.programs(with_model) == [found]
 
 
+def test_another_robot_is_doubted_with_figures_before_the_fit(tmp_path: Path) -> None:
+    folder, record = analyses.new_analysis(tmp_path, "Ada", "positions.csv")
+    shutil.copy(INPUTS / "positions.csv", folder / record.data)
+    longer = (INPUTS / "robot.yaml").read_text().replace("a: 500", "a: 620")
+    (folder / "arm.yaml").write_text(longer)
+    analyses.set_robot(folder, file="arm.yaml")
+    found = analyses.understand_analysis(folder)
+    assert found["doubt"].startswith("Is this the robot that was measured? With base and tool fitted, the elbow arm is")
+
+
 def test_targets_are_compensated_to_joints_with_predicted_errors(with_model: Path) -> None:
     given = new_program(with_model)
     (given / "targets.csv").write_text(targets_csv(readings_near_the_middle(4)))

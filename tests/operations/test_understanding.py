@@ -49,7 +49,7 @@ def test_a_data_set_is_described_in_figures_and_words_before_a_robot_is_chosen()
 
 def test_a_robot_that_belongs_to_the_data_passes_the_set_up_check() -> None:
     found = understood(INPUTS / "positions.csv", ROBOT)
-    assert dict(found.words())["Set-up check"] == "robot file and data agree"
+    assert dict(found.words())["Set-up check"] == "no set-up error found"
     assert (found.robot, found.usable, list(found.problems)) == ("elbow arm", 60, [])
 
 

@@ -1,11 +1,13 @@
 """How soon RSI telegrams are answered on a busy machine: our cyclic process beside RSIPI's driver, in one run.
 
-    python tests/studies/rsi_answers.py [--seconds 60] [--cycle ipo]        (four minutes; dependency group `peers`)
+    python tests/studies/rsi_answers.py [--seconds 60] [--cycle ipo] [--online]   (four minutes; group `peers`)
 
 A stand-in for the controller sends a telegram each 4 ms (`--cycle ipo`: 12 ms) to both, half a cycle apart, while two
 busy loops run: once with real-time rights for both drivers and once without (CAP_SYS_NICE and CAP_IPC_LOCK taken away;
 needs root and setpriv).
-The stand-in itself has real-time priority where it may. Ours answers a search that moves; RSIPI's sends zeros.
+The stand-in itself has real-time priority where it may. Ours answers a search that moves, or with --online a program of
+the controller that it corrects by a model of 448 field nodes and 288 waves; RSIPI's sends zeros. With --online the
+durations of the model's part of a cycle are printed too, as counted in the loop process.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import math
 import os
+import random
 import re
 import select
 import shutil
@@ -28,7 +32,12 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
 from cell_runs import busy_machine  # noqa: E402 - found by the line above
+from online_models import wavy_model  # noqa: E402
 
+from drivers.kuka_rsi.cyclic.model_arrays import pack  # noqa: E402
+from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineBlock, OnlineSlot  # noqa: E402
+
+ONLINE = "on-line"
 CYCLES_MS = {"ipo_fast": 4, "ipo": 12}
 START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 WITHOUT_RIGHTS = ["setpriv", "--bounding-set=-sys_nice,-ipc_lock", "--inh-caps=-sys_nice,-ipc_lock"]
@@ -69,9 +78,13 @@ class Peer:
 
     def ask(self, ipoc: int) -> None:
         """Send a telegram: a robot that follows what it was last told."""
-        axes = zip(START, self.correction, strict=True)
+        swing = 20.0 * math.sin(ipoc / 5000.0) if self.name == ONLINE else 0.0
+        program = [angle + swing for angle in START]
+        axes = zip(program, self.correction, strict=True)
         joints = " ".join(f'A{i}="{a + b:.4f}"' for i, (a, b) in enumerate(axes, 1))
-        self.line.send(f'<Rob Type="KUKA"><AIPos {joints}/><Delay D="0"/><IPOC>{ipoc}</IPOC></Rob>'.encode())
+        programmed = " ".join(f'A{i}="{angle:.4f}"' for i, angle in enumerate(program, 1))
+        telegram = f'<Rob Type="KUKA"><AIPos {joints}/><ASPos {programmed}/><Delay D="0"/><IPOC>{ipoc}</IPOC></Rob>'
+        self.line.send(telegram.encode())
         self.sent[ipoc] = time.perf_counter()
 
     def hear(self) -> None:
@@ -98,13 +111,16 @@ class Peer:
         figures = " ".join(f"{each:8.3f}" for each in [*at, *delays[-1:]])
         return f"{self.name:8} {asked:6} {figures} {late:6} {asked - len(delays):6}   {self.granted}"
 
-    def end(self) -> None:
-        """End its process."""
+    def end(self) -> str:
+        """End its process; what it says of itself."""
         assert self._process.stdin is not None
+        assert self._process.stdout is not None
         self._process.stdin.close()
+        said = self._process.stdout.read().decode()
         self._process.wait(30)
         self.line.close()
         self._folder.cleanup()
+        return said
 
 
 def _free_port() -> int:
@@ -121,9 +137,9 @@ def _hear_until(due: float, peers: list[Peer]) -> None:
                 peer.hear()
 
 
-def compare(seconds: float, cycle: str, *, rights: bool) -> None:
+def compare(seconds: float, cycle: str, *, rights: bool, ours: str = "cellctl") -> None:
     """Ask both for so long beside two busy loops, and print a row for each."""
-    peers = [Peer("cellctl", rights, cycle), Peer("RSIPI", rights, cycle)]
+    peers = [Peer(ours, rights, cycle), Peer("RSIPI", rights, cycle)]
     cycle_ms = CYCLES_MS[cycle]
     asked = round(seconds * 1e3 / cycle_ms)
     with busy_machine():
@@ -138,7 +154,7 @@ def compare(seconds: float, cycle: str, *, rights: bool) -> None:
     )
     for peer in peers:
         print(peer.row(asked), flush=True)
-        peer.end()
+        print(peer.end(), end="")
 
 
 def serve(name: str, ethernet: Path, cycle: str) -> None:
@@ -152,10 +168,10 @@ def serve(name: str, ethernet: Path, cycle: str) -> None:
         sys.stdin.read()
         api.stop()
     else:
-        asyncio.run(_serve_ours(ethernet, cycle))
+        asyncio.run(_serve_ours(ethernet, cycle, online=name == ONLINE))
 
 
-async def _serve_ours(ethernet: Path, cycle: str) -> None:
+async def _serve_ours(ethernet: Path, cycle: str, *, online: bool) -> None:
     from cellctl.devices import Address
     from drivers.kuka_rsi.cyclic.limits import SearchLimits
     from drivers.kuka_rsi.cyclic.shared_block import GUARDS
@@ -172,12 +188,42 @@ async def _serve_ours(ethernet: Path, cycle: str) -> None:
     config = read_ethernet_config(settings)
     reply = ReplyFormat.of(config.sentype, config.receive, settings.correction, settings.stop)
     process = await CyclicProcess.start("robot", settings, "wall:0", reply.template, SearchLimits())
+    if online:
+        process.block.online.place_model(_large_model())
+        process.block.online.words[OnlineSlot.ORDER] = 1
     far = (4.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     process.block.place_order(SearchOrder(1, START, far, 0.02, (0,) * GUARDS))
     process.block.announce_session(1)
+    while process.block.status().number != 1:  # a model with a field imports numpy before the session
+        await asyncio.sleep(0.01)
     print(json.dumps(process.granted), flush=True)
     await asyncio.to_thread(sys.stdin.read)
+    if online:
+        print(_durations(process.block.online), flush=True)
     await process.end()
+
+
+def _large_model() -> tuple[float, ...]:
+    """A model as large as a fit makes: 448 nodes of fields and 288 waves."""
+    draw = random.Random(1)
+    arrays = wavy_model(0.3)
+    for name, count in (("node_place", 6 * 448), ("node_scale", 6 * 448), ("node_weight", 3 * 448)):
+        arrays[name] = [draw.uniform(-1.0, 1.0) * (1e-4 if "weight" in name else 1.0) for _ in range(count)]
+    arrays["wave_joint"] = [float(joint) for joint in range(6) for _ in range(48)]
+    arrays["wave_order"] = [float(order) for _ in range(6) for order in range(1, 49)]
+    for name in ("wave_sine", "wave_cosine"):
+        arrays[name] = [draw.uniform(-1.0, 1.0) * 1e-6 for _ in range(288)]
+    return pack(arrays)
+
+
+def _durations(online: OnlineBlock) -> str:
+    counts, status = online.timing(), online.status()
+    total, at = sum(counts), []
+    for share in (0.5, 0.99, 0.999):
+        longest = next(i for i in range(len(counts)) if sum(counts[: i + 1]) >= share * total)
+        at.append(f"{(longest + 1) * TIMING_STEP_NS / 1000:g}")
+    what = f"{status.cycles} cycles corrected, {status.limited} of them cut by a limit"
+    return f"  model part of a cycle, at most (µs): median {at[0]}, p99 {at[1]}, p99.9 {at[2]}; {what}"
 
 
 def main() -> None:
@@ -185,6 +231,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cycle", choices=sorted(CYCLES_MS), default="ipo_fast")
+    parser.add_argument("--online", action="store_true", help="ours corrects a program of the controller by a model")
     parser.add_argument("--serve", nargs=2, metavar=("DRIVER", "ETHERNET"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.serve:
@@ -194,9 +241,10 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(60))
     except OSError:
         print("the stand-in for the controller has no real-time priority: its own lateness is in the figures")
-    compare(asked.seconds, asked.cycle, rights=True)
+    ours = ONLINE if asked.online else "cellctl"
+    compare(asked.seconds, asked.cycle, rights=True, ours=ours)
     if shutil.which("setpriv"):
-        compare(asked.seconds, asked.cycle, rights=False)
+        compare(asked.seconds, asked.cycle, rights=False, ours=ours)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, File, Form, UploadFile
 from fastapi import Path as PathParameter
@@ -43,6 +43,41 @@ class FitRequest(BaseModel):
     check: bool = Field(default=True, description="Check for set-up errors first")
 
 
+class Progress(BaseModel):
+    """What works on an analysis now."""
+
+    doing: str = Field(description="Current activity")
+    share: float = Field(description="Share of the work that is done, 0 to 1")
+    job: str
+
+
+class AnalysisOut(BaseModel):
+    """An analysis: its record, its state and its results. Lengths in mm, angles in deg."""
+
+    name: str
+    created: str = Field(description="UTC, ISO 8601")
+    operator: str = Field(description="Who uploaded the data")
+    data: str = Field(description="File as uploaded")
+    positions: str = Field(description="Table of positions, empty for none")
+    artefact: str = Field(description="File with spheres, sockets, distances, empty for none")
+    dataset: str = Field(description="Data set that is fitted: `data`, or what an import made of it")
+    robot: str = Field(description="Robot file, empty until one is chosen")
+    library: str = Field(description="Name of the robot in the library, empty for an own file")
+    answers: dict[str, str] = Field(description="To questions of an import, by option")
+    settings: FitRequest = Field(description="Options of the latest fit")
+    state: Literal["new", "running", "done", "failed", "cancelled", "cut off"]
+    process: int | None = Field(description="Process that fits now")
+    outcome: dict[str, Any] | None = Field(
+        description="Of the fit: code (exit code of `cellctl fit`), meaning, verdict, sentence, failure, notes"
+    )
+    files: list[str] = Field(description="Results that can be downloaded")
+    programs: list[dict[str, Any]] = Field(description="Compensated programs: id, name, files, predicted mm")
+    understood: dict[str, Any] | None = Field(
+        default=None, description="What the data were understood as: figures, facts in words, problems, suggestions"
+    )
+    progress: Progress | None = None
+
+
 class RobotName(BaseModel):
     """A robot of the library."""
 
@@ -60,9 +95,9 @@ async def library() -> list[RobotName]:
 
 
 @router.get("/analyses")
-async def list_analyses() -> list[dict[str, Any]]:
+async def list_analyses() -> list[AnalysisOut]:
     """All analyses, the newest first: files, robot, state, outcome."""
-    return await asyncio.to_thread(analyses.analyses, console().runs)
+    return [AnalysisOut(**each) for each in await asyncio.to_thread(analyses.analyses, console().runs)]
 
 
 @router.post("/analyses", status_code=201, responses=COMMANDS)
@@ -79,7 +114,7 @@ async def upload(
     pair: Annotated[str, Form(description="Pair the rows of both files by: name, order")] = "",
     orientation: Annotated[str, Form(description="Convention of orientations in a table")] = "",
     columns: Annotated[str, Form(description="Column=heading, joined by commas: A1=shoulder,X=north")] = "",
-) -> dict[str, Any]:
+) -> AnalysisOut:
     """Upload a data file; the answer says what was understood. A file that cannot be read leaves nothing behind."""
     given = {"positions": positions, "artefact": artefact, "robot": robot}
     others = {role: _upload(each) for role, each in given.items() if each is not None}
@@ -89,7 +124,7 @@ async def upload(
 
 
 @router.get("/analyses/{name}", responses=READS)
-async def analysis(name: AnalysisName) -> dict[str, Any]:
+async def analysis(name: AnalysisName) -> AnalysisOut:
     """An analysis: files, what was understood, progress of its fit, outcome, compensated programs."""
     return await _state(name)
 
@@ -100,7 +135,7 @@ async def robot(
     name: AnalysisName,
     library: Annotated[str, Form(description="Name of a library robot")] = "",
     file: Annotated[UploadFile | None, File(description="Robot file (YAML)")] = None,
-) -> dict[str, Any]:
+) -> AnalysisOut:
     """Choose another robot: the data are compared with it."""
     _idle(name)
     await commands.choose_robot(operator, name, library, _upload(file) if file else None)
@@ -108,7 +143,7 @@ async def robot(
 
 
 @router.post("/analyses/{name}/fit", status_code=202, responses=COMMANDS)
-async def fit(operator: Commander, name: AnalysisName, request: FitRequest) -> dict[str, Any]:
+async def fit(operator: Commander, name: AnalysisName, request: FitRequest) -> AnalysisOut:
     """Start the fit; `GET /api/analyses/{name}` shows its progress and outcome."""
     _idle(name)
     await commands.start_fit(operator, name, analyses.FitSettings(**request.model_dump()))
@@ -116,7 +151,7 @@ async def fit(operator: Commander, name: AnalysisName, request: FitRequest) -> d
 
 
 @router.post("/analyses/{name}/cancel", responses=COMMANDS)
-async def cancel(operator: Commander, name: AnalysisName) -> dict[str, Any]:
+async def cancel(operator: Commander, name: AnalysisName) -> AnalysisOut:
     """End what works on the analysis."""
     _folder(name)
     await commands.cancel(operator, name)
@@ -180,13 +215,13 @@ async def program(
     return _download(folder / "programs" / number / file, file)
 
 
-async def _state(name: str) -> dict[str, Any]:
+async def _state(name: str) -> AnalysisOut:
     folder = _folder(name)
     state = await asyncio.to_thread(analyses.state_of, folder)
     understood = await asyncio.to_thread(analyses.read_json, folder / analyses.UNDERSTOOD)
     job = commands.job_of(name)
-    progress = {"doing": job.doing, "share": job.share, "job": job.id} if job else None
-    return {**state, "understood": understood, "progress": progress}
+    progress = Progress(doing=job.doing, share=job.share, job=job.id) if job else None
+    return AnalysisOut(**state, understood=understood, progress=progress)
 
 
 def _folder(name: str) -> Path:

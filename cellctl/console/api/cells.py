@@ -85,12 +85,11 @@ async def cell(name: CellName) -> CellOut:
 async def doctor(name: CellName, operator: Commander) -> CellOut:
     """Connect to every device and read its health; nothing moves. Refused while a run is active on the cell."""
     file = await asyncio.to_thread(cell_file, name)
+    await commands.loaded_cell(file)  # an error in the file is the file's (422), any other is of this moment (409)
     try:
         await commands.examine(operator, file)
     except InputError as error:
-        if "active" in str(error) or "already" in str(error):
-            raise Refused(409, error.problems[0].what, error.problems[0].cure) from error
-        raise
+        raise Refused(409, error.problems[0].what, error.problems[0].cure) from error
     return _out(await state_of(file))
 
 

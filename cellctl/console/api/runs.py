@@ -76,7 +76,7 @@ class JobOut(BaseModel):
     job: str = Field(description="`GET /api/jobs/{job}` shows its progress and outcome")
 
 
-@router.get("/runs")
+@router.get("/runs", responses=READS)
 async def list_runs(
     text: Annotated[str, _text("Words that are all in name, files, operator, devices or verdict")] = "",
     state: Annotated[str, _text("State; empty: all")] = "",
@@ -157,7 +157,7 @@ async def compare(a: Annotated[str, _text("First run")], b: Annotated[str, _text
     return (await asyncio.to_thread(compare_runs, first, second)).to_json()
 
 
-@router.get("/drift")
+@router.get("/drift", responses=READS)
 async def drift(
     serial: Annotated[str, _text("Serial number of the robot")],
     parameter: Annotated[list[str], Query(max_length=200, description="Names of parameters")] = [],  # noqa: B006
@@ -169,7 +169,7 @@ async def drift(
     return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()
 
 
-@router.get("/daily")
+@router.get("/daily", responses=READS)
 async def daily(
     baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
 ) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 from nicegui import events, ui
 
 from cellctl.console import analysis_commands as commands
+from cellctl.console.following import follow_event
 from cellctl.console.frame import TokenDialog, frame, operator
 from cellctl.console.guarding import LARGEST_BODY
 from cellctl.console.look import State, command_button, problem_list, section, state_word
@@ -52,7 +53,7 @@ async def analyse() -> None:
         ).style("max-width: 60rem")
         _UploadPart()
         with section("Analyses of this folder"):
-            _table(found)
+            _List(found)
 
 
 class _UploadPart:
@@ -143,6 +144,25 @@ def _what_it_must_hold() -> None:
             "session, temperature, payload and set (fit or test) are optional. Base and tool need not be known."
         ).classes("note")
         ui.label(_EXAMPLE).classes("mono").style("white-space: pre; overflow-x: auto")
+
+
+class _List:
+    """The analyses, read again when a job begins or ends."""
+
+    def __init__(self, found: list[dict[str, Any]]) -> None:
+        self._found = found
+        self._shown()
+        follow_event(self._read, lambda changed: console().jobs.subscribe(lambda _: changed()), "analyses")
+
+    async def _read(self) -> None:
+        found = await asyncio.to_thread(analyses.analyses, console().runs)
+        if found != self._found:
+            self._found = found
+            self._shown.refresh()
+
+    @ui.refreshable_method
+    def _shown(self) -> None:
+        _table(self._found)
 
 
 def _table(found: list[dict[str, Any]]) -> None:

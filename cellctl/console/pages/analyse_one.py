@@ -6,9 +6,10 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any, final
 
-from nicegui import background_tasks, events, ui
+from nicegui import events, ui
 
 from cellctl.console import analysis_commands as commands
+from cellctl.console.following import follow_event
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.jobs import Job
 from cellctl.console.look import command_button, problem_list, section
@@ -51,45 +52,51 @@ def _read(name: str) -> dict[str, Any]:
     return {**analyses.state_of(folder), **{key: analyses.read_json(folder / file) for key, file in parts.items()}}
 
 
+def _nothing() -> None:
+    """Nothing to leave."""
+
+
 @final
 class _Page:
     """Follows the jobs of an analysis: progress at once, everything else anew when a job begins or ends."""
 
     def __init__(self, name: str, state: dict[str, Any]) -> None:
         self._name, self._state = name, state
-        self._changed = asyncio.Event()
-        self._job: Job | None = None
-        self._leave_job: Callable[[], None] = lambda: None
+        self._job = commands.job_of(name)
+        self._shown_job = self._job
         self._problems = ui.element("div").classes("when-filled")
         self._content()
-        leave = console().jobs.subscribe(self._begun)
-        client = ui.context.client
-        task = background_tasks.create(self._follow(), name=f"follow {name}")
-        client.on_delete(lambda: (leave(), self._leave_job(), task.cancel()))
-        if job := commands.job_of(name):
-            self._begun(job)
+        follow_event(self._follow, self._subscribe, f"analysis {name}")
 
-    def _begun(self, job: Job) -> None:
-        if job.target == self._name:
-            self._leave_job()
-            self._job, self._leave_job = job, job.subscribe(self._changed.set)
-            self._changed.set()
+    def _subscribe(self, changed: Callable[[], None]) -> Callable[[], None]:
+        """For each change of a job of this analysis."""
+        leave_job = self._job.subscribe(changed) if self._job else _nothing
+
+        def begun(job: Job) -> None:
+            nonlocal leave_job
+            if job.target == self._name and job is not self._job and not job.ended_already:
+                leave_job()
+                self._job, leave_job = job, job.subscribe(changed)
+                changed()
+
+        leave_jobs = console().jobs.subscribe(begun)
+
+        def leave() -> None:
+            leave_job()
+            leave_jobs()
+
+        return leave
 
     async def _follow(self) -> None:
-        """Show each change of the job; the page anew when it begins and when it has ended."""
-        shown: Job | None = None
-        while True:
-            await self._changed.wait()
-            self._changed.clear()
-            job = self._job
-            if job is not None and job is not shown and not job.ended_already:
-                shown = job
-                await self._anew()
-            if job is not None and job.ended_already:
-                self._leave_job()
-                self._job = shown = None
-                await self._anew()
-            self._show_progress()
+        """Show the change of the job; the page anew when it begins and when it has ended."""
+        job = self._job
+        if job is not None and job.ended_already:
+            self._job = self._shown_job = None
+            await self._anew()
+        elif job is not self._shown_job:
+            self._shown_job = job
+            await self._anew()
+        self._show_progress()
 
     async def _anew(self) -> None:
         try:

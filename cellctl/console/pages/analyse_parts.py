@@ -46,6 +46,8 @@ def headline(state: dict[str, Any], *, busy: bool) -> None:
             ui.label(rest.replace("Better than nominal. ", "")).classes("note").style("max-width: 50rem")
     elif state["state"] == "new" and (state["understood"] or {}).get("problems"):
         state_word("bad", "The data and the robot file do not go together", large=True)
+    elif state["state"] == "new" and (state["understood"] or {}).get("doubt"):
+        state_word("warning", "Read, but hardly of this robot", large=True)
     elif state["state"] == "new" and state["robot"]:
         state_word("good", "Read and understood: ready to fit", large=True)
     elif state["state"] == "new":
@@ -82,6 +84,8 @@ def understood(state: dict[str, Any]) -> None:
             ui.label("Not read yet.").classes("note")
             return
         facts([(name, value) for name, value in found["facts"]])
+        if found.get("doubt"):
+            state_word("warning", found["doubt"]).label.style("white-space: normal")
         if found["problems"]:
             problem_list(Problem(**each) for each in found["problems"])
             if found["note"]:

@@ -12,6 +12,7 @@ from nicegui import ui
 from cellctl.console.command_jobs import command_job
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.job_view import JobView
+from cellctl.console.jobs import Job
 from cellctl.console.look import command_button, facts, link_button, problem_list, section, state_word
 from cellctl.console.run_words import figures, look_of_state, look_of_verdict, mm, shown_time
 from cellctl.console.shared import console
@@ -47,7 +48,7 @@ async def result(name: str) -> None:
             _errors(row)
         _Files(place, files)
         _Replay(place)
-        _report(name, any(file.name == _REPORT for file in files))
+        _Report(place, any(file.name == _REPORT for file in files))
 
 
 def _verdict(row: RunRow) -> None:
@@ -136,13 +137,7 @@ class _Replay:
             self._view = JobView(self._show)
 
     async def _start(self, operator: Operator) -> None:
-        place = self._place
-        job = await command_job(
-            operator,
-            "replay",
-            place.name,
-            lambda: console().jobs.start(f"replay of {place.name}", "replay", {"place": str(place)}, operator.name),
-        )
+        job = await _job(operator, "replay", self._place)
         self._button.disable()
         self._view.follow(job, self._button.enable)
 
@@ -173,16 +168,46 @@ def _word(equal: object) -> str:
     return "equal" if equal else "differs"
 
 
-def _report(name: str, there: bool) -> None:
-    with section("Report"):
-        if not there:
-            ui.label("This run has no report yet: `cellctl report` writes one.").classes("note")
-            return
-        target = f"/api/runs/{quote(name)}/report"
+@final
+class _Report:
+    """The report in a frame; a run without one can get it."""
+
+    def __init__(self, place: Path, there: bool) -> None:
+        self._place = place
+        with section("Report"):
+            self._area = ui.element("div").classes("section")
+            with self._area:
+                show = self._shown if there else self._missing
+                show()
+
+    def _missing(self) -> None:
+        ui.label("This run has no report yet.").classes("note")
+        with ui.element("div").classes("row"):
+            command_button("Write the report", lambda: with_operator(self._start), icon="description")
+        self._view = JobView(self._written)
+
+    async def _start(self, operator: Operator) -> None:
+        self._view.follow(await _job(operator, "report", self._place))
+
+    def _written(self, _: object) -> None:
+        self._area.clear()
+        with self._area:
+            self._shown()
+
+    def _shown(self) -> None:
+        target = f"/api/runs/{quote(self._place.name)}/report"
         with ui.element("div").classes("row"):
             link_button("Open the report alone, to print", target, icon="print")
         frame_ = ui.element("iframe").classes("report-frame")
-        frame_.props["src"], frame_.props["title"] = target, f"Calibration report of {name}"
+        frame_.props["src"], frame_.props["title"] = target, f"Calibration report of {self._place.name}"
+
+
+async def _job(operator: Operator, operation: str, place: Path) -> Job:
+    """Start `operation` of `cellctl.console.run_jobs` on the run in `place`."""
+    title, request = f"{operation} of {place.name}", {"place": str(place)}
+    return await command_job(
+        operator, operation, place.name, lambda: console().jobs.start(title, operation, request, operator.name)
+    )
 
 
 def _size(size: int) -> str:

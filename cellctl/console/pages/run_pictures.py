@@ -39,7 +39,8 @@ class _Content:
         if self.found is not None and (now.events == self.events or (began < self.due and now.active)):
             return self.found
         try:
-            self.found = scene_of(now.state), series_of(now.state)
+            content = scene_of(now.state)
+            self.found = content, series_of(now.state, content.points)
         except Exception:  # rows of another version or package: the rest of the page stays
             logging.getLogger(__name__).exception("the pictures of %s cannot be made", now.run)
             self.found = None

@@ -25,6 +25,7 @@ KRL_FILES = (
     "cellctl_cmd.src",
     "cellctl_tab.src",
     "cellctl_sum.src",
+    "cellctl_own.src",
 )
 
 _EKI_FILE = "cellctl_eki.xml"

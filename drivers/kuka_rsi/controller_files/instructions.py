@@ -14,7 +14,7 @@ WHERE EACH FILE GOES (KSS, on the controller, user group Expert)
   cellctl.src, cellctl.dat           KRC:\\R1\\Program\\
   cellctl_sub.src, cellctl_sub.dat   KRC:\\R1\\Program\\
   cellctl_cmd.src, cellctl_tab.src   KRC:\\R1\\Program\\
-  cellctl_sum.src                    KRC:\\R1\\Program\\
+  cellctl_sum.src, cellctl_own.src   KRC:\\R1\\Program\\  (cellctl_own.src: your own programs; keep yours)
   cellctl_eki.xml                    C:\\KRC\\ROBOTER\\Config\\User\\Common\\EthernetKRL\\
   {ethernet:34} C:\\KRC\\ROBOTER\\Config\\User\\Common\\SensorInterface\\
   cellctl.rsix                       the same folder, with RSI 4 or 5 (KSS 8.5 and later)
@@ -93,6 +93,8 @@ NOT TRIED ON A REAL CONTROLLER
       {silence:g} s for a word and {answer:g} s for the answer.
    9. $V_R1MADA[] in HELLO, as this KSS wants it.
   10. RSI_CREATE takes the context: `cellctl.rsix` was written from published contexts, without their drawing part.
+  11. On-line correction: with RSI_ON and no RSI_MOVECORR( ), PTP runs as without, ASPos is the program's place and does
+      not move with a correction of 0.1 degrees (in T1, at rest), RSI_OFF and the next PTP leave no step.
 """
 
 

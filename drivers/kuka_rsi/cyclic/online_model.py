@@ -4,20 +4,22 @@ f is the controller's kinematics, f* the identified robot: links, joint stiffnes
 bending, and a field over the joints. Sought is δ with f*(q + δ) = f(q). Each cycle makes one damped step from the last
 cycle's δ with the Jacobian of f: δ ← δ + J⁺(q)(f(q) − f*(q + δ)). From δ = 0 three steps leave less than 1 µm; from
 one cycle to the next δ changes by some 0.1 mm at 100 deg/s, and one step leaves 3 µm of that at most.
+
+Plain numbers, and numpy for the field alone: after 4 ms of other work on the processor each function of numpy costs
+some ten microseconds, whatever its arrays.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from typing import Any, TypeAlias, final
+from operator import mul
+from typing import final
 
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.model_arrays import unpack
-
-Array: TypeAlias = Any
-"""Of numpy, which is imported with the first model only."""
+from drivers.kuka_rsi.cyclic.online_effects import FieldShift, JointTurns
+from drivers.kuka_rsi.cyclic.poses import Pose, Vector, cross, dot, frames_of, inverted, of_matrix, plus, product, times
 
 _DAMPING_MM = 10.0
 """Of the least squares step: a singular direction is left alone. Elsewhere one step leaves 1 % more at most."""
@@ -33,43 +35,31 @@ _MOST_RAD = math.radians(5.0)
 class OnlineModel:
     """The corrections of one model. `values`: as `pack` made them. Raises ValueError where it did not.
 
-    The first one imports numpy (0.2 s): before the session, when no telegram waits.
+    `last_rad`: correction of the model angles to begin with. Everything is computed in the nominal robot's base. The
+    first model with a field imports numpy (0.2 s): before the session, when no telegram waits.
     """
 
     def __init__(self, values: Sequence[float], last_rad: Sequence[float] | None = None) -> None:
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        import numpy as np
-
-        self._np = np
-        parts = unpack(values)
-        arrays = {name: np.array(part, float) for name, part in parts.items()}
-        self._lower, self._upper = list(parts["lower"]), list(parts["upper"])
-        self._fade_deg = max(float(parts["fade"][0]), 1e-6)
+        arrays = {name: list(part) for name, part in unpack(values).items()}
+        self._lower, self._upper = arrays["lower"], arrays["upper"]
+        self._fade_deg = max(arrays["fade"][0], 1e-6)
         self._sign, self._offset = arrays["sign"], arrays["offset"]
-        self._base, self._tool = arrays["base"].reshape(4, 4), arrays["tool"].reshape(4, 4)
-        links, identified = arrays["links"].reshape(-1, 4, 4), arrays["identified"].reshape(-1, 4, 4)
-        self._nominal = _Chain(np, links)
-        self._true = _Chain(np, identified)
-        self._true_turn = arrays["identified_base"].reshape(3, 3)
-        self._down = arrays["down"]
-        self._down_across = _cross_matrix(np, arrays["down"])
-        self._weight = arrays["weight"].reshape(2 * AXES, AXES)
-        self._load, self._load_place = arrays["load"], np.append(arrays["load_place"], 1.0)
-        self._loaded = bool(self._load.any())
-        self._bend, self._stretch = float(parts["bend"][0]), arrays["stretch"]
-        self._stretched = bool(self._stretch.any())
-        self._wave_joint, self._wave_order = arrays["wave_joint"].astype(int), arrays["wave_order"]
-        self._wave_sine, self._wave_cosine = arrays["wave_sine"], arrays["wave_cosine"]
-        self._node_place, self._node_scale = (arrays[each].reshape(-1, AXES) for each in ("node_place", "node_scale"))
-        self._node_weight = arrays["node_weight"].reshape(3, -1)
-        self._lever = np.array([1.0, 1.0, 1.0, _LEVER_MM, _LEVER_MM, _LEVER_MM])
-        self._damping = _DAMPING_MM**2 * np.eye(6)
-        self._last = np.zeros(AXES) if last_rad is None else np.array(last_rad, float)
+        self._tool = of_matrix(arrays["tool"])
+        self._nominal, true = _poses(arrays["links"]), _poses(arrays["identified"])
+        to_base = inverted(of_matrix(arrays["base"]))
+        self._true = [product(to_base, true[0]), *true[1:]]
+        rows = arrays["identified_base"]
+        turn = of_matrix([*rows[:3], 0.0, *rows[3:6], 0.0, *rows[6:], 0.0])
+        self._shift_turn = product((*to_base[:9], 0.0, 0.0, 0.0), turn)
+        self._turns, self._field = JointTurns(arrays), FieldShift(arrays)
+        self._down: Vector = (arrays["down"][0], arrays["down"][1], arrays["down"][2])
+        self._bend, self._stretch = arrays["bend"][0], arrays["stretch"]
+        self._last = [0.0] * AXES if last_rad is None else list(last_rad)
 
     @property
     def last_rad(self) -> tuple[float, ...]:
         """The last correction of the model angles, rad: the start of the next step."""
-        return tuple(self._last.tolist())
+        return tuple(self._last)
 
     def inside(self, readings: Sequence[float]) -> float:
         """1 within the measured region, falling smoothly to 0 at the fade width outside it. readings: A1…A6, deg."""
@@ -81,99 +71,74 @@ class OnlineModel:
 
     def correction(self, readings: Sequence[float]) -> tuple[float, ...]:
         """The correction of A1…A6, deg, at the programmed joints `readings`, deg, one step from the last cycle's."""
-        np = self._np
-        q = self._sign * np.radians(readings) + self._offset
-        frames = self._nominal.frames(q)
-        goal = self._base @ frames[-1] @ self._tool
-        rest = _difference(np, goal, self.pose(q + self._last)) * self._lever
-        arms = _jacobian(np, self._base, frames, goal) * self._lever[:, None]
-        step = arms.T @ np.linalg.solve(arms @ arms.T + self._damping, rest)
-        self._last = np.clip(self._last + step, -_MOST_RAD, _MOST_RAD)
-        return tuple((self._sign * np.degrees(self._last)).tolist())
+        rows = zip(self._sign, readings, self._offset, strict=True)
+        q = [sign * math.radians(reading) + offset for sign, reading, offset in rows]
+        frames = frames_of(self._nominal, q)
+        goal = product(frames[-1], self._tool)
+        columns = _jacobian(frames, goal)
+        rest = _difference(goal, self._pose([a + b for a, b in zip(q, self._last, strict=True)]))
+        pull = _solved(columns, rest)
+        steps = [sum(a * b for a, b in zip(column, pull, strict=True)) for column in columns]
+        self._last = [
+            max(-_MOST_RAD, min(_MOST_RAD, last + step)) for last, step in zip(self._last, steps, strict=True)
+        ]
+        return tuple(sign * math.degrees(last) for sign, last in zip(self._sign, self._last, strict=True))
 
-    def pose(self, q: Array) -> Array:
-        """The identified robot's TCP (4, 4), mm, in the measuring frame, at model angles q (6,), rad."""
-        frames = self._nominal.frames(q)
-        true = self._true.frames(q + self._turns(q, frames))[-1]
-        true[:3, 3] += self._true_turn @ self._shift(q, frames)
-        return true
+    def _pose(self, q: Sequence[float]) -> Pose:
+        """The identified robot's TCP at model angles q, rad."""
+        frames = frames_of(self._nominal, q)
+        turned = [a + b for a, b in zip(q, self._turns.at(q, frames), strict=True)]
+        end = frames_of(self._true, turned)[-1]
+        return (*end[:9], *plus(end[9:], times(self._shift_turn, self._shift(q, frames))))
 
-    def _turns(self, q: Array, frames: Array) -> Array:
-        """Turns of the joints (6,), rad, by weight, load and waves."""
-        np = self._np
-        arms = self._down_across @ frames[:-1, :3, 2].T
-        pulls = frames[:-1, :3, :2].transpose(1, 0, 2).reshape(3, 2 * AXES) @ self._weight
-        turns = (arms * pulls).sum(axis=0)
-        if self._loaded:
-            place = frames[-1, :3] @ self._load_place
-            turns = turns + self._load * (arms * (place[:, None] - frames[:-1, :3, 3].T)).sum(axis=0)
-        if self._wave_joint.size:
-            phase = q[self._wave_joint] * self._wave_order
-            each = self._wave_sine * np.sin(phase) + self._wave_cosine * (np.cos(phase) - 1.0)
-            turns = turns + np.bincount(self._wave_joint, each, AXES)
-        return turns
-
-    def _shift(self, q: Array, frames: Array) -> Array:
-        """Shift of the TCP (3,), mm, along the robot's base: bending, expansion, field."""
-        np = self._np
-        shift = np.zeros(3)
-        if self._bend:
-            along = frames[-1, :3, 2]
-            shift += self._bend * (self._down - (self._down @ along) * along)
-        if self._stretched:
-            shift += self._stretch @ frames[:, :3, 3]
-        if self._node_place.size:
-            away = q * self._node_scale - self._node_place
-            shift += self._node_weight @ np.exp(-0.5 * np.einsum("kj,kj->k", away, away))
+    def _shift(self, q: Sequence[float], frames: Sequence[Pose]) -> Vector:
+        """Shift of the TCP, mm, along the robot's base: bending, expansion, field."""
+        shift = self._field.at(q)
+        along, bend = frames[-1][6:9], self._bend
+        share = dot(self._down, along)
+        shift = plus(shift, tuple(bend * (down - share * axis) for down, axis in zip(self._down, along, strict=True)))
+        for factor, frame in zip(self._stretch, frames, strict=True):
+            if factor:
+                shift = plus(shift, tuple(factor * place for place in frame[9:]))
         return shift
 
 
-@final
-class _Chain:
-    """C0 Rz(q1) C1 … Rz(q6) C6 of constants (7, 4, 4): the frames behind the joints, and the end."""
-
-    def __init__(self, np: Any, constants: Array) -> None:
-        self._np = np
-        self._before, self._end = constants[:-1].copy(), constants[-1].copy()
-        self._turn = np.tile(np.eye(4), (AXES, 1, 1))
-
-    def frames(self, q: Array) -> Array:
-        """(7, 4, 4), mm, at angles q (6,), rad."""
-        np = self._np
-        turn, cosine, sine = self._turn, np.cos(q), np.sin(q)
-        turn[:, 0, 0] = turn[:, 1, 1] = cosine
-        turn[:, 1, 0] = sine
-        turn[:, 0, 1] = -sine
-        steps = np.matmul(self._before, turn)
-        result = np.empty((AXES + 1, 4, 4))
-        result[0] = steps[0]
-        for joint in range(1, AXES):
-            np.dot(result[joint - 1], steps[joint], out=result[joint])
-        np.dot(result[AXES - 1], self._end, out=result[AXES])
-        return result
+def _poses(matrices: Sequence[float]) -> list[Pose]:
+    return [of_matrix(matrices[at : at + 16]) for at in range(0, len(matrices), 16)]
 
 
-def _difference(np: Any, goal: Array, actual: Array) -> Array:
-    """Shift, mm, and small rotation vector, rad, (6,) from pose `actual` to `goal`."""
-    turn = goal[:3, :3] @ actual[:3, :3].T
-    rotation = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
-    return np.concatenate([goal[:3, 3] - actual[:3, 3], 0.5 * np.array(rotation)])
+def _difference(goal: Pose, actual: Pose) -> list[float]:
+    """Shift, mm, and small rotation vector, rad times the lever, from pose `actual` to `goal`."""
+    turn: Vector = (0.0, 0.0, 0.0)
+    for at in (0, 3, 6):
+        turn = plus(turn, cross(actual[at : at + 3], goal[at : at + 3]))
+    shift = [a - b for a, b in zip(goal[9:], actual[9:], strict=True)]
+    return [*shift, *(0.5 * _LEVER_MM * axis for axis in turn)]
 
 
-def _jacobian(np: Any, base: Array, frames: Array, end: Array) -> Array:
-    """Of the TCP by the joints (6, 6), mm and rad per rad, in the measuring frame."""
-    carried = base[:3, :3] @ frames[:-1, :3, 2].T
-    places = base[:3, :3] @ frames[:-1, :3, 3].T + base[:3, 3:]
-    arms = end[:3, 3:] - places
-    result = np.empty((6, AXES))
-    result[0] = carried[1] * arms[2] - carried[2] * arms[1]
-    result[1] = carried[2] * arms[0] - carried[0] * arms[2]
-    result[2] = carried[0] * arms[1] - carried[1] * arms[0]
-    result[3:] = carried
-    return result
+def _jacobian(frames: Sequence[Pose], end: Pose) -> list[list[float]]:
+    """Columns of the TCP's motion by each joint: mm, and rad times the lever, per rad."""
+    columns = []
+    for frame in frames[:AXES]:
+        axis = frame[6:9]
+        arm = (end[9] - frame[9], end[10] - frame[10], end[11] - frame[11])
+        columns.append([*cross(axis, arm), *(_LEVER_MM * each for each in axis)])
+    return columns
 
 
-def _cross_matrix(np: Any, vector: Array) -> Array:
-    """M (3, 3) with M x = vector × x."""
-    x, y, z = vector.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def _solved(columns: list[list[float]], rest: list[float]) -> list[float]:
+    """y of (J Jᵀ + λ²) y = rest, by elimination in the upper triangle of a positive definite matrix."""
+    across = list(zip(*columns, strict=True))
+    rows = []
+    for i, own in enumerate(across):
+        row = [sum(map(mul, own, other)) for other in across[i:]]
+        row[0] += _DAMPING_MM**2
+        rows.append([*row, rest[i]])
+    for i, first in enumerate(rows):
+        for j in range(1, len(rows) - i):
+            factor = first[j] / first[0]
+            rows[i + j] = [a - factor * b for a, b in zip(rows[i + j], first[j:], strict=True)]
+    found: list[float] = []
+    for row in reversed(rows):
+        found.insert(0, (row[-1] - sum(map(mul, row[1:-1], found))) / row[0])
+    return found

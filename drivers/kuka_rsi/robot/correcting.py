@@ -49,11 +49,15 @@ _CAUSES = {
 
 @final
 class Correcting:
-    """One on-line correction after the other; `holding` knows whether one is on, and its number."""
+    """One on-line correction after the other; `holding` knows whether one is on, and its number.
+
+    `model_id`: of the last model that was placed.
+    """
 
     def __init__(
         self, device: str, clock: Clock, lines: ControllerLines, holding: Holding, limits: OnlineLimits
     ) -> None:
+        self.model_id = ""
         self._device = device
         self._clock = clock
         self._lines = lines
@@ -157,6 +161,7 @@ class Correcting:
             cure = f"Make the model from a fit of this robot; it needs {AXES} joints."
             raise DeviceRefused(self._device, str(error), cure) from error
         self._lines.process.block.online.place_model(values)
+        self.model_id = model.id
 
     async def _until(self, phases: set[Phase], limit_s: float) -> None:
         """Wait for a phase, or for trouble, which `trouble` then tells. Raises DeviceFault, DeviceLost."""

@@ -217,6 +217,10 @@ class KukaRobot:
         async with self._holding.held_in_trouble():
             return await self._correcting.end()
 
+    def correction_id(self) -> str:
+        """The id of the model in force; see CorrectingRobot."""
+        return self._correcting.model_id if self._holding.correcting else ""
+
     def correction_samples(self) -> tuple[CorrectionSample, ...]:
         """The samples since the last call; see CorrectingRobot."""
         return self._correcting.samples()

@@ -1,5 +1,6 @@
 """Campaigns with an instrument that measures reflectors on the robot: the steps of the family `tracker`."""
 
+from procedures.steps.tracker.correcting import correction_off, correction_on, judge_correction, measure_corrected
 from procedures.steps.tracker.given_model import read_model, register
 from procedures.steps.tracker.identifying import identify
 from procedures.steps.tracker.instrument import prepare, two_face
@@ -14,12 +15,16 @@ from procedures.steps.tracker.warming import warm_up
 __all__ = [
     "check_reflector",
     "compensate",
+    "correction_off",
+    "correction_on",
     "frames",
     "identify",
     "judge",
+    "judge_correction",
     "locate",
     "measure",
     "measure_compensated",
+    "measure_corrected",
     "monuments",
     "plan",
     "plan_targets",

@@ -16,6 +16,7 @@ from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import (
+    ON_LINE,
     CompensatedRow,
     LeftOut,
     PoseRow,
@@ -66,9 +67,12 @@ class Targets:
         return np.linalg.norm(self.before, axis=1), np.linalg.norm(self.after, axis=1)
 
 
-def verdict_of(context: StepContext) -> tuple[TrackerVerdict, TargetErrorsRow | None]:
+BY_TABLE = "Compensated"
+
+
+def verdict_of(context: StepContext, manner: str = BY_TABLE) -> tuple[TrackerVerdict, TargetErrorsRow | None]:
     """The last verdict, including the targets, if any, and their errors. They decide the campaign's verdict: only a
-    model that was better on held-out poses gets this far.
+    model that was better on held-out poses gets this far. manner: how the targets were reached, as a sentence begins.
     """
     held_out = context.recorded(TrackerVerdict)[-1]
     if not context.recorded(CompensatedRow):
@@ -91,9 +95,9 @@ def verdict_of(context: StepContext) -> tuple[TrackerVerdict, TargetErrorsRow | 
     found = replace(
         held_out,
         verdict=verdict,
-        sentence=_sentence(verdict, errors),
-        lines=(*_lines(held_out, figures, made, len(left_out)), *held_out.lines),
-        method=made.method,
+        sentence=_sentence(verdict, errors, rolled_back=manner == BY_TABLE),
+        lines=(*_lines(held_out, figures, _how(manner, made), len(left_out)), *held_out.lines),
+        method=made.method if manner == BY_TABLE else ON_LINE,
         left_out=left_out,
         before=before,
         after=after,
@@ -115,7 +119,11 @@ def _sureness(errors: tuple[Floats, Floats]) -> dict[str, Any]:
     }
 
 
-def _lines(held_out: TrackerVerdict, found: TargetFigures, made: TargetsRow, left_out: int) -> Iterator[str]:
+def _how(manner: str, made: TargetsRow) -> str:
+    return f"{manner} by {made.manner}" if manner == BY_TABLE else manner
+
+
+def _lines(held_out: TrackerVerdict, found: TargetFigures, how: str, left_out: int) -> Iterator[str]:
     """Lines below the verdict: how sure it is, by which method and model; then the model's own verdict."""
     if found.mean_95 and found.rms_95 and found.share_below:
         (_, mean), (_, rms) = found.mean_95, found.rms_95
@@ -124,7 +132,7 @@ def _lines(held_out: TrackerVerdict, found: TargetFigures, made: TargetsRow, lef
             f"95 % confidence {100.0 * found.share_below:.0f} % of such targets are below the greatest error."
         )
     model = f", with the model of {held_out.model_from}" if held_out.model_from else ""
-    yield f"Compensated by {made.manner}{model}."
+    yield f"{how}{model}."
     if left_out:
         yield f"{left_out} targets were left out; the report names them, with the reasons."
     yield held_out.sentence
@@ -177,9 +185,10 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
-def _sentence(verdict: str, errors: tuple[Floats, Floats]) -> str:
+def _sentence(verdict: str, errors: tuple[Floats, Floats], *, rolled_back: bool) -> str:
     each = [ErrorFigures.of(values) for values in errors]
     figures = compared_errors(("before", "after"), each, len(errors[0]))
-    ends = {"better": "Better than nominal.", "worse": "Worse than nominal: the table was rolled back."}
-    end = ends.get(verdict, "No better than nominal: the table was rolled back.")
+    undone = ": the table was rolled back." if rolled_back else "."
+    ends = {"better": "Better than nominal.", "worse": f"Worse than nominal{undone}"}
+    end = ends.get(verdict, f"No better than nominal{undone}")
     return f"Position error at held-out targets (not used for calibration): {figures}. {end}"

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal, final
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import ClassVar, Literal, Self, final
 
-from cellctl.devices import MeasuredPoint, MotorCurrents, Temperatures, TwoFaceError, Weather
+from cellctl.devices import (
+    CorrectionReport,
+    CorrectionSample,
+    MeasuredPoint,
+    MotorCurrents,
+    Temperatures,
+    TwoFaceError,
+    Weather,
+)
 from cellctl.records import Figures, Row, VerdictRow
 
 Joints = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
 PoseSet = Literal["fit", "test"]
 When = Literal["start", "during", "end"]
+
+ON_LINE = "on-line"
+"""The method of a verdict on targets that were corrected on-line."""
+
+CORRECTION_FILE = "correction.json"
+"""The arrays that corrected on-line, in the run folder."""
 
 MODEL_FILE = "read_model.json"
 """The model that was read, in the run folder; `model.json` is a run's own."""
@@ -164,6 +179,66 @@ class CompensatedRow(VisitedRow):
     KIND: ClassVar[str] = "compensated"
     row: int
     target: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CorrectionModelRow(Row):
+    """An on-line correction was switched on: id of its arrays, temperature of the arm, parts of the model left out."""
+
+    KIND: ClassVar[str] = "correction model"
+    id: str
+    arm_c: float | None
+    left_out: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CorrectionLogRow(Row):
+    """Samples of an on-line correction, one a second: time (ns), programmed joints, correction (deg), share of it."""
+
+    KIND: ClassVar[str] = "correction log"
+    time_ns: tuple[int, ...]
+    programmed: tuple[Joints, ...]
+    correction: tuple[Joints, ...]
+    inside: tuple[float, ...]
+
+    @classmethod
+    def of(cls, samples: Sequence[CorrectionSample]) -> Self:
+        """From a robot's samples."""
+        return cls(
+            time_ns=tuple(each.time_ns for each in samples),
+            programmed=tuple(each.programmed for each in samples),
+            correction=tuple(each.correction for each in samples),
+            inside=tuple(each.inside for each in samples),
+        )
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class CorrectionEndRow(Row):
+    """An on-line correction was switched off: fields as in `CorrectionReport`."""
+
+    KIND: ClassVar[str] = "correction end"
+    cycles: int
+    limited: int
+    outside: int
+    late: int
+    lost: int
+    refused_models: int
+
+    @classmethod
+    def of(cls, report: CorrectionReport) -> Self:
+        """From a robot's report."""
+        return cls(**asdict(report))
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        return (
+            f"on-line correction off after {self.cycles} cycles: {self.limited} cut by a limit, {self.outside} outside "
+            f"the measured region, {self.late} answers late, {self.lost} telegrams lost"
+        )
 
 
 @final

@@ -96,8 +96,20 @@ def test_without_the_token_nothing_is_done(command: str, headers: dict[str, str]
     assert not (tmp_path / "audit.jsonl").exists()
 
 
-@pytest.mark.parametrize("name", ["nothing", "..", "%2e%2e", "..%2fother", "audit.jsonl"])
+@pytest.mark.parametrize("name", ["nothing", "..", "%2e%2e", "..%2fother", "audit.jsonl", "a" * 300, "%00", "ä" * 180])
 def test_a_name_that_is_no_run_of_the_folder_is_not_found(name: str, tmp_path: Path) -> None:
     with api_client(tmp_path / "runs") as client:
         assert client.get(f"/api/runs/{name}/status").status_code == 404
         assert client.post(f"/api/runs/{name}/abort", json={}, headers=ADA).status_code == 404
+
+
+def test_a_damaged_journal_is_shown_with_its_problem_and_takes_no_command(tmp_path: Path) -> None:
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "journal.sqlite").write_bytes(b"no journal at all" * 100)
+    with api_client(tmp_path) as client:
+        found = client.get("/api/runs/broken/status").json()
+        refused = client.post("/api/runs/broken/abort", json={}, headers=ADA)
+        retried = client.post("/api/runs/broken/retry", json={}, headers=ADA)
+    assert found["state"] == "unreadable"
+    assert "journal.sqlite" in found["problem"]
+    assert (refused.status_code, retried.status_code) == (409, 409)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from api_client import ApiClient, api_client
-from cell_runs import CELL
+from cell_runs import CELL, cell_with
 
 from cellctl.files import sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile
@@ -72,6 +72,20 @@ def test_an_order_that_is_not_as_described_starts_nothing(
     assert client.post("/api/runs", json=order, headers=ADA).status_code == code
     assert client.post("/api/runs", json={"procedure": "sphere_selfcal"}).status_code == 401
     assert not list((tmp_path / "runs").glob("*/"))
+
+
+def test_a_second_run_on_a_real_cell_is_refused_while_one_is_active(
+    client: ApiClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = cell_with(tmp_path)
+    cell.write_text(cell.read_text().partition("\nsimulate:")[0])
+    monkeypatch.chdir(tmp_path)
+    source = SourceFile(str(cell), cell.read_text(), sha256_of(cell.read_text()))
+    with Journal.create(tmp_path / "runs" / "run-1", lambda: 0) as journal:
+        journal.append(RunStarted(source, source, {}, 1, "realtime", "me", "2026-01-02T03:04:05Z", "", {}))
+        refused = client.post("/api/runs", json={"procedure": "sphere_selfcal", "cell": "cell"}, headers=ADA)
+    assert (refused.status_code, refused.json()["what"]) == (422, "run run-1 is active on this cell")
+    assert [folder.name for folder in (tmp_path / "runs").glob("*/")] == ["run-1"]
 
 
 def test_the_check_gives_errors_of_the_settings_before_anything_starts(client: ApiClient) -> None:

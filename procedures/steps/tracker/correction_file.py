@@ -1,0 +1,39 @@
+"""The correction model of a run, at the load and the temperature of the cell, and the targets' nominal joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellctl.calibration import Postures
+from cellctl.devices import JointReadings
+from cellctl.files import InputError
+from cellctl.formats import ModelFile, TableFile
+from cellctl.formats.load import load_of
+from cellctl.formats.online import CorrectionFile
+from cellctl.procedure import StepContext
+from procedures.steps.tracker.plans import PosePlan
+
+REFERENCE_C = 20.0
+"""The temperature at which a model's lengths hold."""
+
+
+def correction_file(context: StepContext, arm_c: float | None) -> CorrectionFile:
+    """Of `model.json` in the run folder. Raises InputError for a model that cannot be applied on-line."""
+    model = ModelFile.load(context.run_folder / "model.json")
+    load = load_of(context.cell)
+    at = Postures(
+        np.zeros((1, model.robot.n)),
+        delta_t=None if arm_c is None else np.array([arm_c - REFERENCE_C]),
+        payload=np.array([load.mass]) if load else None,
+        payload_at=np.array([load.xyz]) if load else None,
+    )
+    try:
+        return CorrectionFile.of(model, at)
+    except ValueError as error:
+        raise InputError(context.cell.problem((), str(error), "identify a model without it (--set model=…)")) from error
+
+
+def nominal_joints(context: StepContext, pose: PosePlan) -> JointReadings:
+    """The nominal joints of a target, deg, as the table in the run folder has them."""
+    assert pose.row is not None
+    return tuple(TableFile.load(context.run_folder / "table.json").rows[pose.row - 1].nominal)
