@@ -6,6 +6,7 @@ Starts a console with the simulated sphere cell, runs a campaign from the page, 
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -17,8 +18,10 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
 from console_process import ConsoleProcess, browser, console_process  # noqa: E402
+from daily_checks import check  # noqa: E402
 
-_WIDTH = 1280
+_WIDTH = 1360
+UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 
 
 def main(folder: Path) -> None:
@@ -46,6 +49,17 @@ def _views(page: Any, console: ConsoleProcess, folder: Path) -> None:
         page.goto(f"{console.url}/{view}")
         page.wait_for_timeout(3000)
         _picture(page, folder / f"console-{view.rpartition('/')[2]}.png", height)
+    campaign = ["run", "sphere_selfcal", "--runs", console.runs, "--set", "touches_fit=60"]
+    subprocess.run([sys.executable, "-m", "cellctl", *campaign], check=True, capture_output=True)
+    other = max(found.name for found in console.runs.glob("sphere_selfcal-*"))
+    page.goto(f"{console.url}/compare?a={name}&b={other}")
+    page.wait_for_timeout(3000)
+    _picture(page, folder / "console-compare.png", 800)
+    for day in range(1, 25):
+        check(console.runs, day)
+    page.goto(f"{console.url}/daily")
+    page.wait_for_timeout(4000)
+    _picture(page, folder / "console-daily.png", 1000)
     _analysis(page, console, folder)
 
 
@@ -61,16 +75,26 @@ def _started(page: Any, console: ConsoleProcess, folder: Path) -> str:
 
 
 def _analysis(page: Any, console: ConsoleProcess, folder: Path) -> None:
+    """Fit 300 rows of the real UR10 on the page."""
+    data = console.runs.parent / "ur10.csv"
+    if not UR10.exists():
+        print("no picture of an analysis: the UR10 measurements are missing")
+        return
+    public_data = ROOT / "docs" / "examples" / "public_data.py"
+    subprocess.run([sys.executable, public_data, UR10, "300", "-o", data], check=True)
     page.goto(f"{console.url}/analyse")
-    page.wait_for_timeout(2000)
-    _picture(page, folder / "console-analyse.png", 700)
+    page.locator("input[type=file]").set_input_files(data)
+    page.wait_for_url("**/analyse/ur10-*")
+    page.get_by_role("button", name="Fit", exact=True).click()
+    page.get_by_text("Better than nominal. Error of held-out positions").first.wait_for(timeout=300_000)
+    _picture(page, folder / "console-analyse.png", 1000)
 
 
 def _picture(page: Any, file: Path, height: int) -> None:
     page.set_viewport_size({"width": _WIDTH, "height": height})
     page.wait_for_timeout(2500)
     page.screenshot(path=file)
-    Image.open(file).convert("RGB").quantize(128).save(file, optimize=True)
+    Image.open(file).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
 if __name__ == "__main__":
