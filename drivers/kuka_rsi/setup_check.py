@@ -14,6 +14,11 @@ def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
     limits, reach_mm = surroundings.limits, surroundings.reach_mm
     search, corrections = of_each(limits)
     errors = limit_errors(search, reach_mm) | online_limit_errors(corrections)
+    name, axiscorr = "online_correction_deg", search.get("correction_deg", ceilings(reach_mm)["correction_deg"])
+    if name not in errors and corrections.get(name, 0.0) > axiscorr:
+        errors[name] = (
+            f"{name} {corrections[name]:g} is above correction_deg {axiscorr:g}, where AXISCORR clamps silently"
+        )
     found = [Finding(what, _cure(name, reach_mm), name) for name, what in errors.items()]
     for name, need in SEARCH_NEEDS.items():
         if name in limits and name not in errors and limits[name] > need:

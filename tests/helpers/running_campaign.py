@@ -41,7 +41,7 @@ class Running:
     def __init__(self, folder: Path) -> None:
         self.folder, self.gate = folder, FakeGate("gate")
         self.outcome: Any = None
-        self.thread = threading.Thread(target=lambda: asyncio.run(self.run()))
+        self.thread = threading.Thread(target=lambda: asyncio.run(self.run()), daemon=True)
         self.thread.start()
 
     async def run(self) -> None:

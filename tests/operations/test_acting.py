@@ -30,7 +30,10 @@ def running(tmp_path: Path) -> Iterator[Running]:
 
 async def until_asked(folder: Path) -> None:
     async with asyncio.timeout(PATIENCE_S):
-        while not (writer_of(folder) and any(s.step == "clear" for s in fold(read_journal(folder)).in_flight)):
+        while not (
+            (folder / "journal.sqlite").exists()
+            and any(s.step == "clear" for s in fold(read_journal(folder)).in_flight)
+        ):
             await WallClock().sleep(0.02)
 
 

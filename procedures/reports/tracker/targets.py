@@ -12,7 +12,7 @@ from cellctl.report.distributions import before_and_after
 from cellctl.report.figures import error_line
 from cellctl.report.numbers import fixed, percent, significant
 from procedures.reports.tracker.pictures import arrows_picture, bars_picture
-from procedures.steps.tracker.rows import TargetErrorsRow, TargetFigures, TargetsRow, TrackerVerdict
+from procedures.steps.tracker.rows import ON_LINE, TargetErrorsRow, TargetFigures, TargetsRow, TrackerVerdict
 
 
 def build(run: Run) -> Mapping[str, Any] | None:
@@ -37,14 +37,16 @@ def _sentences(verdict: TrackerVerdict, found: TargetFigures, made: TargetsRow |
     yield "No held-out pose was used for the identification. Its target is where the registered nominal robot would be."
     if verdict.model_from:
         yield f"The model is that of {verdict.model_from}, registered to the instrument by poses that are not judged."
-    yield "Before: nominal joints. After: the same target by the controller's table. Errors are 3-D."
+    on_line = verdict.method == ON_LINE
+    after = "the same joints, corrected on-line" if on_line else "the same target by the controller's table"
+    yield f"Before: nominal joints. After: {after}. Errors are 3-D."
     ratio = significant(found.found_sigma / found.predicted_sigma) if found.predicted_sigma else "–"
     yield (
         f"After: found {significant(found.found_sigma)} mm RMS where {significant(found.predicted_sigma)} mm was "
         f"predicted (ratio {ratio}); {significant(found.interleaved_after)} mm of targets interleaved with the fit, "
         f"{significant(found.late_after)} mm of the late block."
     )
-    if made:
+    if made and not on_line:
         yield f"Method: {made.manner}. Joints are corrected by up to {made.max_correction_deg:.3f}°."
     if verdict.noise_only:
         yield f"The instrument's accuracy {verdict.accuracy} is a profile of noise only, not of its behaviour."

@@ -16,6 +16,7 @@ from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import (
+    ON_LINE,
     CompensatedRow,
     LeftOut,
     PoseRow,
@@ -96,7 +97,7 @@ def verdict_of(context: StepContext, manner: str = BY_TABLE) -> tuple[TrackerVer
         verdict=verdict,
         sentence=_sentence(verdict, errors, rolled_back=manner == BY_TABLE),
         lines=(*_lines(held_out, figures, _how(manner, made), len(left_out)), *held_out.lines),
-        method=made.method if manner == BY_TABLE else "on-line",
+        method=made.method if manner == BY_TABLE else ON_LINE,
         left_out=left_out,
         before=before,
         after=after,

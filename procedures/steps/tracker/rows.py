@@ -22,6 +22,9 @@ Matrix = tuple[tuple[float, ...], ...]
 PoseSet = Literal["fit", "test"]
 When = Literal["start", "during", "end"]
 
+ON_LINE = "on-line"
+"""The method of a verdict on targets that were corrected on-line."""
+
 CORRECTION_FILE = "correction.json"
 """The arrays that corrected on-line, in the run folder."""
 

@@ -10,6 +10,8 @@ from dataclasses import replace
 import pytest
 from online_models import wavy_model
 
+from cellctl.clock import WallClock
+from cellctl.devices import Address, Surroundings
 from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
@@ -18,6 +20,7 @@ from drivers.kuka_rsi.cyclic.session import Admission
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
+from drivers.kuka_rsi.setup_check import findings
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 LIMITS = OnlineLimits()
@@ -229,3 +232,11 @@ def test_limits_that_do_not_hold_are_refused_with_the_reason(limits, named):
     assert named in found
     with pytest.raises(ValueError, match=named):
         OnlineLimits.from_settings(limits)
+
+
+def test_a_correction_beyond_what_axiscorr_lets_through_is_found_before_anything_is_opened(tmp_path):
+    address = Address.parse("kuka+rsi://127.0.0.1:0?ethernet=rsi.xml&eki=127.0.0.1:54600")
+    limits = {"correction_deg": 1.0, "online_correction_deg": 1.5}
+    (found,) = findings(address, Surroundings(WallClock(), tmp_path, limits))
+    assert (found.limit, found.warning) == ("online_correction_deg", False)
+    assert "above correction_deg 1" in found.what
