@@ -140,7 +140,9 @@ def _control(
 
 def _chart(options: dict[str, Any], label: str) -> ui.echart:
     found = ui.echart({"animation": False, "textStyle": {"fontFamily": "inherit"}, **options})
-    return found.classes("chart").props(f'role=img aria-label="{label}"')
+    found.classes("chart").props("role=img")
+    found.props["aria-label"] = label
+    return found
 
 
 def _axis() -> dict[str, Any]:

@@ -13,16 +13,14 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import ActionName, Operator
 from cellctl.files import InputError, Problem
 from cellctl.journal import OperatorAction, writer_of
-from cellctl.journal.schema import FILE_NAME
 from cellctl.operations.acting import act
 from cellctl.operations.cell_state import examine_cell, run_on
 from cellctl.operations.detached import RunOrder, resume_detached, start_detached
+from cellctl.operations.run_files import run_named
 
 examinations = Subscribers()
 """Who is called when the examination of a cell (path of its file) begins or has ended."""
 
-_LONGEST_NAME = 200
-"""Characters of the name of a run."""
 
 _examined: set[Path] = set()
 """Files of the cells whose devices are being examined now."""
@@ -30,17 +28,10 @@ _examined: set[Path] = set()
 
 def folder_of(run: str) -> Path:
     """The folder of the run with this name in the console's folder of runs. Raises LookupError if there is none."""
-    folder = console().runs / run
-    if run in ("", ".", "..") or Path(run).name != run or len(run) > _LONGEST_NAME or not _has_journal(folder):
-        raise LookupError(run)
-    return folder
-
-
-def _has_journal(folder: Path) -> bool:
     try:
-        return (folder / FILE_NAME).is_file()
-    except (OSError, ValueError):  # no name that a file could have
-        return False
+        return run_named(console().runs, run)
+    except InputError:
+        raise LookupError(run) from None
 
 
 async def act_on(operator: Operator, run: Path, name: ActionName, text: str = "") -> OperatorAction:

@@ -20,7 +20,12 @@ from cellctl.console.sessions import Session, Sessions
 LARGEST_BODY = 20_000_000
 """Bytes of a request's body; a data set of 20 MB has some 100 000 rows."""
 
+NO_TOKEN = "this command needs the console's token"
+
 _SESSION = "cellctl.session"
+_OWN = ("none", "same-origin")
+"""Sec-Fetch-Site of requests by the console's own pages and by the address bar."""
+
 _CONTENT = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
@@ -31,6 +36,9 @@ _HEADERS = {
     "referrer-policy": "same-origin",
     "x-frame-options": "SAMEORIGIN",
     "content-security-policy": _CONTENT,
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-cache",
 }
 
 
@@ -60,7 +68,7 @@ class Guard:
     largest_body: int = LARGEST_BODY
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse: 421 wrong host, 403 another site or a wrong token, 413 too large."""
+        """Answer, or refuse: 421 wrong host, 401 a command without the token, 403 another site, 413 too large."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -69,7 +77,7 @@ class Guard:
         if refusal:
             await _refuse(scope, receive, send, *refusal)
             return
-        scope[_SESSION] = session = self.sessions.of(_cookie(headers, self.cookie))
+        scope[_SESSION] = session = self.sessions.of(_cookie(headers, self.cookie), keep=_is_page(scope))
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
             return
@@ -83,31 +91,42 @@ class Guard:
         host = headers.get("host", "").lower()
         if host not in self.names:
             return 421, "this console is not known by that name", f"open http://{sorted(self.names)[0]}"
-        origin = headers.get("origin")
-        writes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
-        if writes and origin is not None and urlsplit(origin).netloc.lower() not in self.names:
+        if self._of_another_site(scope, headers):
             return 403, "a page of another site sent this request", "use the console's own pages"
-        if writes and headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
-            return 403, "a page of another site sent this request", "use the console's own pages"
-        if int(headers.get("content-length") or 0) > self.largest_body:
+        if _commands(scope) and not self.sessions.allows(_bearer(headers)):
+            return 401, NO_TOKEN, "send `Authorization: Bearer TOKEN`"
+        length = headers.get("content-length", "0")
+        if not length.isdecimal() or int(length) > self.largest_body:
             return _too_large(self.largest_body)
         return None
+
+    def _of_another_site(self, scope: Scope, headers: Headers) -> bool:
+        """Another site may link to the console's pages; it may not send, frame, embed, or read anything of it."""
+        origin = headers.get("origin")
+        if origin is not None and _place(origin) not in self.names:
+            return True
+        if headers.get("sec-fetch-site", "none") in _OWN:
+            return False
+        shown = (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) == ("navigate", "document")
+        return not (shown and scope["type"] == "http" and scope["method"] == "GET")
 
     def _with_token(self, scope: Scope, session: Session) -> ASGIApp | None:
         """For a page opened with `?token=`: the session is opened, and the address is shown without the token."""
         path, query = scope["path"], parse_qs(scope["query_string"].decode(errors="replace"))
-        if "token" not in query or scope["method"] != "GET" or path.startswith(("/api/", "/_nicegui")):
+        if "token" not in query or scope["method"] != "GET" or not _is_page(scope):
             return None
         if not self.sessions.open(session, query.pop("token")[0]):
             return _failure(
                 403, "the token in the address is wrong", "copy the address that the console printed at its start"
             )
         left = urlencode(query, doseq=True)
-        return RedirectResponse(f"{path}{'?' if left else ''}{left}", 303)
+        return RedirectResponse(f"/{path.lstrip('/')}{'?' if left else ''}{left}", 303)
 
     def _answering(self, scope: Scope, headers: Headers, session: Session, send: Send) -> Send:
         known = _cookie(headers, self.cookie) == session.id
-        own = scope["path"].startswith("/_nicegui")
+        # a browser that follows a link of another site keeps its cookie to itself (Strict): do not replace that one
+        linked = headers.get("sec-fetch-site", "none") not in _OWN and session.operator is None
+        told = _is_page(scope) and not known and not linked
 
         async def answer(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -115,11 +134,37 @@ class Guard:
                 for name, value in _HEADERS.items():
                     if name not in out:
                         out[name] = value
-                if not known and not own:
+                if told:
                     out.append("set-cookie", f"{self.cookie}={session.id}; Path=/; HttpOnly; SameSite=Strict")
             await send(message)
 
         return answer
+
+
+def _is_page(scope: Scope) -> bool:
+    """Whether a page is asked for: not a route of the API, nor a file or connection of the pages."""
+    return scope["type"] == "http" and not scope["path"].startswith(("/api/", "/_nicegui"))
+
+
+def _commands(scope: Scope) -> bool:
+    """Whether the API is asked to do something: its content is not read without the token."""
+    return (
+        scope["type"] == "http"
+        and scope["path"].startswith("/api/")
+        and scope["method"] not in ("GET", "HEAD", "OPTIONS")
+    )
+
+
+def _bearer(headers: Headers) -> str:
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else ""
+
+
+def _place(origin: str) -> str:
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return ""
 
 
 async def _bounded(app: ASGIApp, scope: Scope, receive: Receive, send: Send, largest: int) -> None:
@@ -159,7 +204,8 @@ def _cookie(headers: Headers, name: str) -> str | None:
 
 
 def _failure(status: int, what: str, cure: str) -> JSONResponse:
-    return JSONResponse({"what": what, "cure": cure, "problems": []}, status)
+    headers = {"www-authenticate": "Bearer"} if status == 401 else None
+    return JSONResponse({"what": what, "cure": cure, "problems": []}, status, headers)
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, what: str, cure: str) -> None:

@@ -16,7 +16,8 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from cellctl import __version__
-from cellctl.console.api.answers import answer_errors
+from cellctl.console.api.answers import INVALID, answer_errors, answer_unknown
+from cellctl.console.api.document import TAGS, summarise, unique_id
 from cellctl.console.audit import Audit
 from cellctl.console.guarding import LARGEST_BODY, Guard, names_of
 from cellctl.console.live import LiveRuns
@@ -64,6 +65,9 @@ def api_app(console: Console) -> FastAPI:
         title="cellctl console",
         version=__version__,
         description="Runs, cells, tables and analyses of one folder of runs. mm, deg, s, A, °C unless a name differs.",
+        openapi_tags=TAGS,
+        generate_unique_id_function=unique_id,
+        responses=INVALID,
         docs_url=None,
         redoc_url=None,
         openapi_url="/api/openapi.json",
@@ -72,6 +76,8 @@ def api_app(console: Console) -> FastAPI:
     answer_errors(app)
     for name in ROUTERS:
         app.include_router(import_module(f"cellctl.console.api.{name}").router)
+    answer_unknown(app)
+    summarise(app)
     return app
 
 

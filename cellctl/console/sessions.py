@@ -30,16 +30,21 @@ class Sessions:
     token: str
     _known: dict[str, Session] = field(default_factory=dict)
 
-    def of(self, number: str | None) -> Session:
-        """The session with this id; a new one for an unknown id."""
+    def of(self, number: str | None, *, keep: bool = True) -> Session:
+        """The session with this id; a new one for an unknown id. keep: the browser is told its id, and comes again."""
         known = self._known.get(number or "")
         if known is None:
             known = Session(secrets.token_urlsafe(24))
-            self._known[known.id] = known
-            if len(self._known) > _MOST_SESSIONS:
-                oldest = min(self._known.values(), key=lambda session: session.operator is not None)
-                del self._known[oldest.id]
+            if keep:
+                self._known[known.id] = known
+                self._forget()
         return known
+
+    def _forget(self) -> None:
+        """Forget the oldest session that was not opened for commands, or else the oldest, if there are too many."""
+        if len(self._known) > _MOST_SESSIONS:
+            oldest = min(self._known.values(), key=lambda session: session.operator is not None)
+            del self._known[oldest.id]
 
     def allows(self, token: str) -> bool:
         """Whether `token` is the console's."""
@@ -54,5 +59,6 @@ class Sessions:
 
 
 def operator_named(name: str) -> Operator:
-    """An operator at the console; an empty name is the user of this process."""
-    return Operator(" ".join(name.split())[:80] or getpass.getuser(), socket.gethostname(), "console")
+    """An operator at the console; an empty name is the user of this process. What is not printable is left out."""
+    plain = "".join(letter for letter in " ".join(name.split()) if letter.isprintable())
+    return Operator(plain[:80].strip() or getpass.getuser(), socket.gethostname(), "console")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal, final
 
@@ -131,6 +132,16 @@ def _is(kind: Literal["procedure", "cell"], file: Path) -> bool:
 
 
 def _choice(kind: Literal["procedure", "cell"], name: str, file: Path, *, shipped: bool) -> FileChoice:
+    try:
+        found = file.stat()
+        return _choice_of(kind, name, file, shipped, (found.st_ino, found.st_size, found.st_mtime_ns))
+    except OSError as error:
+        return FileChoice(name, file, error.strerror or str(error), shipped)
+
+
+@lru_cache(maxsize=1000)
+def _choice_of(kind: str, name: str, file: Path, shipped: bool, stamp: tuple[int, int, int]) -> FileChoice:
+    """To read all files takes a second: an unchanged one (`stamp`) is read once."""
     try:
         data = load_yaml(file).data
     except InputError as error:

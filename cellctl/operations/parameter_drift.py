@@ -72,7 +72,9 @@ def parameter_drift(runs: Path, rows: Iterable[RunRow], serial: str, names: Coll
     names: of the parameters; none: all that the rows of a model determine. Base and tool are left out: they change with
     the set-up. A model of another nominal robot than the latest one is left out.
     """
-    own = sorted((row for row in rows if robot_serial(row) == serial), key=lambda row: (row["began"], row["run"]))
+    own = sorted(
+        (row for row in rows if robot_serial(row) == serial), key=lambda row: (str(row.get("began") or ""), row["run"])
+    )
     found: list[tuple[RunRow, ModelFile]] = []
     left_out: list[tuple[str, str]] = []
     for row in own:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -37,8 +38,9 @@ class RunFile:
 def run_named(runs: Path, name: str) -> Path:
     """The folder of the run `name` in `runs`. Raises InputError if there is none by exactly this name."""
     place = runs / name
-    if _plain(name) and (place / FILE_NAME).is_file():
-        return place
+    with suppress(OSError):  # a name longer than a file's can be
+        if _plain(name) and (place / FILE_NAME).is_file():
+            return place
     raise InputError(Problem(name, 0, 0, "is the name of no run here", "choose one of the list of runs"))
 
 

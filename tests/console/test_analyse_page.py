@@ -25,7 +25,7 @@ pytestmark = pytest.mark.long
 def ur10_rows(count: int) -> str:
     """A data set of some rows of the real UR10."""
     if not MEASURED.exists():
-        pytest.skip("needs the UR10 measurements of /work/shared/data")
+        pytest.skip("needs the UR10 measurements of ../shared/data")
     with MEASURED.open(newline="") as source:
         rows = random.Random(1).sample(list(csv.DictReader(source, delimiter=";")), count)
     lines = [",".join(row[name].replace(",", ".") for name in JOINTS + PLACE) for row in rows]

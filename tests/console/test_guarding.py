@@ -9,7 +9,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
 from cellctl.console.guarding import Guard, names_of, session_of
-from cellctl.console.sessions import Sessions
+from cellctl.console.sessions import Sessions, operator_named
 
 HERE = "http://127.0.0.1:8090"
 
@@ -122,3 +122,47 @@ def test_answers_forbid_other_sites_to_frame_the_console_and_pages_to_load_from_
     policy = run(_answer("GET")).headers["content-security-policy"]
     assert "frame-ancestors 'self'" in policy
     assert "default-src 'self'" in policy
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "http://127.0.0.1:9999"},
+        {"sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors", "sec-fetch-dest": "image"},
+        {"sec-fetch-site": "same-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "iframe"},
+    ],
+    ids=["program at another port", "picture", "frame"],
+)
+def test_another_site_cannot_read_or_embed_what_needs_no_token(headers: dict[str, str]) -> None:
+    assert run(_answer("GET", "/api/runs", headers=headers)).status_code == 403
+
+
+def test_a_link_from_another_site_opens_a_page_and_leaves_the_operator_in_command() -> None:
+    linked = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
+    opened = run(_answer("GET", "/runs", headers=linked))
+    assert opened.text.endswith("reader")
+    assert "set-cookie" not in opened.headers  # it would replace the operator's, which the browser did not send
+
+
+def test_programs_that_ask_the_api_again_and_again_do_not_push_out_a_browser() -> None:
+    async def work() -> httpx.Response:
+        async with _client() as browser:
+            await browser.get("/runs")
+            for _ in range(1100):
+                await browser.get("/api/runs", headers={"cookie": "session=unknown"})
+            return await browser.get("/runs")
+
+    assert "set-cookie" not in run(work()).headers
+
+
+def test_an_address_with_a_token_leads_to_no_other_site() -> None:
+    assert run(_answer("GET", f"{HERE}//evil.example/?token=secret")).headers["location"] == "/evil.example/"
+
+
+@pytest.mark.parametrize("length", ["-1", "1e9", "x"])
+def test_a_length_that_is_no_number_is_refused(length: str) -> None:
+    assert run(_answer("POST", content=b"", headers={"content-length": length})).status_code == 413
+
+
+def test_what_is_not_printable_in_an_operators_name_reaches_no_log() -> None:
+    assert operator_named("Ada\x1b[2J\u202e\r\nx: y").name == "Ada[2J x: y"

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, File, Form, UploadFile
+from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from cellctl.console import analysis_commands as commands
-from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
+from cellctl.console.api.answers import COMMANDS, READS, AnalysisName, Commander, Refused
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations import analyses
@@ -24,6 +25,10 @@ REPORT_CONTENT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; 
 """Content-Security-Policy of a report: it shows itself, and nothing else."""
 
 _MEDIA = {".html": "text/html", ".json": "application/json", ".urdf": "application/xml", ".csv": "text/csv"}
+
+
+_Number = Annotated[str, PathParameter(description="`id` of the compensated program")]
+_FileName = Annotated[str, PathParameter(description="Name of the file")]
 
 
 class FitRequest(BaseModel):
@@ -119,7 +124,7 @@ async def upload(
 
 
 @router.get("/analyses/{name}", responses=READS)
-async def analysis(name: str) -> AnalysisOut:
+async def analysis(name: AnalysisName) -> AnalysisOut:
     """An analysis: files, what was understood, progress of its fit, outcome, compensated programs."""
     return await _state(name)
 
@@ -127,7 +132,7 @@ async def analysis(name: str) -> AnalysisOut:
 @router.post("/analyses/{name}/robot", responses=COMMANDS)
 async def robot(
     operator: Commander,
-    name: str,
+    name: AnalysisName,
     library: Annotated[str, Form(description="Name of a library robot")] = "",
     file: Annotated[UploadFile | None, File(description="Robot file (YAML)")] = None,
 ) -> AnalysisOut:
@@ -138,7 +143,7 @@ async def robot(
 
 
 @router.post("/analyses/{name}/fit", status_code=202, responses=COMMANDS)
-async def fit(operator: Commander, name: str, request: FitRequest) -> AnalysisOut:
+async def fit(operator: Commander, name: AnalysisName, request: FitRequest) -> AnalysisOut:
     """Start the fit; `GET /api/analyses/{name}` shows its progress and outcome."""
     _idle(name)
     await commands.start_fit(operator, name, analyses.FitSettings(**request.model_dump()))
@@ -146,7 +151,7 @@ async def fit(operator: Commander, name: str, request: FitRequest) -> AnalysisOu
 
 
 @router.post("/analyses/{name}/cancel", responses=COMMANDS)
-async def cancel(operator: Commander, name: str) -> AnalysisOut:
+async def cancel(operator: Commander, name: AnalysisName) -> AnalysisOut:
     """End what works on the analysis."""
     _folder(name)
     await commands.cancel(operator, name)
@@ -154,7 +159,7 @@ async def cancel(operator: Commander, name: str) -> AnalysisOut:
 
 
 @router.delete("/analyses/{name}", status_code=204, responses=COMMANDS)
-async def delete(operator: Commander, name: str) -> None:
+async def delete(operator: Commander, name: AnalysisName) -> None:
     """Delete the analysis with its files."""
     _idle(name)
     await commands.delete(operator, name)
@@ -163,7 +168,7 @@ async def delete(operator: Commander, name: str) -> None:
 @router.post("/analyses/{name}/programs", status_code=201, responses=COMMANDS)
 async def compensate(
     operator: Commander,
-    name: str,
+    name: AnalysisName,
     files: Annotated[list[UploadFile], File(description="A .src with its .dat and $config.dat, or a file of targets")],
     tool: Annotated[str, Form(description="Tool of the program, X,Y,Z,A,B,C in mm and deg, without $config.dat")] = "",
     base: Annotated[str, Form(description="Base of the program, X,Y,Z,A,B,C in mm and deg")] = "",
@@ -178,7 +183,7 @@ async def compensate(
 
 
 @router.get("/analyses/{name}/report", response_class=FileResponse, responses=READS)
-async def report(name: str) -> FileResponse:
+async def report(name: AnalysisName) -> FileResponse:
     """The report of the fit as a page."""
     return FileResponse(
         _file(_folder(name) / analyses.REPORT),
@@ -188,7 +193,7 @@ async def report(name: str) -> FileResponse:
 
 
 @router.get("/analyses/{name}/files/{file}", response_class=FileResponse, responses=READS)
-async def download(name: str, file: str) -> FileResponse:
+async def download(name: AnalysisName, file: _FileName) -> FileResponse:
     """A file of the analysis: model.json, report.html, robot.urdf, fit.json, its data set or robot file."""
     state = await asyncio.to_thread(analyses.state_of, _folder(name))
     if file not in (*state["files"], state["data"], state["dataset"], state["robot"]):
@@ -197,7 +202,11 @@ async def download(name: str, file: str) -> FileResponse:
 
 
 @router.get("/analyses/{name}/programs/{number}/{file}", response_class=FileResponse, responses=READS)
-async def program(name: str, number: str, file: str) -> FileResponse:
+async def program(
+    name: AnalysisName,
+    number: Annotated[str, PathParameter(description="`id` of the compensated program")],
+    file: _FileName,
+) -> FileResponse:
     """A file of a compensated program."""
     folder = _folder(name)
     known = next((each for each in analyses.programs(folder) if each["id"] == number), None)

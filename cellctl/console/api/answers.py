@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Header, Request
+from fastapi import Depends, FastAPI, Header, Path, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
+from cellctl.console.api.document import operations
+from cellctl.console.guarding import NO_TOKEN
 from cellctl.console.sessions import operator_named
 from cellctl.console.shared import console
 from cellctl.devices import DeviceError
@@ -52,21 +57,47 @@ def _operator(
     x_operator: Annotated[str, Header(description="Name of the person who gives the command")] = "",
 ) -> Operator:
     if token is None or not console().sessions.allows(token.credentials):
-        raise Refused(401, "this command needs the console's token", "send `Authorization: Bearer TOKEN`")
-    return operator_named(x_operator)
+        raise Refused(401, NO_TOKEN, "send `Authorization: Bearer TOKEN`")
+    return operator_named(_decoded(x_operator))
+
+
+def _decoded(header: str) -> str:
+    """A header's text: programs send UTF-8, HTTP reads Latin-1."""
+    try:
+        return header.encode("latin-1").decode("utf-8")
+    except UnicodeError:
+        return header
 
 
 Commander = Annotated[Operator, Depends(_operator)]
 """The operator who gives a command: a route with this argument needs the token."""
 
-_WORDS = {401: "No token, or a wrong one", 404: "No such thing", 409: "Not possible now", 413: "Upload too large"}
-READS: dict[int | str, dict[str, Any]] = {404: {"model": Failure, "description": _WORDS[404]}, 422: {"model": Failure}}
-"""`responses=` of a route that reads."""
-COMMANDS: dict[int | str, dict[str, Any]] = {
-    **{status: {"model": Failure, "description": words} for status, words in _WORDS.items()},
-    422: {"model": Failure},
+_METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
+_WORDS = {
+    401: "No token, or a wrong one",
+    404: "No such thing",
+    409: "Not possible now",
+    413: "Upload too large",
+    422: "The content is wrong: each problem with its place and cure",
 }
+
+
+def _failures(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    return {status: {"model": Failure, "description": _WORDS[status]} for status in statuses}
+
+
+INVALID = _failures(422)
+"""`responses=` of every route."""
+READS = _failures(404, 409, 422)
+"""`responses=` of a route that reads."""
+COMMANDS = _failures(*_WORDS)
 """`responses=` of a route that commands."""
+
+
+RunName = Annotated[str, Path(description="Name of the run, see `GET /api/runs`")]
+AnalysisName = Annotated[str, Path(description="Name of the analysis, see `GET /api/analyses`")]
+CellName = Annotated[str, Path(description="Name of the cell, see `GET /api/cells`")]
+ProcedureName = Annotated[str, Path(description="Name of the procedure, see `GET /api/procedures`")]
 
 
 def problems_of(error: InputError) -> list[ProblemOut]:
@@ -84,19 +115,20 @@ def answer_errors(app: FastAPI) -> None:
     @app.exception_handler(Refused)
     async def _(request: Request, error: Refused) -> JSONResponse:
         headers = {"www-authenticate": "Bearer"} if error.status == 401 else None
-        return _failure(error.status, error.what, error.cure, headers=headers)
+        return _failure(error.status, error.what, error.cure, headers)
 
     @app.exception_handler(InputError)
     async def _(request: Request, error: InputError) -> JSONResponse:
         first = error.problems[0] if error.problems else Problem("", 0, 0, "the input is wrong")
-        return _failure(422, first.what, first.cure, problems_of(error))
+        return _failure(422, first.what, first.cure, problems=problems_of(error))
 
     @app.exception_handler(RequestValidationError)
     async def _(request: Request, error: RequestValidationError) -> JSONResponse:
         found = [
             ProblemOut(file=".".join(str(part) for part in one["loc"]), what=str(one["msg"])) for one in error.errors()
         ]
-        return _failure(422, "the request is not as the API describes it", "compare it with /api/openapi.json", found)
+        what, cure = "the request is not as the API describes it", "compare it with /api/openapi.json"
+        return _failure(422, what, cure, problems=found)
 
     @app.exception_handler(DeviceError)
     async def _(request: Request, error: DeviceError) -> JSONResponse:
@@ -106,9 +138,29 @@ def answer_errors(app: FastAPI) -> None:
     async def _(request: Request, error: JournalError) -> JSONResponse:
         return _failure(409, str(error), "")
 
+    @app.exception_handler(HTTPException)
+    async def _(request: Request, error: HTTPException) -> JSONResponse:
+        if error.status_code == 400:
+            return _failure(422, f"the content cannot be read: {error.detail}", "send JSON in UTF-8, or a form")
+        return _failure(error.status_code, str(error.detail), "see /api")
+
+
+def answer_unknown(app: FastAPI) -> None:
+    """Answer what is no route of the API: 404, or 405 for another method. Call it after the routes were added."""
+
+    @app.api_route("/api/{rest:path}", methods=[*_METHODS], include_in_schema=False, operation_id="unknown")
+    async def unknown(request: Request) -> JSONResponse:
+        """No route of the API."""
+        path = request.scope["path"]
+        known = {method for method, form in operations(app.openapi()) if compile_path(form)[0].match(path)}
+        if not known:
+            return _failure(404, f"there is no {path[:200]}", "see /api")
+        allowed = ", ".join(sorted(known))
+        return _failure(405, f"{path[:200]} does not take {request.method}", f"send {allowed}", {"allow": allowed})
+
 
 def _failure(
-    status: int, what: str, cure: str, problems: list[ProblemOut] | None = None, headers: dict[str, str] | None = None
+    status: int, what: str, cure: str, headers: dict[str, str] | None = None, problems: Sequence[ProblemOut] = ()
 ) -> JSONResponse:
-    content = Failure(what=what, cure=cure, problems=problems or [])
+    content = Failure(what=what, cure=cure, problems=list(problems))
     return JSONResponse(content.model_dump(), status, headers)

@@ -10,7 +10,7 @@ from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
 from cellctl.console import commands
-from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
+from cellctl.console.api.answers import COMMANDS, READS, CellName, Commander, Refused
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.journal import fold, read_journal
@@ -76,13 +76,13 @@ async def cells() -> list[CellChoice]:
 
 
 @router.get("/cells/{name}", responses=READS)
-async def cell(name: str) -> CellOut:
+async def cell(name: CellName) -> CellOut:
     """Health of each device, emergency stop, guard and operating mode."""
     return _out(await state_of(await asyncio.to_thread(cell_file, name)))
 
 
 @router.post("/cells/{name}/doctor", responses=COMMANDS)
-async def doctor(name: str, operator: Commander) -> CellOut:
+async def doctor(name: CellName, operator: Commander) -> CellOut:
     """Connect to every device and read its health; nothing moves. Refused while a run is active on the cell."""
     file = await asyncio.to_thread(cell_file, name)
     await commands.loaded_cell(file)  # an error in the file is the file's (422), any other is of this moment (409)

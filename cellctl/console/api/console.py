@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
 from cellctl import __version__
@@ -30,6 +30,8 @@ async def about() -> About:
 
 
 @router.get("/audit")
-async def audit(last: int = 200) -> list[dict[str, Any]]:
+async def audit(
+    last: Annotated[int, Query(ge=1, le=10_000, description="Number of commands")] = 200,
+) -> list[dict[str, Any]]:
     """The newest commands that this folder's consoles took, newest first: who, when, what, outcome."""
-    return await asyncio.to_thread(console().audit.read, max(1, min(last, 10_000)))
+    return await asyncio.to_thread(console().audit.read, last)

@@ -7,11 +7,11 @@ from collections.abc import Awaitable
 from pathlib import Path
 from typing import Annotated, TypeVar
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field, StringConstraints
 
 from cellctl.console import commands
-from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
+from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
 from cellctl.console.live import LogLine, Snapshot, whole_log
 from cellctl.console.shared import console
 from cellctl.engine.tree_node import Node
@@ -104,20 +104,25 @@ class Done(BaseModel):
 
 
 @router.get("/status", responses=READS)
-async def status(name: str) -> StatusOut:
+async def status(name: RunName) -> StatusOut:
     """State, step, progress, time left, what the run waits for, and the verdict."""
     return status_out(await _snapshot(name))
 
 
 @router.get("/tree", responses=READS)
-async def tree(name: str) -> NodeOut | None:
+async def tree(name: RunName) -> NodeOut | None:
     """The procedure as a tree with the state of each step; null: this version cannot read the procedure."""
     found = (await _snapshot(name)).tree
     return _node(found) if found else None
 
 
 @router.get("/log", responses=READS)
-async def log(name: str, kind: str = "", text: str = "", whole: bool = False) -> list[LineOut]:
+async def log(
+    name: RunName,
+    kind: Annotated[str, Query(description="Kind of the lines, see `LineOut`; empty: all")] = "",
+    text: Annotated[str, Query(description="Text in line, step or person; empty: all")] = "",
+    whole: Annotated[bool, Query(description="The whole log, not the latest 1000 lines")] = False,
+) -> list[LineOut]:
     """The latest 1000 lines of the log, or the whole log; those of this kind and with this text."""
     folder = _folder(name)
     lines = await asyncio.to_thread(whole_log, folder) if whole else (await _snapshot(name)).log
@@ -125,37 +130,37 @@ async def log(name: str, kind: str = "", text: str = "", whole: bool = False) ->
 
 
 @router.post("/pause", responses=COMMANDS)
-async def pause(name: str, why: Reason, operator: Commander) -> Done:
+async def pause(name: RunName, why: Reason, operator: Commander) -> Done:
     """Pause before the next step. This is no safety stop."""
     return await _act(commands.act_on(operator, _folder(name), "pause", why.reason), name)
 
 
 @router.post("/resume", responses=COMMANDS)
-async def resume(name: str, operator: Commander) -> Done:
+async def resume(name: RunName, operator: Commander) -> Done:
     """Continue a paused run, unless an interlock forbids it."""
     return await _act(commands.act_on(operator, _folder(name), "resume"), name)
 
 
 @router.post("/abort", responses=COMMANDS)
-async def abort(name: str, why: Reason, operator: Commander) -> Done:
+async def abort(name: RunName, why: Reason, operator: Commander) -> Done:
     """Cancel the step in progress and clean up. This is no safety stop."""
     return await _act(commands.act_on(operator, _folder(name), "abort", why.reason), name)
 
 
 @router.post("/confirm", responses=COMMANDS)
-async def confirm(name: str, confirmed: Confirmed, operator: Commander) -> Done:
+async def confirm(name: RunName, confirmed: Confirmed, operator: Commander) -> Done:
     """Confirm the step that the run waits at; refused where it is not the named one."""
     return await _act(commands.act_on(operator, _folder(name), "confirm", confirmed.step), name)
 
 
 @router.get("/retry", responses=READS)
-async def question(name: str) -> Question:
+async def question(name: RunName) -> Question:
     """What a person has to check before the run is continued at the step that it did not finish."""
     return Question(question=await asyncio.to_thread(question_of, _folder(name)))
 
 
 @router.post("/retry", responses=COMMANDS)
-async def retry(name: str, how: Retry, operator: Commander) -> Done:
+async def retry(name: RunName, how: Retry, operator: Commander) -> Done:
     """Continue a run that ended early at the step that it did not finish, in a process of its own."""
     await _now(commands.retry(operator, _folder(name), acknowledged=how.acknowledged))
     return Done(run=name, action="retry", operator=operator.name)

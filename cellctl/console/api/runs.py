@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
+from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.background import BackgroundTask
 
-from cellctl.console.api.answers import COMMANDS, READS, Commander, Failure, Refused
+from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
 from cellctl.console.command_jobs import command_job
 from cellctl.console.known_runs import REPORT_CONTENT, exported, known_rows
 from cellctl.console.shared import console
@@ -25,7 +26,12 @@ from cellctl.operations.run_list import RunFilter, run_row
 router = APIRouter(prefix="/api", tags=["runs"])
 
 _REPORT = "report.html"
-_Text = Annotated[str, Query(max_length=200)]
+_FileName = Annotated[str, PathParameter(description="Name of the file, see `files`")]
+
+
+def _text(words: str) -> Any:
+    """A parameter of the query: a text."""
+    return Query(max_length=200, description=words)
 
 
 class ErrorFigures(BaseModel):
@@ -72,49 +78,47 @@ class JobOut(BaseModel):
 
 @router.get("/runs", responses=READS)
 async def list_runs(
-    text: _Text = "",
-    state: _Text = "",
-    verdict: _Text = "",
-    serial: _Text = "",
-    procedure: _Text = "",
-    since: _Text = "",
-    until: _Text = "",
+    text: Annotated[str, _text("Words that are all in name, files, operator, devices or verdict")] = "",
+    state: Annotated[str, _text("State; empty: all")] = "",
+    verdict: Annotated[str, _text("Verdict; empty: all")] = "",
+    serial: Annotated[str, _text("Serial number of the robot; empty: all")] = "",
+    procedure: Annotated[str, _text("Name of the procedure; empty: all")] = "",
+    since: Annotated[str, _text("First day of the begin, ISO 8601")] = "",
+    until: Annotated[str, _text("Last day of the begin, ISO 8601")] = "",
 ) -> list[RunOut]:
-    """The runs, newest first. text: words that are all in name, files, operator, devices or verdict; serial: of the
-    robot; since, until: first and last day of the begin, ISO 8601.
-    """
+    """The runs, newest first."""
     asked = RunFilter(text, state, verdict, serial, procedure, since, until)
     return [RunOut(**row) for row in await known_rows() if asked.keeps(row)]
 
 
 @router.get("/runs/{name}/result", responses=READS)
-async def result(name: str) -> RunOut:
+async def result(name: RunName) -> RunOut:
     """A run in figures."""
     return RunOut(**await asyncio.to_thread(run_row, run_place(name)))
 
 
 @router.get("/runs/{name}/files", responses=READS)
-async def files(name: str) -> list[FileOut]:
+async def files(name: RunName) -> list[FileOut]:
     """The files of a run."""
     found = await asyncio.to_thread(run_files, run_place(name))
     return [FileOut(name=each.name, size=each.size, what=each.what) for each in found]
 
 
 @router.get("/runs/{name}/files/{file}", response_class=FileResponse, responses=READS)
-async def download(name: str, file: str) -> FileResponse:
+async def download(name: RunName, file: _FileName) -> FileResponse:
     """A file of a run, to save."""
     return FileResponse(_file(run_place(name), file), media_type="application/octet-stream", filename=f"{name}-{file}")
 
 
 @router.get("/runs/{name}/report", response_class=FileResponse, responses=READS)
-async def report(name: str) -> FileResponse:
+async def report(name: RunName) -> FileResponse:
     """The calibration report of a run, as a page."""
     headers = {"content-security-policy": REPORT_CONTENT}
     return FileResponse(_file(run_place(name), _REPORT), media_type="text/html; charset=utf-8", headers=headers)
 
 
 @router.get("/runs/{name}/export", response_class=FileResponse, responses=READS)
-async def export(name: str, form: Form = Form.ZIP) -> FileResponse:
+async def export(name: RunName, form: Annotated[Form, Query(description="What to export")] = Form.ZIP) -> FileResponse:
     """A run for other programs. csv, parquet: samples; jsonl: events; bluesky: documents; zip: everything."""
     file, saved_as = await exported(run_place(name), form)
     removed = BackgroundTask(shutil.rmtree, file.parent, ignore_errors=True)
@@ -122,19 +126,21 @@ async def export(name: str, form: Form = Form.ZIP) -> FileResponse:
 
 
 @router.post("/runs/{name}/replay", status_code=202, responses=COMMANDS)
-async def replay(operator: Commander, name: str) -> JobOut:
+async def replay(operator: Commander, name: RunName) -> JobOut:
     """Compute the run again from its journal alone, and compare byte for byte; changes nothing in the run folder."""
     return await _start(operator, "replay", name)
 
 
 @router.post("/runs/{name}/report", status_code=202, responses=COMMANDS)
-async def rewrite_report(operator: Commander, name: str) -> JobOut:
+async def rewrite_report(operator: Commander, name: RunName) -> JobOut:
     """Write the report of a run again."""
     return await _start(operator, "report", name)
 
 
 @router.get("/jobs/{number}", responses=READS)
-async def job(number: str) -> dict[str, Any]:
+async def job(
+    number: Annotated[str, PathParameter(description="`job` of the answer that started it")],
+) -> dict[str, Any]:
     """A process that the console started: state, progress, result or failure."""
     found = console().jobs.find(number)
     if found is None:
@@ -142,8 +148,8 @@ async def job(number: str) -> dict[str, Any]:
     return found.to_json()
 
 
-@router.get("/compare", responses={**READS, 409: {"model": Failure, "description": "A journal cannot be read"}})
-async def compare(a: str, b: str) -> dict[str, Any]:
+@router.get("/compare", responses=READS)
+async def compare(a: Annotated[str, _text("First run")], b: Annotated[str, _text("Second run")]) -> dict[str, Any]:
     """Two runs side by side: facts, errors (mm), and parameters of their models with the difference and its 1 σ."""
     from cellctl.operations.comparing_runs import compare_runs
 
@@ -152,7 +158,10 @@ async def compare(a: str, b: str) -> dict[str, Any]:
 
 
 @router.get("/drift", responses=READS)
-async def drift(serial: _Text, parameter: Annotated[list[str], Query(max_length=200)] = []) -> dict[str, Any]:  # noqa: B006
+async def drift(
+    serial: Annotated[str, _text("Serial number of the robot")],
+    parameter: Annotated[list[str], Query(max_length=200, description="Names of parameters")] = [],  # noqa: B006
+) -> dict[str, Any]:
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
     from cellctl.operations.parameter_drift import parameter_drift
 
@@ -161,7 +170,9 @@ async def drift(serial: _Text, parameter: Annotated[list[str], Query(max_length=
 
 
 @router.get("/daily", responses=READS)
-async def daily(baseline_runs: Annotated[int | None, Query(ge=2, le=1000)] = None) -> dict[str, Any]:
+async def daily(
+    baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
+) -> dict[str, Any]:
     """Histories of daily checks with control charts (mm). baseline_runs: first checks that give the limits."""
     from cellctl.operations.daily_history import daily_histories
 

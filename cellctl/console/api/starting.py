@@ -11,7 +11,7 @@ from fastapi import APIRouter
 from pydantic import BaseModel, Field, StringConstraints
 
 from cellctl.console import commands
-from cellctl.console.api.answers import COMMANDS, READS, Commander, ProblemOut, Refused, problems_of
+from cellctl.console.api.answers import COMMANDS, READS, Commander, ProblemOut, ProcedureName, Refused, problems_of
 from cellctl.console.api.cells import cell_file
 from cellctl.devices.cell import ClockMode
 from cellctl.files import InputError, Problem
@@ -67,7 +67,10 @@ class Order(BaseModel):
     procedure: str = Field(description="Name of a procedure, see /api/procedures")
     cell: str = Field(default="", description="Name of a cell, see /api/cells; empty: the procedure's")
     settings: dict[_Name, int | float | _Text | bool] = Field(
-        default={}, max_length=200, description="Parameter → value"
+        default={},
+        max_length=200,
+        description="Parameter → value",
+        json_schema_extra={"additionalProperties": False},
     )
     seed: int | None = Field(default=None, ge=0, lt=2**63, description="Seed of plan and simulated errors")
     clock: ClockMode | None = Field(default=None, description="Time of a simulated cell")
@@ -105,7 +108,7 @@ async def procedures() -> list[ProcedureChoice]:
 
 
 @router.get("/procedures/{name}", responses=READS)
-async def procedure(name: str) -> ProcedureOut:
+async def procedure(name: ProcedureName) -> ProcedureOut:
     """Parameters with type, limits and unit, and the errors of the file itself."""
     form = await asyncio.to_thread(lambda: form_of(procedure_file(name)))
     return ProcedureOut(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Path, Query
 from pydantic import BaseModel, Field
 
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
@@ -18,6 +18,8 @@ from cellctl.operations.table_history import histories
 from cellctl.operations.table_overview import table_overview
 
 router = APIRouter(prefix="/api/tables", tags=["tables"])
+
+_Id = Annotated[str, Query(description="Id of a table (SHA-256, hex)")]
 
 
 class TableAsked(BaseModel):
@@ -43,7 +45,7 @@ async def list_tables() -> list[dict[str, Any]]:
 
 
 @router.get("/diff", responses=READS)
-async def diff(a: str, b: str) -> dict[str, Any]:
+async def diff(a: _Id, b: _Id) -> dict[str, Any]:
     """Difference of two tables, by their ids: facts, and rows with changed joints (deg)."""
 
     def found() -> dict[str, Any]:
@@ -54,7 +56,7 @@ async def diff(a: str, b: str) -> dict[str, Any]:
 
 
 @router.get("/{serial}", responses=READS)
-async def history(serial: str) -> dict[str, Any]:
+async def history(serial: Annotated[str, Path(description="Serial number of the controller")]) -> dict[str, Any]:
     """The history of one controller."""
     for each in await asyncio.to_thread(table_overview, console().runs):
         if each["serial"] == serial:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 from typing import Any, final
+from urllib.parse import quote
 
 from fastapi import Request
 from nicegui import ui
@@ -103,7 +104,7 @@ class _CellPage:
             self._rows[device.name].show(device)
         set_text(self._source, _source(state))
         self._run.set_visibility(bool(state.run))
-        self._run.props(f'href="/run/{state.run}"')
+        self._run.props["href"] = f"/run/{quote(state.run, safe='')}"
         working = commands.being_examined(self._file)
         self._set_working(working)
         enable(self._examine, not working and not state.run)

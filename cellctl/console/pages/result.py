@@ -104,7 +104,7 @@ class _Files:
                 for file in files:
                     with ui.element("tr"):
                         with ui.element("td").classes("words"):
-                            ui.link(file.name, f"/api/runs/{name}/files/{quote(file.name)}").props("download")
+                            ui.link(file.name, f"/api/runs/{quote(name)}/files/{quote(file.name)}").props("download")
                         with ui.element("td").classes("words note"):
                             ui.label(file.what)
                         with ui.element("td"):
@@ -121,7 +121,7 @@ class _Files:
         self._set(event.value)
 
     def _set(self, form: str) -> None:
-        self._link.props(f'href="/api/runs/{self._name}/export?form={form}"')
+        self._link.props["href"] = f"/api/runs/{quote(self._name)}/export?form={form}"
 
 
 @final
@@ -199,7 +199,7 @@ class _Report:
         with ui.element("div").classes("row"):
             link_button("Open the report alone, to print", target, icon="print")
         frame_ = ui.element("iframe").classes("report-frame")
-        frame_.props(f'src="{target}" title="Calibration report"')
+        frame_.props["src"], frame_.props["title"] = target, f"Calibration report of {self._place.name}"
 
 
 async def _job(operator: Operator, operation: str, place: Path) -> Job:

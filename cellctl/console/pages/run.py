@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import final
+from urllib.parse import quote
 
 from fastapi import Request
 from fastapi.responses import RedirectResponse
@@ -28,11 +29,11 @@ def active_run(request: Request) -> RedirectResponse | None:
     live = console().live
     names = live.active or tuple(row.run for row in live.rows[:1])
     if len(names) == 1:
-        return RedirectResponse(f"/run/{names[0]}")
+        return RedirectResponse(f"/run/{quote(names[0])}")
     with frame("Run", "/run"):
         ui.label("These runs are active:" if names else "There is no run yet.")
         for name in names:
-            link_button(name, f"/run/{name}")
+            link_button(name, f"/run/{quote(name)}")
         if not names:
             link_button("Start a run", "/start", icon="play_arrow")
     return None

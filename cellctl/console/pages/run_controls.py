@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from typing import final
+from urllib.parse import quote
 
 from nicegui import ui
 
@@ -36,7 +37,7 @@ class RunControls:
             self._resume = command_button("Continue", lambda: self._act("resume"), icon="play_arrow")
             self._abort = command_button("Abort …", self._on_abort, icon="stop", dangerous=True)
             self._retry = command_button("Retry …", self._on_retry, icon="replay")
-            self._result = link_button("Result and report", f"/run/{self._run}/result", icon="description")
+            self._result = link_button("Result and report", f"/run/{quote(self._run)}/result", icon="description")
         self._commands = Commands()
 
     def show(self, now: Snapshot) -> None:

@@ -36,6 +36,8 @@ _WORD_CELL = (
     '<q-icon :name="props.row.NAME_look.icon" aria-hidden="true"></q-icon>{{ props.value }}</span>'
     "<span v-else>–</span></q-td>"
 )
+_CHOICE = '<q-checkbox dense v-model="props.selected" :aria-label="\'Choose \' + props.row.run"></q-checkbox>'
+_CHOICE_OF_ALL = '<q-checkbox dense v-model="props.selected" aria-label="Choose all runs"></q-checkbox>'
 _ANY = "any"
 
 
@@ -70,6 +72,8 @@ class _RunList:
         self._table = ui.table(columns=_COLUMNS, rows=[], row_key="run", selection="multiple", pagination=25)
         self._table.classes("runs").props("flat dense rows-per-page-options=[25,50,100,0]")
         self._table.add_slot("body-cell-run", _RUN_CELL)
+        self._table.add_slot("body-selection", _CHOICE)
+        self._table.add_slot("header-selection", _CHOICE_OF_ALL)
         for name in ("state", "verdict"):
             self._table.add_slot(f"body-cell-{name}", _WORD_CELL.replace("NAME", name))
         self._table.on_select(self._show_choice)

@@ -48,7 +48,8 @@ class _Chart:
         self._options = options
         with ui.element("div").classes("chart"):
             ui.html(title, tag="h3", sanitize=False)
-            self._chart = ui.echart(options(series)).props(f'role=img aria-label="Chart: {title}"')
+            self._chart = ui.echart(options(series)).props("role=img")
+            self._chart.props["aria-label"] = f"Chart: {title}"
             self._note = ui.label().classes("note").props("role=status")
 
     def show(self, series: Series, note: str) -> None:

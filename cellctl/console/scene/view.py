@@ -59,7 +59,7 @@ class SceneView:
                 command_button(name, lambda name=name: look_at_all(self._scene, self._content, name, 0.4))
             for name in [body.name for body in content.bodies if body.kind is Kind.SPHERE]:
                 close = command_button(name, lambda name=name: look_at_sphere(self._scene, self._content, name, 0.4))
-                close.props(f'aria-label="Close to sphere {name}"')
+                close.props["aria-label"] = f"Close to sphere {name}"
 
     def update(self, content: SceneContent) -> None:
         """Show `content`; what is as before is not sent again."""

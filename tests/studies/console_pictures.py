@@ -1,0 +1,101 @@
+"""Pictures of each view of the console for the documents: `python tests/studies/console_pictures.py [FOLDER]`.
+
+Starts a console with the simulated sphere cell, runs a campaign from the page, and writes PNG files to the folder
+(default: docs/images). Needs Debian's Chromium.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))
+
+from console_process import ConsoleProcess, browser, console_process  # noqa: E402
+from daily_checks import check  # noqa: E402
+
+_WIDTH = 1360
+UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
+
+
+def main(folder: Path) -> None:
+    """Write the pictures of the views to `folder`."""
+    with tempfile.TemporaryDirectory() as place, browser() as chromium:
+        runs = Path(place) / "runs"
+        with console_process(runs, "--cell", "sphere_cell") as console:
+            page = chromium.new_page(viewport={"width": _WIDTH, "height": 860})
+            page.goto(console.command_url)
+            _views(page, console, folder)
+
+
+def _views(page: Any, console: ConsoleProcess, folder: Path) -> None:
+    name = _started(page, console, folder)
+    page.goto(f"{console.url}/run/{name}")
+    page.get_by_text("Judging the table").wait_for()
+    page.get_by_text("is in force").first.wait_for(timeout=180_000)
+    _picture(page, folder / "console-run.png", 1240)
+    page.goto(f"{console.url}/cell")
+    page.get_by_text("in order").first.wait_for()
+    _picture(page, folder / "console-cell.png", 560)
+    page.goto(f"{console.url}/run/{name}")
+    page.get_by_role("link", name="Result and report").wait_for(timeout=300_000)
+    for view, height in (("runs", 560), ("tables", 700), (f"run/{name}/result", 900)):
+        page.goto(f"{console.url}/{view}")
+        page.wait_for_timeout(3000)
+        _picture(page, folder / f"console-{view.rpartition('/')[2]}.png", height)
+    campaign = ["run", "sphere_selfcal", "--runs", console.runs, "--set", "touches_fit=60"]
+    subprocess.run([sys.executable, "-m", "cellctl", *campaign], check=True, capture_output=True)
+    other = max(found.name for found in console.runs.glob("sphere_selfcal-*"))
+    page.goto(f"{console.url}/compare?a={name}&b={other}")
+    page.wait_for_timeout(3000)
+    _picture(page, folder / "console-compare.png", 800)
+    for day in range(1, 25):
+        check(console.runs, day)
+    page.goto(f"{console.url}/daily")
+    page.wait_for_timeout(4000)
+    _picture(page, folder / "console-daily.png", 1000)
+    _analysis(page, console, folder)
+
+
+def _started(page: Any, console: ConsoleProcess, folder: Path) -> str:
+    """Start the campaign from the page; the run's name."""
+    page.goto(f"{console.url}/start?procedure=sphere_selfcal&cell=sphere_cell")
+    page.get_by_role("button", name="Check", exact=True).click()
+    page.wait_for_timeout(6000)
+    _picture(page, folder / "console-start.png", 860)
+    page.get_by_role("button", name="Start the run").click()
+    page.wait_for_url("**/run/sphere_selfcal-*", timeout=60_000)
+    return str(page.url).rpartition("/")[2]
+
+
+def _analysis(page: Any, console: ConsoleProcess, folder: Path) -> None:
+    """Fit 300 rows of the real UR10 on the page."""
+    data = console.runs.parent / "ur10.csv"
+    if not UR10.exists():
+        print("no picture of an analysis: the UR10 measurements are missing")
+        return
+    public_data = ROOT / "docs" / "examples" / "public_data.py"
+    subprocess.run([sys.executable, public_data, UR10, "300", "-o", data], check=True)
+    page.goto(f"{console.url}/analyse")
+    page.locator("input[type=file]").set_input_files(data)
+    page.wait_for_url("**/analyse/ur10-*")
+    page.get_by_role("button", name="Fit", exact=True).click()
+    page.get_by_text("Better than nominal. Error of held-out positions").first.wait_for(timeout=300_000)
+    _picture(page, folder / "console-analyse.png", 1000)
+
+
+def _picture(page: Any, file: Path, height: int) -> None:
+    page.set_viewport_size({"width": _WIDTH, "height": height})
+    page.wait_for_timeout(2500)
+    page.screenshot(path=file)
+    Image.open(file).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images")
