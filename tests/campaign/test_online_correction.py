@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from cell_runs import ROOT, cellctl, only_run
 from corrected_cells import HEAVY_CELL, simulated_robot
-from online_models import wavy_model
+from correcting_engine import HERE, MODEL, PERCENT, THERE, there_and_back
 from verified_targets import MOST_MM, TARGETS, calibrated
+from watched_cell import watched_cell, watched_robot
 
-from cellctl.devices import CorrectionModel, DeviceError, DeviceLost, DeviceRefused
+from cellctl.devices import DeviceError, DeviceLost, DeviceRefused
 from cellctl.journal import fold, read_journal
-from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from procedures.steps.tracker.rows import CorrectionEndRow, CorrectionLogRow, TrackerVerdict
 
 pytestmark = pytest.mark.campaign
 
-MODEL = CorrectionModel("m1", {name: tuple(values) for name, values in wavy_model(0.5, span_deg=170.0).items()})
-HERE, THERE = (5.0, -65.0, 95.0, 5.0, 65.0, 5.0), (15.0, -60.0, 90.0, 15.0, 75.0, -15.0)
 NEAR_DEG = 0.001
+STEP_DEG = 175.0 * PERCENT / 100 * 0.004 + 0.5 * 0.004 + 1e-6
+"""In a cycle of 4 ms: the move at the fastest axis's speed, and the correction's rate. The correction is 0.11 deg."""
 
 
 def heavy_with(folder: Path, *faults: str) -> Path:
@@ -58,21 +61,59 @@ def test_moves_end_where_program_and_correction_put_them_and_without_it_where_th
     ("fault", "error"),
     [("fault: rsi.stall, at_ms: 4000, for_ms: 3000", DeviceError), ("fault: robot.restart, at_ms: 4000", DeviceLost)],
 )
-def test_a_lost_rsi_or_controller_ends_the_correction_and_the_robot_is_held(tmp_path, fault, error):
+def test_a_lost_rsi_or_controller_ends_the_correction_and_the_robot_is_held_without_a_leap(tmp_path, fault, error):
     async def go():
-        async with simulated_robot(heavy_with(tmp_path, fault)) as bench:
+        async with watched_robot(heavy_with(tmp_path, fault)) as (bench, watched):
             robot = bench.robot
             await robot.move(HERE, 50)
             await robot.correction_on(MODEL)
+            await bench.clock.sleep(0.5)
+            watched.joints.clear()
             with pytest.raises(error):
-                await _there_and_back(robot)
+                await there_and_back(robot)
+            await bench.clock.sleep(1.0)
+            assert watched.held()
+            assert watched.largest_step() <= STEP_DEG
 
     asyncio.run(go())
 
 
-async def _there_and_back(robot: KukaRobot) -> None:
-    for target in (THERE, HERE) * 20:
-        await robot.move(target, 20)
+ENGINE = """
+import asyncio, json, sys
+sys.path[:0] = sys.argv[3:]
+from pathlib import Path
+from cellctl.operations.simulated import SimulatedCell
+from corrected_cells import robot_of
+from correcting_engine import HERE, MODEL, there_and_back
+
+async def main():
+    simulated = SimulatedCell(None, None, json.loads(sys.argv[2]))
+    async with robot_of(Path(sys.argv[1]), simulated) as bench:
+        await bench.robot.move(HERE, 50)
+        await bench.robot.correction_on(MODEL)
+        await bench.clock.sleep(2)
+        print("corrected", flush=True)
+        await there_and_back(bench.robot)
+
+asyncio.run(main())
+"""
+
+
+def test_an_engine_killed_in_mid_correction_leaves_a_robot_that_is_held_without_a_leap(tmp_path):
+    cell = heavy_with(tmp_path)
+    with watched_cell(cell) as watched:
+        given = [str(cell), json.dumps(watched.cell.ready), str(ROOT / "tests" / "helpers"), str(ROOT)]
+        with subprocess.Popen([sys.executable, "-c", ENGINE, *given], stdout=subprocess.PIPE, cwd=ROOT) as engine:
+            assert engine.stdout
+            assert engine.stdout.readline() == b"corrected\n"
+            watched.joints.clear()
+            watched.let_pass(1.0)
+            engine.kill()
+        moved = len(watched.joints)
+        watched.let_pass(5.0)
+        assert len(set(watched.joints[:moved])) > 1, "it was killed while the robot moved"
+        assert watched.held()
+        assert watched.largest_step() <= STEP_DEG
 
 
 def test_a_stop_holds_the_robot_and_rsi_is_off(tmp_path):

@@ -46,22 +46,28 @@ class Bench:
 @asynccontextmanager
 async def simulated_robot(cell_file: Path, seed: int = 1, clock: str | None = None) -> AsyncIterator[Bench]:
     """The robot of a cell file, connected to its simulators."""
-    cell = Cell.load(cell_file, DriverRegistry())
-    simulated = await SimulatedCell.start(cell, seed, clock, ())
+    simulated = await SimulatedCell.start(Cell.load(cell_file, DriverRegistry()), seed, clock, ())
     try:
-        time = await simulated.clock()
-        devices = open_devices(cell, DriverRegistry(), time, simulated, ["robot"])
-        robot = devices["robot"]
-        assert isinstance(robot, KukaRobot)
-        try:
-            await robot.connect()
-            await tell_targets(simulated, devices, time)
-            yield Bench(robot, simulated, time)
-        finally:
-            await robot.close()
-            await time.aclose()
+        async with robot_of(cell_file, simulated) as bench:
+            yield bench
     finally:
         simulated.stop()
+
+
+@asynccontextmanager
+async def robot_of(cell_file: Path, simulated: SimulatedCell) -> AsyncIterator[Bench]:
+    """The robot of a cell file, connected to simulators that run already."""
+    cell, time = Cell.load(cell_file, DriverRegistry()), await simulated.clock()
+    devices = open_devices(cell, DriverRegistry(), time, simulated, ["robot"])
+    robot = devices["robot"]
+    assert isinstance(robot, KukaRobot)
+    try:
+        await robot.connect()
+        await tell_targets(simulated, devices, time)
+        yield Bench(robot, simulated, time)
+    finally:
+        await robot.close()
+        await time.aclose()
 
 
 def correction_model(file: CorrectionFile) -> CorrectionModel:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import final
 
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
+from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming, InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
@@ -35,11 +35,17 @@ class OnlineCorrection:
     zero), SETTLING (it is held), LEAVING (it is zero and stays so), OVER.
 
     A stop holds the correction as it is. Every other cause lets it fade to zero: the end on request, the engine's
-    silence, the end of the process, a telegram without ASPos or Delay, axes that do not follow.
+    silence, the end of the process, a telegram without ASPos or Delay, axes that do not follow. If the learnt cycle is
+    not `cycle`, it never leaves zero; `detail` is the learnt cycle then, ns.
     """
 
     def __init__(
-        self, order: SearchOrder, limits: OnlineLimits, online: OnlineBlock, tolerance_cycles: int = DEFAULT_TOLERANCE
+        self,
+        order: SearchOrder,
+        limits: OnlineLimits,
+        online: OnlineBlock,
+        tolerance_cycles: int = DEFAULT_TOLERANCE,
+        cycle: InterpolationCycle = InterpolationCycle.IPO_FAST,
     ) -> None:
         self.number = order.number
         self.order = order
@@ -52,6 +58,7 @@ class OnlineCorrection:
         self._limits = limits
         self._online = online
         self._session = Session(tolerance_cycles)
+        self._cycle = cycle
         self._began_ns: int | None = None
         self._log_due_ns = 0
         self._sent: Correction = _ZERO
@@ -93,9 +100,17 @@ class OnlineCorrection:
             self._followed = NotFollowed(cycle_s)
             self._asked_deg = self._limits.asked_deg(cycle_s)
             if self.phase is Phase.LEARNING:
-                self.phase = Phase.MOVING
+                self._check_cycle()
         self.missed += gap - 1
         return taken
+
+    def _check_cycle(self) -> None:
+        """In another cycle the limits per second would not hold: the correction stays zero."""
+        if self._cycle.fits(self.timing.cycle_ns):
+            self.phase = Phase.MOVING
+        else:
+            self.detail = self.timing.cycle_ns
+            self._fade(Cause.CYCLE)
 
     def _look_for_trouble(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool

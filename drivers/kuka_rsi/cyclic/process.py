@@ -113,7 +113,7 @@ def run(orders: CyclicOrders) -> int:
 
     def task_of(order: SearchOrder) -> CyclicTask:
         if block.online.words[OnlineSlot.ORDER] == order.number:
-            return OnlineCorrection(order, online, block.online, orders.tolerance)
+            return OnlineCorrection(order, online, block.online, orders.tolerance, orders.cycle)
         return SearchCycle(order, limits, orders.mode, orders.tolerance, orders.cycle)
 
     responder = Responder(line, block, reply, clock, task_of)

@@ -23,6 +23,7 @@ from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.eki.refusals import refusal
 from drivers.kuka_rsi.robot.holding import Holding
 from drivers.kuka_rsi.robot.lines import ControllerLines
+from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
 
 _POLL_S = 0.02
 _BEGINS_S = 2.0
@@ -128,6 +129,10 @@ class Correcting:
         if status.cause is Cause.LOST:
             what = f"RSI was lost during the on-line correction: the controller's count has risen by {status.detail}"
             return DeviceLost(self._device, what, "Look at the network and at what else runs on this computer.")
+        if status.cause is Cause.CYCLE:
+            what = f"telegrams come every {status.detail * 1e-6:g} ms, and the address has "
+            what += f"{in_words(self._lines.process.cycle)}; nothing was corrected"
+            return DeviceFault(self._device, what, REMEDY)
         if status.cause in _CAUSES:
             what, cure = _CAUSES[status.cause]
             return DeviceFault(self._device, f"{what}; the on-line correction was ramped out", cure)

@@ -446,6 +446,59 @@ def test_halt_ends_the_command_with_30_and_is_answered_after_it(controller: Cont
     assert [stat.program for stat in said if isinstance(stat, Stat)] == ["STOPPED"]
 
 
+def job_begun(controller: Controller, number: int, operation: str, content: str = "") -> int:
+    """The job that a command hands to the robot program; 0 for none. It is answered at its end."""
+    variables = controller.krl.variables
+    assert not [said for said in controller.take(write_command(number, operation, content)) if isinstance(said, Reply)]
+    job = variables["CC_JOB"] if variables["$FLAG"][402,] else 0
+    return int(job)
+
+
+def end_job(controller: Controller, *, corrected: bool) -> list[tuple[int, int]]:
+    """The robot program ends its job; ids and codes of the replies. `corrected`: whether RSI stays on."""
+    variables = controller.krl.variables
+    variables["CC_CORR"], variables["CC_OUTCOME"] = corrected, 0
+    variables["$FLAG"][402,], variables["$FLAG"][405,] = False, True
+    return [(said.id, said.code) for said in controller.cycle() if isinstance(said, Reply)]
+
+
+def test_on_line_correction_stays_on_beside_moves_and_own_programs_until_it_is_ended(controller: Controller) -> None:
+    variables = controller.krl.variables
+    variables["CC_OWN_COUNT"] = 2
+    assert job_begun(controller, 8, "CORRON") == 3
+    assert end_job(controller, corrected=True) == [(8, 0)]
+    assert [controller.reply(write_command(9, operation)).code for operation in ("CORRON", "RSI")] == [10, 10]
+    assert job_begun(controller, 10, "PTP", point_to_point((10.0,) * 6, 5.0)) == 1
+    assert end_job(controller, corrected=True) == [(10, 0)]
+    assert (job_begun(controller, 11, "OWN", '<Row N="2"/>'), variables["CC_OWN_N"]) == (5, 2)
+    assert end_job(controller, corrected=True) == [(11, 0)]
+    assert job_begun(controller, 12, "CORROFF") == 4
+    assert end_job(controller, corrected=False) == [(12, 0)]
+    assert job_begun(controller, 13, "RSI") == 2
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_an_own_program_that_there_is_not_is_refused(controller: Controller, number: int) -> None:
+    controller.krl.variables["CC_OWN_COUNT"] = 2
+    assert controller.reply(write_command(8, "OWN", f'<Row N="{number}"/>')).code == 42
+    assert controller.reply(write_command(9, "OWN")).code == 11
+    assert not controller.krl.variables["$FLAG"][402,]
+
+
+def test_halt_and_a_lost_connection_end_the_correction_of_a_robot_that_stands(controller: Controller) -> None:
+    variables = controller.krl.variables
+    job_begun(controller, 8, "CORRON")
+    end_job(controller, corrected=True)
+    assert job_begun(controller, 9, "HALT") == 4
+    assert end_job(controller, corrected=False) == [(9, 0)]
+    job_begun(controller, 10, "CORRON")
+    end_job(controller, corrected=True)
+    variables["$FLAG"][401,] = False
+    controller.cycle()
+    assert (variables["CC_JOB"], variables["$FLAG"][402,]) == (4, True)
+    assert end_job(controller, corrected=False) == []
+
+
 def test_a_lost_connection_halts_what_moves(controller: Controller) -> None:
     controller.take(write_command(8, "PTP", point_to_point((0.0,) * 6, 10.0)))
     controller.krl.variables["$FLAG"][401,] = False

@@ -12,6 +12,7 @@ from online_models import wavy_model
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
@@ -200,6 +201,14 @@ def test_at_its_limit_it_is_cut_in_proportion_and_counted():
     assert abs(krc.last[largest]) == max(map(abs, krc.last))
     assert krc.block.online.status().limited > 500
     assert krc.never_leapt()
+
+
+def test_telegrams_in_another_cycle_than_the_stated_one_are_answered_with_zero():
+    krc = Controller()
+    krc.task = OnlineCorrection(krc.task.order, LIMITS, krc.block.online, cycle=InterpolationCycle.IPO)
+    krc.run(2)
+    assert (krc.task.cause, krc.task.detail, krc.task.phase) == (Cause.CYCLE, 4_000_000, Phase.LEAVING)
+    assert set(krc.sent) == {(0.0,) * 6}
 
 
 @pytest.mark.parametrize("without", [{"programmed": None}, {"delay": None}])

@@ -20,6 +20,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 from online_models import wavy_model
 
 from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
@@ -41,6 +42,7 @@ CONTROLLER, TEMPLATE, TIMEOUT, HOME = searches.CONTROLLER, searches.TEMPLATE, se
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "12"))
 LIMITS = OnlineLimits()
 ROUNDING = 3e-6
+CYCLES = {cycle.milliseconds: cycle for cycle in InterpolationCycle}
 FASTEST_DEG_S = 100.0
 MODELS = [pack(wavy_model(size)) for size in (0.0, 1.0, 30.0)]
 """Without an error; of a calibrated robot; and one that asks for far more than the limit."""
@@ -77,7 +79,7 @@ class Online(RuleBasedStateMachine):
         line = ControllerLine(self.wire, CONTROLLER)
 
         def task_of(order: SearchOrder) -> OnlineCorrection:
-            return OnlineCorrection(order, LIMITS, self.block.online, TIMEOUT)
+            return OnlineCorrection(order, LIMITS, self.block.online, TIMEOUT, CYCLES[cycle_ms])
 
         self.now_ns = self.time = self.number = 0
         self.responder = Responder(line, self.block, ReplyFormat(TEMPLATE), lambda: self.now_ns, task_of)
