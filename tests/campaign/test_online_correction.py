@@ -9,15 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import ROOT, cellctl, only_run
+from cell_runs import ROOT
 from corrected_cells import HEAVY_CELL, simulated_robot
 from correcting_engine import HERE, MODEL, PERCENT, THERE, there_and_back
-from verified_targets import MOST_MM, TARGETS, calibrated
 from watched_cell import watched_cell, watched_robot
 
 from cellctl.devices import DeviceError, DeviceLost, DeviceRefused
-from cellctl.journal import fold, read_journal
-from procedures.steps.tracker.rows import CorrectionEndRow, CorrectionLogRow, TrackerVerdict
 
 pytestmark = pytest.mark.campaign
 
@@ -139,23 +136,3 @@ def test_a_stop_holds_the_robot_and_rsi_is_off(tmp_path):
     before, held, after = asyncio.run(go())
     assert held == pytest.approx(before, abs=NEAR_DEG)
     assert after == pytest.approx(HERE, abs=NEAR_DEG)
-
-
-@pytest.mark.long
-def test_80_held_out_targets_are_reached_within_015_mm_with_on_line_correction(tmp_path):
-    settings = {
-        "model_run": calibrated(1, tmp_path),
-        "target_file": TARGETS,
-        "targets": 80,
-        "two_face_limit": 0.2,
-    }
-    given = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
-    done = cellctl("run", "online_correction", "--cell", HEAVY_CELL, "--seed", "1", "--runs", tmp_path / "runs", *given)
-    assert done.returncode == 0, done.stderr
-    journal = fold(read_journal(only_run(tmp_path / "runs")))
-    verdict = journal.recorded(TrackerVerdict)[-1]
-    assert verdict.targets.n == 80
-    assert verdict.targets.before.mean > 0.5
-    assert verdict.targets.after.max <= MOST_MM
-    assert all(row.late == row.lost == 0 for row in journal.recorded(CorrectionEndRow))
-    assert len(journal.recorded(CorrectionLogRow)) == 80
