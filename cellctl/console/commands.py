@@ -21,9 +21,11 @@ from cellctl.operations.run_files import run_named
 examinations = Subscribers()
 """Who is called when the examination of a cell (path of its file) begins or has ended."""
 
-
 _examined: set[Path] = set()
 """Files of the cells whose devices are being examined now."""
+
+TABLE_JOBS = ("look_at_table", "act_on_table")
+"""Operations of jobs that connect to a controller for its tables."""
 
 
 def folder_of(run: str) -> Path:
@@ -104,5 +106,8 @@ async def _refuse_second(order: RunOrder) -> None:
         return
     if being_examined(file):
         raise InputError(Problem(str(file), 0, 0, "its devices are being examined", "start when that has ended"))
+    if any(job.operation in TABLE_JOBS and not job.ended_already for job in console().jobs.all()):
+        what = "a table of a controller is being looked at or changed"
+        raise InputError(Problem(str(file), 0, 0, what, "start when that has ended"))
     if active := await asyncio.to_thread(run_on, file, console().runs):
         raise InputError(Problem(str(file), 0, 0, f"run {active} is active on this cell", "wait for its end"))

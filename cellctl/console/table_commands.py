@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cellctl.console.command_jobs import command_job
-from cellctl.console.commands import being_examined
+from cellctl.console.commands import TABLE_JOBS, being_examined
 from cellctl.console.jobs import Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
@@ -16,7 +16,7 @@ from cellctl.operations.run_files import run_named
 from cellctl.operations.shipped import shipped_file
 from cellctl.operations.table_actions import Action, TableRequest
 
-LOOK, ACT = "look_at_table", "act_on_table"
+LOOK, ACT = TABLE_JOBS
 
 
 def request_for(
@@ -58,7 +58,7 @@ async def _start(operator: Operator, operation: str, title: str, request: TableR
         if being_examined(request.cell):
             raise InputError(Problem(str(request.cell), 0, 0, "its devices are being examined", "wait for the result"))
         for job in console().jobs.all():
-            if job.operation in (LOOK, ACT) and not job.ended_already:
+            if job.operation in TABLE_JOBS and not job.ended_already:
                 what = f"is busy: {job.title}, begun by {job.operator}"
                 raise InputError(Problem("controller", 0, 0, what, "wait until that has ended"))
         return console().jobs.start(title, operation, own.to_json(), operator.name, computes=False)

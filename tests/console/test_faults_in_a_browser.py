@@ -16,10 +16,11 @@ from cell_runs import confirmed_touches
 from console_process import ConsoleProcess, browser, console_process
 from finished_runs import run_in
 from live_journals import WrittenRun
+from scene_journals import touch_run
 
 from cellctl.clock import WallClock
 from cellctl.console.look import COLOURS
-from cellctl.journal import OperatorAction, read_journal
+from cellctl.journal import Journal, OperatorAction, read_journal
 
 HOSTILE = """<img src=x onerror="window.hacked=1">' innerHTML="<b>" #?&%41;"""
 PATIENCE_MS = 60_000
@@ -52,6 +53,22 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]
     (hostile.folder / "report.html").write_text("<script>parent.hacked = 1</script>")
     with console_process(runs) as console:
         yield console
+
+
+@pytest.mark.long
+def test_a_run_with_10000_points_opens_with_and_without_the_scene(tmp_path: Path) -> None:
+    with Journal.create(tmp_path / "runs" / "large", lambda: 0) as journal:
+        for event in touch_run(10_000, 9_000).events:
+            journal.append(event)
+    with console_process(tmp_path / "runs") as console, browser() as chromium:
+        page = chromium.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(f"{console.url}/run/large?scene=false")
+        page.get_by_role("heading", name="Log").wait_for()
+        page.get_by_role("switch", name="3-D scene").click()
+        page.get_by_text("of the fit, measured").wait_for()
+        page.get_by_role("link", name="API").click()  # the page still answers
+        page.get_by_role("heading", name="JSON API").wait_for()
 
 
 @pytest.mark.long

@@ -15,8 +15,8 @@ from console_process import free_port
 _NOTE = """
 window.shown = {};
 addEventListener('DOMContentLoaded', () => new MutationObserver(() => {
-  for (const id of ['message', 'count']) {
-    const element = document.getElementById(id);
+  for (const [id, place] of [['message', '#message, .run-head .note'], ['count', '#count']]) {
+    const element = document.querySelector(place);
     const key = element && `${id} ${element.textContent}`;
     if (key && !(key in window.shown)) window.shown[key] = Date.now();
   }
@@ -26,7 +26,7 @@ addEventListener('DOMContentLoaded', () => new MutationObserver(() => {
 
 @dataclass(frozen=True)
 class LiveConsole:
-    """The process, and the address of its page for the run `run`."""
+    """The process, and its address."""
 
     process: subprocess.Popen[str]
     url: str
@@ -36,11 +36,11 @@ class LiveConsole:
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / 100
 
-    def page(self, chromium: Any) -> Any:
+    def page(self, chromium: Any, path: str = "/live-test/run") -> Any:
         """A new page with the run: of a new user by a browser, of the same user by a browser's context."""
         page = chromium.new_page()
         page.add_init_script(_NOTE)
-        page.goto(self.url)
+        page.goto(self.url + path)
         return page
 
 
@@ -54,7 +54,7 @@ def live_console(runs: Path) -> Iterator[LiveConsole]:
         assert process.stdout
         try:
             assert process.stdout.readline() == "listening\n", (runs / "console.log").read_text()
-            yield LiveConsole(process, f"http://127.0.0.1:{port}/live-test/run")
+            yield LiveConsole(process, f"http://127.0.0.1:{port}")
         finally:
             process.terminate()
             process.wait(30)

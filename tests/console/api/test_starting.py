@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from api_client import ApiClient, api_client
 from cell_runs import CELL, cell_with
 
+from cellctl.console.jobs import Jobs
 from cellctl.files import sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile
 
@@ -86,6 +88,19 @@ def test_a_second_run_on_a_real_cell_is_refused_while_one_is_active(
         refused = client.post("/api/runs", json={"procedure": "sphere_selfcal", "cell": "cell"}, headers=ADA)
     assert (refused.status_code, refused.json()["what"]) == (422, "run run-1 is active on this cell")
     assert [folder.name for folder in (tmp_path / "runs").glob("*/")] == ["run-1"]
+
+
+def test_a_run_on_a_real_cell_is_refused_while_a_table_is_changed(
+    client: ApiClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = cell_with(tmp_path)
+    cell.write_text(cell.read_text().partition("\nsimulate:")[0])
+    monkeypatch.chdir(tmp_path)
+    push = SimpleNamespace(operation="act_on_table", ended_already=False)
+    monkeypatch.setattr(Jobs, "all", lambda _: [push])
+    refused = client.post("/api/runs", json={"procedure": "sphere_selfcal", "cell": "cell"}, headers=ADA)
+    assert (refused.status_code, refused.json()["cure"]) == (422, "start when that has ended")
+    assert not list((tmp_path / "runs").glob("*/"))
 
 
 def test_the_check_gives_errors_of_the_settings_before_anything_starts(client: ApiClient) -> None:
