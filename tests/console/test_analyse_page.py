@@ -36,7 +36,7 @@ def ur10_rows(count: int) -> str:
 def instrument_rows(count: int) -> str:
     """Some rows of the real UR10, as its instrument wrote them: own headings, radians, decimal comma."""
     if not MEASURED.exists():
-        pytest.skip("needs the UR10 measurements of /work/shared/data")
+        pytest.skip("needs the UR10 measurements of ../shared/data")
     heading, *rows = MEASURED.read_text().splitlines(keepends=True)
     return "".join([heading, *rows[:: len(rows) // count]])
 
