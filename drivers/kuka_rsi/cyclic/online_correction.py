@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming, InterpolationCycle
@@ -18,10 +18,12 @@ from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
 from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, within
-from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
+
+if TYPE_CHECKING:
+    from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 
 LOG_EVERY_NS = 1_000_000_000
 """Of the log that the engine puts into the journal."""
@@ -181,11 +183,16 @@ class OnlineCorrection:
         return bounded, inside, limited
 
     def _take_newest_model(self) -> None:
-        """One that is not complete or not valid is refused, and the last one stays."""
+        """One that is not complete or not valid is refused, and the last one stays.
+
+        The first one imports the compiled step (1 s; 10 s the very first time): a search needs none.
+        """
         version = self._online.words[OnlineSlot.VERSION]
         if version == self._version or not version:
             return
         self._version = version
+        from drivers.kuka_rsi.cyclic.online_model import OnlineModel
+
         try:
             last = self._model.last_rad if self._model else None
             self._model = OnlineModel(self._online.read_model(version), last)

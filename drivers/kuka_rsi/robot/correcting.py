@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from typing import final
 
 from cellctl.clock import Clock
@@ -27,6 +29,10 @@ from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
 
 _POLL_S = 0.02
 _BEGINS_S = 2.0
+_LOOK_S = 0.005
+_PREPARED_S = 120.0
+"""Wall time. A computer's first model on a computer is compiled: some 10 s; later ones take 1 s."""
+
 _SETTLED_S = 0.5
 """Samples older than this are complete, also while telegrams are under way."""
 
@@ -77,6 +83,7 @@ class Correcting:
         block.online.words[OnlineSlot.ORDER] = order.number
         block.keep_stop(order.number)
         block.place_order(order)
+        await self._order_taken(order.number)
         self._holding.correcting = True
         reply = await eki.ask("CORRON")
         if reply.code:
@@ -137,6 +144,22 @@ class Correcting:
             what, cure = _CAUSES[status.cause]
             return DeviceFault(self._device, f"{what}; the on-line correction was ramped out", cure)
         return None
+
+    async def _order_taken(self, number: int) -> None:
+        """Wait for the process, which prepares the model first. It is this computer's work: the cell's time stands."""
+        process, deadline = self._lines.process, time.monotonic() + _PREPARED_S
+        try:
+            with self._clock.standing():
+                while process.block.status().number != number:
+                    if not process.alive():
+                        raise DeviceLost(self._device, f"the RSI process ended: {process.last_error_line()}")
+                    if time.monotonic() > deadline:
+                        what = f"the RSI process did not prepare the model within {_PREPARED_S:g} s; RSI is off"
+                        raise DeviceLost(self._device, what, "Look at what else runs on this computer.")
+                    await asyncio.sleep(_LOOK_S)
+        except BaseException:
+            process.block.release()
+            raise
 
     def _released(self) -> None:
         """RSI is off: nothing is answered any more."""
