@@ -17,7 +17,10 @@ from cellctl.records import AnyRow, ArtefactRow, Row
 @final
 @dataclass(slots=True)
 class Surround:
-    """The data that all steps of a run share."""
+    """The data that all steps of a run share.
+
+    recomputed: the run's files are made again by a replay, and may differ from the recorded ones.
+    """
 
     clock: Clock
     seed: int
@@ -25,6 +28,7 @@ class Surround:
     cell: Document
     robot_file: pathlib.Path
     devices: Mapping[str, Device]
+    recomputed: bool = False
 
 
 @final
@@ -109,6 +113,18 @@ class Context:
         row = ArtefactRow(name, sha256_of(data), len(data))
         await self.record(row)
         return row.sha256
+
+    def artefact(self, name: str) -> pathlib.Path:
+        """A file that this run wrote into its folder. Raises InputError if it is no longer as it was written."""
+        path = self.run_folder / name
+        written = [row.sha256 for row in self.recorded(ArtefactRow) if row.name == name]
+        if not (written and path.is_file()):
+            what = "is not there"
+        elif self.run.recomputed or sha256_of(path.read_bytes()) == written[-1]:
+            return path
+        else:
+            what = "has changed since this run wrote it"
+        raise InputError(Problem(str(path), 0, 0, what, "put the run's own file back, or begin a new run"))
 
     def recorded(self, kind: type[AnyRow]) -> Sequence[AnyRow]:
         """The rows of this class that count: of finished steps and of this attempt, in the order of recording."""

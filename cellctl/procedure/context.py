@@ -33,7 +33,7 @@ class StepContext(Protocol):
 
     @property
     def run_folder(self) -> pathlib.Path:
-        """Where the run's files are. To write one: `write_artefact`."""
+        """Where the run's files are. To write one: `write_artefact`; to read one: `artefact`."""
 
     @property
     def run_name(self) -> str:
@@ -76,6 +76,12 @@ class StepContext(Protocol):
         """Write a file into the run folder, whole or not at all, and record its hash; the SHA-256 (hex).
 
         Raises OSError, and what `record` raises.
+        """
+
+    def artefact(self, name: str) -> pathlib.Path:
+        """A file that this run wrote with `write_artefact`, to be read.
+
+        Raises InputError if it is missing, or not as this run wrote it.
         """
 
     def recorded(self, kind: type[AnyRow]) -> Sequence[AnyRow]:

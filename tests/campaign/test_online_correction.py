@@ -12,9 +12,10 @@ import pytest
 from cell_runs import ROOT
 from corrected_cells import HEAVY_CELL, simulated_robot
 from correcting_engine import HERE, MODEL, PERCENT, THERE, there_and_back
+from online_models import wavy_model
 from watched_cell import watched_cell, watched_robot
 
-from cellctl.devices import DeviceError, DeviceLost, DeviceRefused
+from cellctl.devices import CorrectionModel, DeviceError, DeviceLost, DeviceRefused
 
 pytestmark = pytest.mark.campaign
 
@@ -73,6 +74,45 @@ def test_a_lost_rsi_or_controller_ends_the_correction_and_the_robot_is_held_with
             assert watched.largest_step() <= STEP_DEG
 
     asyncio.run(go())
+
+
+OTHER = CorrectionModel("other", {name: tuple(values) for name, values in wavy_model(-0.5, span_deg=170.0).items()})
+LIMIT_DEG = 1.5
+"""Of the heavy cell's file."""
+
+NARROW = CorrectionModel("narrow", {**MODEL.arrays, "upper": (10.0, *[170.0] * 5)})
+LARGE = CorrectionModel("large", {name: tuple(values) for name, values in wavy_model(5.0, span_deg=170.0).items()})
+
+
+@pytest.mark.parametrize("model", [OTHER, NARROW, LARGE], ids=["swapped", "outside the region", "at the limit"])
+def test_a_model_that_arrives_in_mid_motion_makes_no_leap(tmp_path, model):
+    async def go():
+        async with watched_robot(heavy_with(tmp_path)) as (bench, watched):
+            robot = bench.robot
+            await robot.move(HERE, 50)
+            await robot.correction_on(MODEL)
+            await bench.clock.sleep(2)
+            watched.joints.clear()
+            moving = asyncio.create_task(robot.move(THERE, PERCENT))
+            await bench.clock.sleep(0.5)
+            robot.replace_correction_model(model)
+            await moving
+            await bench.clock.sleep(4)
+            assert watched.largest_step() <= STEP_DEG
+            offset = [a - b for a, b in zip(await robot.joints(), THERE, strict=True)]
+            return offset, await robot.correction_off()
+
+    offset, report = asyncio.run(go())
+    largest = max(map(abs, offset))
+    assert (report.late, report.lost, report.refused_models) == (0, 0, 0)
+    if model is NARROW:
+        assert largest <= NEAR_DEG
+        assert report.outside > 0
+    elif model is LARGE:
+        assert 0.8 * LIMIT_DEG < largest <= LIMIT_DEG
+        assert report.limited > 0
+    else:
+        assert 0.02 < largest < 0.4
 
 
 ENGINE = """

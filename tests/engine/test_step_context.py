@@ -89,6 +89,20 @@ def test_a_file_is_written_and_recorded_with_its_hash(run: Run, content: Any) ->
     assert run.state.rows[-1].event.step == "make"
 
 
+def test_a_file_of_the_run_is_read_only_as_it_was_written(run: Run) -> None:
+    context = run.context()
+    with pytest.raises(InputError, match=r"model\.json: is not there"):
+        context.artefact("model.json")
+    asyncio.run(context.write_artefact("model.json", "first"))
+    asyncio.run(context.write_artefact("model.json", "second"))
+    assert context.artefact("model.json").read_text() == "second"
+    (run.folder / "model.json").write_text("first")
+    with pytest.raises(InputError, match="has changed since this run wrote it"):
+        context.artefact("model.json")
+    context.run.recomputed = True
+    assert context.artefact("model.json").read_text() == "first", "a replay compares files, and goes on"
+
+
 def test_a_step_without_devices_computes() -> None:
     @step("test.compute")
     async def compute(context: StepContext, inputs: NoInputs) -> None:

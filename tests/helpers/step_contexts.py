@@ -38,6 +38,9 @@ class Context:
     async def write_artefact(self, name: str, content: str) -> None:
         write_atomically(self.run_folder / name, content)
 
+    def artefact(self, name: str) -> Path:
+        return self.run_folder / name
+
     def recorded(self, *kinds: type[Row]) -> list[Any]:
         of = {kind.KIND: kind for kind in kinds}
         return [of[row.KIND].read(row.data()) for row in self.rows if row.KIND in of]

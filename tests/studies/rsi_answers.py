@@ -32,7 +32,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
@@ -41,10 +45,11 @@ from cell_runs import busy_machine  # noqa: E402 - found by the line above
 from online_models import wavy_model  # noqa: E402
 
 from drivers.kuka_rsi.cyclic.model_arrays import pack  # noqa: E402
-from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineBlock, OnlineSlot  # noqa: E402
+from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineSlot  # noqa: E402
 
 ONLINE = "on-line"
 CYCLES_MS = {"ipo_fast": 4, "ipo": 12}
+SHARES = {"median": 0.5, "p99": 0.99, "p99.9": 0.999}
 START = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 WITHOUT_RIGHTS = ["setpriv", "--bounding-set=-sys_nice,-ipc_lock", "--inh-caps=-sys_nice,-ipc_lock"]
 ETHERNET = """<ROOT>
@@ -91,8 +96,8 @@ class Peer:
         joints = " ".join(f'A{i}="{a + b:.4f}"' for i, (a, b) in enumerate(axes, 1))
         programmed = " ".join(f'A{i}="{angle:.4f}"' for i, angle in enumerate(program, 1))
         telegram = f'<Rob Type="KUKA"><AIPos {joints}/><ASPos {programmed}/><Delay D="0"/><IPOC>{ipoc}</IPOC></Rob>'
-        self.line.send(telegram.encode())
         self.sent[ipoc] = time.perf_counter()
+        self.line.send(telegram.encode())
         self.asked += 1
 
     def hear(self) -> None:
@@ -111,25 +116,76 @@ class Peer:
             if len(axes) == 6:
                 self.correction = tuple(map(float, axes))
 
-    def row(self) -> str:
-        """What came of it."""
-        delays = sorted(self.delays_ms)
-        late = sum(delay > self._cycle_ms for delay in delays)
-        at = [delays[min(int(share * len(delays)), len(delays) - 1)] for share in (0.5, 0.99, 0.999)] if delays else []
-        figures = " ".join(f"{each:8.3f}" for each in [*at, *delays[-1:]])
-        none = self.asked - len(delays)
-        return f"{self.name:8} {self.asked:6} {figures} {late:6} {none:6}   {self.granted}"
-
-    def end(self) -> str:
-        """End its process; what it says of itself."""
+    def end(self) -> Answers:
+        """End its process; what came of it."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.close()
-        said = self._process.stdout.read().decode()
+        said = self._process.stdout.read()
         self._process.wait(30)
         self.line.close()
         self._folder.cleanup()
-        return said
+        counts = json.loads(said) if self.name != "RSIPI" else {}
+        return Answers(self.name, self._cycle_ms, self.granted, self.asked, tuple(sorted(self.delays_ms)), counts)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What came of asking a driver `asked` times. delays_ms: sorted; counts: by our process itself."""
+
+    name: str
+    cycle_ms: int
+    granted: dict[str, bool]
+    asked: int
+    delays_ms: tuple[float, ...]
+    counts: dict[str, Any]
+
+    @property
+    def late(self) -> int:
+        """Answered after more than a cycle."""
+        return sum(delay > self.cycle_ms for delay in self.delays_ms)
+
+    @property
+    def none(self) -> int:
+        """Not answered."""
+        return self.asked - len(self.delays_ms)
+
+    def within_ms(self, share: float) -> float:
+        """So many of the answers came within this time."""
+        return self.delays_ms[min(int(share * len(self.delays_ms)), len(self.delays_ms) - 1)]
+
+    def model_us(self, share: float) -> float:
+        """So many of the model's parts of a cycle took at most this time."""
+        durations = self.counts["durations"]
+        longest = next(i for i in range(len(durations)) if sum(durations[: i + 1]) >= share * sum(durations))
+        return (longest + 1) * TIMING_STEP_NS / 1000
+
+    def __str__(self) -> str:
+        figures = " ".join(f"{self.within_ms(share):8.3f}" for share in (0.5, 0.99, 0.999, 1.0))
+        text = f"{self.name:8} {self.asked:6} {figures} {self.late:6} {self.none:6}   {self.granted}"
+        if not self.counts:
+            return text
+        counted = "{telegrams} telegrams, {skipped} skipped, {late} late answers".format(**self.counts)
+        text += f"\n  our process counts {counted}"
+        if not sum(self.counts["durations"]):
+            return text
+        parts = ", ".join(f"{name} {self.model_us(share):g}" for name, share in SHARES.items())
+        corrected = "{cycles} cycles corrected, {limited} of them cut by a limit".format(**self.counts)
+        return f"{text}\n  model part of a cycle, at most (µs): {parts}; {corrected}"
+
+
+@contextmanager
+def _real_time() -> Iterator[None]:
+    """The stand-in has real-time priority meanwhile."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(60))
+    except OSError:
+        print("the stand-in for the controller has no real-time priority: its own lateness is in the figures")
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
 
 
 def _free_port() -> int:
@@ -146,13 +202,13 @@ def _hear_until(due: float, peers: list[Peer]) -> None:
                 peer.hear()
 
 
-def compare(seconds: float, cycle: str, *, rights: bool, ours: str = "cellctl") -> None:
-    """Ask both for so long beside two busy loops, and print a row for each."""
+def compare(seconds: float, cycle: str, *, rights: bool, ours: str = "cellctl") -> list[Answers]:
+    """Ask both for so long beside two busy loops, and print what came of it; first ours."""
     peers = [Peer(ours, rights, cycle), Peer("RSIPI", rights, cycle)]
     cycle_ms = CYCLES_MS[cycle]
     asked = round(seconds * 1e3 / cycle_ms)
     stalls, turn = 0, 0
-    with busy_machine():
+    with busy_machine(), _real_time():
         start = time.perf_counter() + 0.1
         while turn < 2 * asked:
             due = start + turn * cycle_ms / 2000
@@ -162,14 +218,12 @@ def compare(seconds: float, cycle: str, *, rights: bool, ours: str = "cellctl") 
             peers[turn % 2].ask(1_000_000 + cycle_ms * (turn // 2))
             turn += 1
         _hear_until(time.perf_counter() + 0.2, peers)
+    found = [peer.end() for peer in peers]
     print(f"{'with' if rights else 'without'} real-time rights, {seconds:g} s beside two busy loops")
     print(f"  the stand-in for the controller was late itself, and left out {stalls} telegrams")
-    print(
-        f"driver    asked   median      p99    p99.9  longest   late   none   granted   (ms; late: after {cycle_ms} ms)"
-    )
-    for peer in peers:
-        print(peer.row(), flush=True)
-        print(peer.end(), end="")
+    print(f"driver    asked   median      p99    p99.9  longest   late   none   granted   (ms; late: > {cycle_ms} ms)")
+    print(*found, sep="\n", flush=True)
+    return found
 
 
 def serve(name: str, ethernet: Path, cycle: str) -> None:
@@ -183,10 +237,10 @@ def serve(name: str, ethernet: Path, cycle: str) -> None:
         sys.stdin.read()
         api.stop()
     else:
-        asyncio.run(_serve_ours(ethernet, cycle, online=name == ONLINE))
+        asyncio.run(_serve_ours(ethernet, cycle, corrects=name == ONLINE))
 
 
-async def _serve_ours(ethernet: Path, cycle: str, *, online: bool) -> None:
+async def _serve_ours(ethernet: Path, cycle: str, *, corrects: bool) -> None:
     from cellctl.devices import Address
     from drivers.kuka_rsi.cyclic.limits import SearchLimits
     from drivers.kuka_rsi.cyclic.shared_block import GUARDS, Slot
@@ -203,7 +257,7 @@ async def _serve_ours(ethernet: Path, cycle: str, *, online: bool) -> None:
     config = read_ethernet_config(settings)
     reply = ReplyFormat.of(config.sentype, config.receive, settings.correction, settings.stop)
     process = await CyclicProcess.start("robot", settings, "wall:0", reply.template, SearchLimits())
-    if online:
+    if corrects:
         process.block.online.place_model(_large_model())
         process.block.online.words[OnlineSlot.ORDER] = 1
     far = (4.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -213,11 +267,11 @@ async def _serve_ours(ethernet: Path, cycle: str, *, online: bool) -> None:
         await asyncio.sleep(0.01)
     print(json.dumps(process.granted), flush=True)
     await asyncio.to_thread(sys.stdin.read)
-    words = process.block.words
-    heard, skipped, late = (words[slot] for slot in (Slot.TELEGRAMS, Slot.SKIPPED, Slot.LATE))
-    print(f"  our process counts {heard} telegrams, {skipped} skipped, {late} late answers", flush=True)
-    if online:
-        print(_durations(process.block.online), flush=True)
+    words, online = process.block.words, process.block.online
+    counts: dict[str, Any] = {slot.name.lower(): words[slot] for slot in (Slot.TELEGRAMS, Slot.SKIPPED, Slot.LATE)}
+    status = online.status()
+    counts |= {"cycles": status.cycles, "limited": status.limited, "durations": online.timing()}
+    print(json.dumps(counts), flush=True)
     await process.end()
 
 
@@ -234,16 +288,6 @@ def _large_model() -> tuple[float, ...]:
     return pack(arrays)
 
 
-def _durations(online: OnlineBlock) -> str:
-    counts, status = online.timing(), online.status()
-    total, at = sum(counts), []
-    for share in (0.5, 0.99, 0.999):
-        longest = next(i for i in range(len(counts)) if sum(counts[: i + 1]) >= share * total)
-        at.append(f"{(longest + 1) * TIMING_STEP_NS / 1000:g}")
-    what = f"{status.cycles} cycles corrected, {status.limited} of them cut by a limit"
-    return f"  model part of a cycle, at most (µs): median {at[0]}, p99 {at[1]}, p99.9 {at[2]}; {what}"
-
-
 def main() -> None:
     """Both comparisons."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -256,10 +300,6 @@ def main() -> None:
     if asked.serve:
         serve(asked.serve[0], Path(asked.serve[1]), asked.cycle)
         return
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(60))
-    except OSError:
-        print("the stand-in for the controller has no real-time priority: its own lateness is in the figures")
     ours = ONLINE if asked.online else "cellctl"
     compare(asked.seconds, asked.cycle, rights=True, ours=ours)
     if shutil.which("setpriv") and not asked.rights_only:

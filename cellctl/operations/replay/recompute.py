@@ -113,7 +113,7 @@ class Sources:
 
     def surround(self) -> Surround:
         """The data that all steps share; without devices."""
-        return Surround(WallClock(), self.started.seed, self.run, load_yaml(self.cell), self.robot, {})
+        return Surround(WallClock(), self.started.seed, self.run, load_yaml(self.cell), self.robot, {}, recomputed=True)
 
     def with_original_paths(self, text: str) -> str:
         """A message with the paths of the run's own files."""

@@ -59,7 +59,7 @@ def compared(context: StepContext) -> Compared:
     data, left_out = pose_data(context)
     measured = measurements(robot, data, measure="position")
     split = Split.by_column(np.array([of == "test" for of in measured.sets]))
-    model = ModelFile.load(context.run_folder / "model.json")
+    model = ModelFile.load(context.artefact("model.json"))
     registered = _at_the_flange(from_prior(measured, model, ("base", "tool")).task)
     fits = _Fits(measured, fit(registered, split), fit(measured.task, split))
     poses = _judged_poses(fits, split)

@@ -53,7 +53,7 @@ def cube_of(context: StepContext) -> Cube:
 
 def compensated(context: StepContext, wanted: Cycles) -> tuple[TableFile, list[CubeRound]]:
     """The table of the five points, and the cycles by it. Raises InputError if a point cannot be compensated."""
-    model, cube = ModelFile.load(context.run_folder / MODEL_FILE), cube_of(context)
+    model, cube = ModelFile.load(context.artefact(MODEL_FILE)), cube_of(context)
     limit = table_correction_deg(context.cell)
     made = Compensable.of(model, cube.readings, Manner(DEFAULT_METHOD, None, limit))
     if not made.good.all():

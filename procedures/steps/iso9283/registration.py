@@ -38,7 +38,7 @@ class Arm:
     def of(cls, context: StepContext, *, nominal: bool = False) -> Arm:
         """The identified robot if a model was read, else the nominal one."""
         has_model = bool(context.recorded(ReadModelRow)) and not nominal
-        model = ModelFile.load(context.run_folder / MODEL_FILE) if has_model else None
+        model = ModelFile.load(context.artefact(MODEL_FILE)) if has_model else None
         return cls(RobotFile.load(context.robot_file), model)
 
     @property

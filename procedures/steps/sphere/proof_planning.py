@@ -58,5 +58,5 @@ def standoff_options(distance_mm: float) -> TouchOptions:
 
 def _seen(context: StepContext) -> Reach:
     """The joint range of the fit: outside it the model extrapolates, and no table may go there."""
-    region = ModelFile.load(context.run_folder / "model.json").joint_region
+    region = ModelFile.load(context.artefact("model.json")).joint_region
     return Reach(tuple(region.min), tuple(region.max), margin=0.0)

@@ -21,7 +21,7 @@ def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact
     """The row that a stand-off records."""
     import numpy as np
 
-    joints, models = _models(context.run_folder / "model.json")
+    joints, models = _models(context.artefact("model.json"))
     tips = models[target.run].tcp(joints.model([found.start, found.joints]))
     travel = float((tips[0] - tips[1]) @ np.array(target.normal))
     return StandOffRow(

@@ -80,7 +80,7 @@ def standoffs_and_table(context: StepContext, wanted: Wanted) -> Prepared:
     Before: nominal joints to targets about the centre by the nominal model. After: compensated joints to the
     same targets about the identified centre. Raises InputError if targets cannot be reached.
     """
-    model = ModelFile.load(context.run_folder / "model.json")
+    model = ModelFile.load(context.artefact("model.json"))
     sphere = _located(context, model, wanted.sphere)
     x, y, z = sphere.nominal.centre.tolist()
     half = wanted.reference_every // 2  # each target is two stand-offs

@@ -19,7 +19,7 @@ REFERENCE_C = 20.0
 
 def correction_file(context: StepContext, arm_c: float | None) -> CorrectionFile:
     """Of `model.json` in the run folder. Raises InputError for a model that cannot be applied on-line."""
-    model = ModelFile.load(context.run_folder / "model.json")
+    model = ModelFile.load(context.artefact("model.json"))
     load = load_of(context.cell)
     at = Postures(
         np.zeros((1, model.robot.n)),
@@ -36,4 +36,4 @@ def correction_file(context: StepContext, arm_c: float | None) -> CorrectionFile
 def nominal_joints(context: StepContext, pose: PosePlan) -> JointReadings:
     """The nominal joints of a target, deg, as the table in the run folder has them."""
     assert pose.row is not None
-    return tuple(TableFile.load(context.run_folder / "table.json").rows[pose.row - 1].nominal)
+    return tuple(TableFile.load(context.artefact("table.json")).rows[pose.row - 1].nominal)

@@ -166,7 +166,7 @@ def _errors_row(context: StepContext, targets: Targets, sigma: Floats) -> Target
 def predicted_sigma(context: StepContext, targets: Targets) -> Floats:
     """1 σ (N,), 3-D, mm, of the errors after: model, what the method leaves by the model, repeatability of the robot,
     and the measured point."""
-    table = TableFile.load(context.run_folder / "table.json")
+    table = TableFile.load(context.artefact("table.json"))
     rows = {row.number: table.rows[row.row - 1] for row in context.recorded(CompensatedRow)}
     each = [rows[int(number)] for number in targets.numbers]
     model, left = (

@@ -42,4 +42,4 @@ def read_model_of(context: StepContext, run: str, file: str = "", of_reflector: 
 def read_model(context: StepContext) -> ModelFile | None:
     """The model that this run read, from its run folder; None without one."""
     read = context.recorded(ReadModelRow)
-    return ModelFile.load(context.run_folder / MODEL_FILE) if read else None
+    return ModelFile.load(context.artefact(MODEL_FILE)) if read else None

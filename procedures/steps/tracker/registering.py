@@ -27,7 +27,7 @@ def registered_model(context: StepContext) -> Found:
     from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
 
     robot, read = RobotFile.load(context.robot_file), context.recorded(ReadModelRow)[-1]
-    prior = ModelFile.load(context.run_folder / MODEL_FILE)
+    prior = ModelFile.load(context.artefact(MODEL_FILE))
     data, ambiguous = pose_data(context)
     measured = from_prior(measurements(robot, data, measure="position"), prior, ("base",), read.run)
     split = held_out_split(measured)

@@ -50,7 +50,7 @@ def compensated_rounds(context: StepContext, wanted: Wanted) -> Prepared:
     """The table of the held-out poses, and their plans. Targets: where the registered nominal robot would be, in the
     instrument's frame of the first session. Raises InputError if no target can be compensated.
     """
-    model, manner = ModelFile.load(context.run_folder / "model.json"), manner_of(context, wanted.method, wanted.passes)
+    model, manner = ModelFile.load(context.artefact("model.json")), manner_of(context, wanted.method, wanted.passes)
     sessions, rows = Sessions.of(context), [row for row in context.recorded(PoseRow) if row.set == "test"]
     known = [row for row in rows if sessions.session(row.visit)]
     if not known:
@@ -140,5 +140,5 @@ def _round(context: StepContext, poses: list[PosePlan], number: int) -> Round:
 
 
 def _home(context: StepContext) -> list[float]:
-    model = ModelFile.load(context.run_folder / "model.json")
+    model = ModelFile.load(context.artefact("model.json"))
     return rounded(postures_of(context.cell, model.robot, "turn").home)

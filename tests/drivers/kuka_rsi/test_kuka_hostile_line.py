@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import socket
 import time
 from pathlib import Path
 from statistics import median
+
+from studies import load_study
 
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
@@ -20,14 +21,6 @@ HOME = (0.0,) * 6
 TEMPLATE = '<Sen><AK A1="{0:.6f}"/><Stop>{6:d}</Stop><IPOC>{7}</IPOC></Sen>'
 FLOOD = 300
 ROUNDS = 60
-
-
-def load_study(name):
-    path = Path(__file__).resolve().parents[2] / "studies" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_garbled_telegrams_neither_end_the_process_nor_keep_it_from_answering(run):
