@@ -27,6 +27,9 @@ TABLE_CORRECTION_DEG = 2.0
 """Default limit of a table's correction of a joint, deg: a robot of this class is within half a degree; rows near a
 singularity are not."""
 
+ONLINE_CORRECTION_DEG = 0.5
+"""Default limit of an on-line correction of a joint, deg, that of the driver."""
+
 _RESERVED = {
     TABLE: f"'{TABLE}' in `limits:` stands for compensation tables",
     **dict.fromkeys(("control", "time", "seed", "pid"), "the simulators' ready file has an entry of this name"),
@@ -154,6 +157,12 @@ def table_correction_deg(document: Document) -> float:
     """The largest correction of a joint by a compensation table, deg, from the cell file: `limits: {table: …}`."""
     stated = (document.data.get("limits") or {}).get(TABLE) or {}
     return float(stated.get("correction_deg", TABLE_CORRECTION_DEG))
+
+
+def online_correction_deg(document: Document) -> float:
+    """The largest on-line correction of a joint, deg, from the cell file: `limits: {robot: …}`."""
+    stated = (document.data.get("limits") or {}).get("robot") or {}
+    return float(stated.get("online_correction_deg", ONLINE_CORRECTION_DEG))
 
 
 def _table_limits(document: Document, model: _CellModel) -> list[Problem]:

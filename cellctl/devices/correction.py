@@ -77,6 +77,9 @@ class CorrectingRobot(MovingRobot, Protocol):
     def correction_id(self) -> str:
         """The id of the model in force; empty without an on-line correction."""
 
+    async def programmed_joints(self) -> JointReadings:
+        """Where its own program has the robot, degrees: actual joints less the correction. Raises as `joints`."""
+
     def correction_samples(self) -> tuple[CorrectionSample, ...]:
         """The samples since the last call, up to half a second ago."""
 

@@ -19,12 +19,14 @@ AT_A_POINT_DEG = 0.2
 """Within this distance of a point of the path, the robot counts as there."""
 
 
-async def rejoin(robot: MovingRobot, way: Sequence[JointReadings], speed_percent: float) -> int:
-    """Move the robot back along `way` to one of its points; returns the index.
+async def rejoin(
+    robot: MovingRobot, way: Sequence[JointReadings], speed_percent: float, here: JointReadings | None = None
+) -> int:
+    """Move the robot back along `way` to one of its points; returns the index. here: None: its actual joints.
 
     Does not move if it is at the first point. Raises DeviceRefused if it is off the path; DeviceLost.
     """
-    here = await robot.joints()
+    here = here or await robot.joints()
     index = last_point_before(way, here)
     if index is None:
         raise DeviceRefused(

@@ -355,8 +355,9 @@ def run_fake(
     resumed: FakeRun | None = None,
     name: str = "run",
     began: str = "now",
+    kind: type[FakeRobot] = FakeRobot,
 ) -> FakeRun:
-    """Run a procedure on fake devices, in the folder `name`; began: its calendar time.
+    """Run a procedure on fake devices, in the folder `name`; began: its calendar time; kind: of the robot.
 
     resumed: continue this run, which has ended, with its robot where it was.
     """
@@ -367,7 +368,7 @@ def run_fake(
         loaded = load_procedure(procedure)
         assert loaded.problems == (), loaded.problems
         values = {one.name: one.default for one in loaded.parameters.values()} | (parameters or {})
-        robot, tracker = FakeRobot("robot", true, clock), FakeTracker("tracker", true, clock, faults or Faults())
+        robot, tracker = kind("robot", true, clock), FakeTracker("tracker", true, clock, faults or Faults())
         devices: dict[str, Any] = {
             "robot": robot,
             "tracker": tracker,

@@ -36,6 +36,12 @@ def brought_back(here: tuple[float, ...]) -> tuple[int, list[tuple[float, ...]]]
     return asyncio.run(rejoin(robot, WAY, 5.0)), robot.moves
 
 
+def test_a_robot_that_is_corrected_on_line_is_where_its_program_has_it() -> None:
+    robot: Any = Robot((11.2, 6.5))
+    assert asyncio.run(rejoin(robot, WAY, 5.0, here=(10.0, 5.0))) == 1
+    assert robot.moves == [WAY[1]]
+
+
 def test_at_the_beginning_nothing_moves() -> None:
     assert brought_back((0.0, 0.1)) == (0, [])
 

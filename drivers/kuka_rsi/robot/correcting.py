@@ -124,6 +124,12 @@ class Correcting:
         rows, self._tail = self._lines.process.block.online.log(self._tail, until_ns)
         return tuple(CorrectionSample(row.arrival_ns, row.programmed, row.correction, row.inside) for row in rows)
 
+    def programmed(self) -> tuple[float, ...] | None:
+        """The programmed joints of the last telegram, degrees; None without a correction."""
+        block = self._lines.process.block
+        corrects = self._holding.correcting and block.status().phase in (Phase.MOVING, Phase.BRAKING, Phase.LEAVING)
+        return block.online.status().programmed if corrects else None
+
     def trouble(self) -> DeviceFault | DeviceLost | None:
         """Why the correction is no longer applied as ordered; None if it is, or none is on."""
         if not self._holding.correcting:

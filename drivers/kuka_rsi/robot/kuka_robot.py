@@ -221,6 +221,10 @@ class KukaRobot:
         """The id of the model in force; see CorrectingRobot."""
         return self._correcting.model_id if self._holding.correcting else ""
 
+    async def programmed_joints(self) -> JointReadings:
+        """Where its own program has the robot; see CorrectingRobot."""
+        return self._correcting.programmed() or await self.joints()
+
     def correction_samples(self) -> tuple[CorrectionSample, ...]:
         """The samples since the last call; see CorrectingRobot."""
         return self._correcting.samples()

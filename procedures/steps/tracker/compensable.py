@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self, final
+from typing import Protocol, Self, final
 
 import numpy as np
 
 from cellctl.compensation import Compensated
+from cellctl.devices.cell import online_correction_deg, table_correction_deg
 from cellctl.formats import ModelFile
 from cellctl.formats.table_making import compensated_targets, nominal_chain, target_rows, valid_region
 from cellctl.formats.table_refusals import row_problems
 from cellctl.kinematics import Bools, Floats
+from cellctl.procedure import CellContext
 
 
 @final
@@ -28,6 +30,34 @@ class Manner:
         """As a table file names it."""
         made = "" if self.passes is None else f", {self.passes} pass{'' if self.passes == 1 else 'es'}"
         return f"{self.method}{made}"
+
+
+class MannerWanted(Protocol):
+    """The part of a step's settings that says how targets are compensated."""
+
+    @property
+    def method(self) -> str:
+        """Method of compensation."""
+
+    @property
+    def passes(self) -> int:
+        """Passes of the method, 0: until it converges."""
+
+    @property
+    def online(self) -> bool:
+        """Whether the robot goes to the nominal joints and is corrected on-line."""
+
+
+_OF_ONLINE_LIMIT = 0.9
+"""Share of the on-line limit that a target may need: a correction keeps room for braking before it."""
+
+
+def manner_of(context: CellContext, wanted: MannerWanted) -> Manner:
+    """How a step compensates in this cell."""
+    limit = table_correction_deg(context.cell)
+    if wanted.online:
+        limit = min(limit, _OF_ONLINE_LIMIT * online_correction_deg(context.cell))
+    return Manner(wanted.method, wanted.passes or None, limit)
 
 
 @final

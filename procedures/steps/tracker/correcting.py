@@ -73,8 +73,6 @@ async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correcti
 )
 async def measure_corrected(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a target by its nominal joints and its approach, corrected on-line, and measure the reflector."""
-    from procedures.steps.tracker.correction_file import nominal_joints
-
     robot: CorrectingRobot = context.device("robot")
     wanted = context.recorded(CorrectionModelRow)[-1].id
 
@@ -82,9 +80,9 @@ async def measure_corrected(context: StepContext, inputs: MeasureInputs) -> Meas
         if robot.correction_id() != wanted:
             cure = "Resume the run: its correction is switched on again."
             raise DeviceRefused("robot", f"on-line correction {wanted[:12]} of this run is not on", cure)
-        return await robot.move(nominal_joints(context, inputs.pose), inputs.transfer_percent * NEAR_SHARE)
+        return await robot.move(tuple(inputs.pose.joints), inputs.transfer_percent * NEAR_SHARE)
 
-    found = await measure_pose(context, inputs, to_target)
+    found = await measure_pose(context, inputs, to_target, await robot.programmed_joints())
     await context.record(CorrectionLogRow.of(robot.correction_samples()))
     return found
 

@@ -1,17 +1,15 @@
-"""The correction model of a run, at the load and the temperature of the cell, and the targets' nominal joints."""
+"""The correction model of a run, at the load and the temperature of the cell."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cellctl.calibration import Postures
-from cellctl.devices import JointReadings
 from cellctl.files import InputError
-from cellctl.formats import ModelFile, TableFile
+from cellctl.formats import ModelFile
 from cellctl.formats.load import load_of
 from cellctl.formats.online import CorrectionFile
 from cellctl.procedure import StepContext
-from procedures.steps.tracker.plans import PosePlan
 
 REFERENCE_C = 20.0
 """The temperature at which a model's lengths hold."""
@@ -31,9 +29,3 @@ def correction_file(context: StepContext, arm_c: float | None) -> CorrectionFile
         return CorrectionFile.of(model, at)
     except ValueError as error:
         raise InputError(context.cell.problem((), str(error), "identify a model without it (--set model=…)")) from error
-
-
-def nominal_joints(context: StepContext, pose: PosePlan) -> JointReadings:
-    """The nominal joints of a target, deg, as the table in the run folder has them."""
-    assert pose.row is not None
-    return tuple(TableFile.load(context.artefact("table.json")).rows[pose.row - 1].nominal)

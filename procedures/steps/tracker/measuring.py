@@ -113,11 +113,14 @@ async def measure_compensated(context: StepContext, inputs: MeasureInputs) -> Me
 
 
 async def measure_pose(
-    context: StepContext, inputs: MeasureInputs, arrive: Callable[[], Awaitable[JointReadings]]
+    context: StepContext,
+    inputs: MeasureInputs,
+    arrive: Callable[[], Awaitable[JointReadings]],
+    here: JointReadings | None = None,
 ) -> Measured:
-    """Approach, `arrive`, measure, record; the row is the pose's own."""
+    """Approach from `here` (None: the actual joints), `arrive`, measure, record; the row is the pose's own."""
     pose, robot = inputs.pose, context.device("robot")
-    await approach(robot, pose, inputs.transfer_percent)
+    await approach(robot, pose, inputs.transfer_percent, here)
     fields = await measured_fields(context, pose, await arrive(), inputs.settling)
     if inputs.reflectors > 1 and pose.kind in ("fit", "test"):
         fields["others"] = await measured_plate(context, fields, inputs.reflectors, inputs.settling)
@@ -167,10 +170,13 @@ async def measured_plate(
     return tuple(points)
 
 
-async def approach(robot: MovingRobot, pose: PosePlan, percent: float) -> None:
-    """To the approach: along the planned way, or, after an interruption, from where the robot is on it."""
+async def approach(robot: MovingRobot, pose: PosePlan, percent: float, here: JointReadings | None = None) -> None:
+    """To the approach: along the planned way, or, after an interruption, from where the robot is on it.
+
+    here: as `rejoin` has it.
+    """
     way = [tuple(joints) for joints in (pose.origin, *pose.way, pose.joints)]
-    passed = await rejoin(robot, way, percent)
+    passed = await rejoin(robot, way, percent, here)
     for joints in way[min(passed + 1, len(way) - 2) : -1]:
         await robot.move(joints, percent)
 

@@ -66,8 +66,8 @@ class PlanTargetsInputs(StepInputs):
     """fit: poses to identify from if no model was read; registration: poses that register one that was read.
 
     targets: how many at most; target_file: file of the targets, from the cell file's folder; empty: they are planned.
-    from_both: share of the identification's poses that are measured from both sides. method, passes: of compensation,
-    as in `tracker.compensate`.
+    from_both: share of the identification's poses that are measured from both sides. method, passes, online: of
+    compensation, as in `tracker.compensate`.
     """
 
     fit: Annotated[int, Field(ge=10, le=2000)]
@@ -78,6 +78,7 @@ class PlanTargetsInputs(StepInputs):
     from_both: Annotated[float, Field(ge=0, le=1)] = 0.15
     method: str = DEFAULT_METHOD
     passes: Annotated[int, Field(ge=0)] = 0
+    online: bool = False
 
 
 def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:

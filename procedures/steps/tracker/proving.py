@@ -18,12 +18,14 @@ from procedures.steps.tracker.rows import TrackerVerdict
 class CompensateInputs(StepInputs):
     """monuments_every: targets between two visits to the monuments. method: one of `cellctl.compensation.METHODS`.
 
-    passes: of the method; 0: until it converges.
+    passes: of the method; 0: until it converges. online: the targets are corrected on-line, within that limit, and the
+    table is their record.
     """
 
     monuments_every: Annotated[int, Field(ge=5)] = 30
     method: str = DEFAULT_METHOD
     passes: Annotated[int, Field(ge=0)] = 0
+    online: bool = False
 
 
 class Compensation(StepResult):

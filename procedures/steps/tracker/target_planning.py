@@ -9,7 +9,6 @@ from typing import Protocol, final
 
 import numpy as np
 
-from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile, RobotFile, postures_of
 from cellctl.formats.table_making import valid_region
@@ -18,7 +17,7 @@ from cellctl.planning import OutOfReach
 from cellctl.planning.measuring_poses import Counts, MeasuringArm, measuring_postures, plan_given_poses
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
-from procedures.steps.tracker.compensable import Compensable, Manner
+from procedures.steps.tracker.compensable import Compensable, MannerWanted, manner_of
 from procedures.steps.tracker.given_poses import GivenPoses
 from procedures.steps.tracker.plans import Round
 from procedures.steps.tracker.pose_planning import pose_limits, pose_seed, rounds_of
@@ -31,7 +30,7 @@ _INSIDE_DEG = 1.0
 """Planned targets keep this distance from the end of the measured region: their compensated joints are inside, too."""
 
 
-class Wanted(Protocol):
+class Wanted(MannerWanted, Protocol):
     """The procedure's settings."""
 
     @property
@@ -57,14 +56,6 @@ class Wanted(Protocol):
     @property
     def from_both(self) -> float:
         """Share of the poses of an identification that are measured from both sides."""
-
-    @property
-    def method(self) -> str:
-        """Method of compensation."""
-
-    @property
-    def passes(self) -> int:
-        """Passes of the method, 0: until it converges."""
 
 
 @final
@@ -95,11 +86,6 @@ class _Candidates:
             if reason
         )
         return self.readings[usable], tuple(left_out)
-
-
-def manner_of(context: CellContext, method: str, passes: int) -> Manner:
-    """How a step compensates in this cell; passes 0: until it converges."""
-    return Manner(method, passes or None, table_correction_deg(context.cell))
 
 
 def planned_targets(context: CellContext, wanted: Wanted, model: ModelFile | None) -> TargetPlan:
@@ -157,7 +143,7 @@ class _Planner:
     def _candidates(self, readings: Floats, names: Sequence[str], reasons: Sequence[str]) -> _Candidates:
         if self.model is None or not len(readings):
             return _Candidates(readings, names, reasons)
-        manner = manner_of(self.context, self.wanted.method, self.wanted.passes)
+        manner = manner_of(self.context, self.wanted)
         found = Compensable.of(self.model, readings, manner).reasons
         return _Candidates(readings, names, [ours or theirs for ours, theirs in zip(reasons, found, strict=True)])
 

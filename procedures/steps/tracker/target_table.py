@@ -11,11 +11,10 @@ from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, postures_of
 from cellctl.formats.table_making import table_of
 from cellctl.procedure import StepContext
-from procedures.steps.tracker.compensable import Compensable, Manner
+from procedures.steps.tracker.compensable import Compensable, Manner, MannerWanted, manner_of
 from procedures.steps.tracker.plans import PosePlan, Round
 from procedures.steps.tracker.rows import PoseRow, ReturnRow, TargetsRow
 from procedures.steps.tracker.sessions import Sessions
-from procedures.steps.tracker.target_planning import manner_of
 from procedures.steps.tracker.turn_planning import APPROACH_DEG, return_pose, rounded, turn_posture
 
 
@@ -30,27 +29,19 @@ class Prepared:
     sentence: str
 
 
-class Wanted(Protocol):
+class Wanted(MannerWanted, Protocol):
     """The procedure's settings."""
 
     @property
     def monuments_every(self) -> int:
         """Targets between two visits to the monuments."""
 
-    @property
-    def method(self) -> str:
-        """Method of compensation."""
-
-    @property
-    def passes(self) -> int:
-        """Its passes, 0: until it converges."""
-
 
 def compensated_rounds(context: StepContext, wanted: Wanted) -> Prepared:
     """The table of the held-out poses, and their plans. Targets: where the registered nominal robot would be, in the
     instrument's frame of the first session. Raises InputError if no target can be compensated.
     """
-    model, manner = ModelFile.load(context.artefact("model.json")), manner_of(context, wanted.method, wanted.passes)
+    model, manner = ModelFile.load(context.artefact("model.json")), manner_of(context, wanted)
     sessions, rows = Sessions.of(context), [row for row in context.recorded(PoseRow) if row.set == "test"]
     known = [row for row in rows if sessions.session(row.visit)]
     if not known:
@@ -74,7 +65,7 @@ def compensated_rounds(context: StepContext, wanted: Wanted) -> Prepared:
         method=manner.method,
         passes=manner.passes,
     )
-    return Prepared(_rounds(context, table, used, wanted.monuments_every), table.text(), row, _sentence(row))
+    return Prepared(_rounds(context, table, used, wanted), table.text(), row, _sentence(row))
 
 
 _AMBIGUOUS = "the station moved between the visits to the monuments before and after it"
@@ -96,12 +87,19 @@ def _table(context: StepContext, model: ModelFile, targets: Compensable, manner:
 
 def _sentence(row: TargetsRow) -> str:
     sentence = f"{row.rows} held-out poses compensated, joints by up to {row.max_correction_deg:.3f}°"
-    named = "; ".join(f"pose {number}: {reason}" for number, reason in zip(row.left_out, row.reasons, strict=True))
-    return f"{sentence}; {len(row.left_out)} left out: {named}" if named else sentence
+    if not row.left_out:
+        return sentence
+    named = [f"pose {number}: {reason}" for number, reason in zip(row.left_out, row.reasons, strict=True)]
+    more = f"; {len(named) - _NAMED} more in the report" if len(named) > _NAMED else ""
+    return f"{sentence}; {len(named)} left out: {'; '.join(named[:_NAMED])}{more}"
 
 
-def _rounds(context: StepContext, table: TableFile, rows: list[PoseRow], monuments_every: int) -> list[Round]:
-    plans = _plans(context, table, rows)
+_NAMED = 3
+"""So many of the targets that are left out stand in the line for the operator."""
+
+
+def _rounds(context: StepContext, table: TableFile, rows: list[PoseRow], wanted: Wanted) -> list[Round]:
+    plans, monuments_every = _plans(context, table, rows, wanted.online), wanted.monuments_every
     first = 1 + max(each.number for each in (*context.recorded(PoseRow), *context.recorded(ReturnRow)))
     return [
         _round(context, plans[start : start + monuments_every], first + number)
@@ -109,12 +107,12 @@ def _rounds(context: StepContext, table: TableFile, rows: list[PoseRow], monumen
     ]
 
 
-def _plans(context: StepContext, table: TableFile, rows: list[PoseRow]) -> list[PosePlan]:
+def _plans(context: StepContext, table: TableFile, rows: list[PoseRow], online: bool) -> list[PosePlan]:
     """The targets in the order in which they were measured before; each is reached over home, by its first approach."""
     home = _home(context)
     plans: list[PosePlan] = []
     for number, (entry, row) in enumerate(zip(table.rows, rows, strict=True), 1):
-        joints = np.array(entry.compensated)
+        joints = np.array(entry.nominal if online else entry.compensated)
         origin = plans[-1].joints if plans else rounded(turn_posture(context))
         plans.append(
             PosePlan(
