@@ -14,8 +14,9 @@ from cellctl.console.known_runs import known_rows
 from cellctl.console.look import COLOURS, command_button, problem_list, section, state_word
 from cellctl.console.run_words import figures, mm
 from cellctl.console.shared import console
-from cellctl.files import InputError, Problem
+from cellctl.files import InputError
 from cellctl.journal import JournalError
+from cellctl.operations.failure import Failure
 from cellctl.operations.run_files import run_named
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.report.numbers import fixed, with_sigma
@@ -63,11 +64,8 @@ async def _comparison(a: str, b: str) -> None:
     try:
         first, second = (run_named(console().runs, name) for name in (a, b))
         found = await asyncio.to_thread(compare_runs, first, second)
-    except InputError as error:
-        problem_list(error.problems)
-        return
-    except JournalError as error:
-        problem_list([Problem(str(error.path), 0, 0, error.what, error.cure)])
+    except (InputError, JournalError) as error:
+        problem_list(Failure.of(error).problems)
         return
     for note in found.notes:
         state_word("warning", note)
