@@ -9,10 +9,9 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from cellctl.console.command_jobs import command_job
+from cellctl.console.commands import recompute
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.job_view import JobView
-from cellctl.console.jobs import Job
 from cellctl.console.look import command_button, facts, link_button, problem_list, section, state_word
 from cellctl.console.run_words import figures, look_of_state, look_of_verdict, mm, shown_time
 from cellctl.console.shared import console
@@ -137,7 +136,7 @@ class _Replay:
             self._view = JobView(self._show)
 
     async def _start(self, operator: Operator) -> None:
-        job = await _job(operator, "replay", self._place)
+        job = await recompute(operator, "replay", self._place)
         self._button.disable()
         self._view.follow(job, self._button.enable)
 
@@ -187,7 +186,7 @@ class _Report:
         self._view = JobView(self._written)
 
     async def _start(self, operator: Operator) -> None:
-        self._view.follow(await _job(operator, "report", self._place))
+        self._view.follow(await recompute(operator, "report", self._place))
 
     def _written(self, _: object) -> None:
         self._area.clear()
@@ -200,14 +199,6 @@ class _Report:
             link_button("Open the report alone, to print", target, icon="print")
         frame_ = ui.element("iframe").classes("report-frame")
         frame_.props["src"], frame_.props["title"] = target, f"Calibration report of {self._place.name}"
-
-
-async def _job(operator: Operator, operation: str, place: Path) -> Job:
-    """Start `operation` of `cellctl.console.run_jobs` on the run in `place`."""
-    title, request = f"{operation} of {place.name}", {"place": str(place)}
-    return await command_job(
-        operator, operation, place.name, lambda: console().jobs.start(title, operation, request, operator.name)
-    )
 
 
 def _size(size: int) -> str:
