@@ -122,3 +122,18 @@ def test_a_table_is_pushed_and_rolled_back_only_with_the_typed_serial(page: Any,
         line["outcome"] for line in httpx.get(f"{served.url}/api/audit").json() if line["command"] == "table push"
     ]
     assert outcomes == ["done", "failed"]
+
+
+@pytest.mark.parametrize(
+    "path", ["/tables", "/daily", "/run/sphere-11/result", "/compare?a=sphere-10&b=sphere-11", "/api"]
+)
+def test_every_table_has_a_name_and_headings_and_is_scrolled_by_keyboard(
+    page: Any, served: ConsoleProcess, path: str
+) -> None:
+    page.goto(served.url + path)
+    page.locator("table.figures").first.wait_for(state="attached")
+    for table in page.locator("table.figures").all():
+        region = table.locator("xpath=..")
+        assert (region.get_attribute("role"), region.get_attribute("tabindex")) == ("region", "0")
+        assert region.get_attribute("aria-label")
+        assert table.locator("th[scope=col]").count() == table.locator("tr").first.locator("th").count() > 1

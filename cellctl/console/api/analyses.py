@@ -14,15 +14,13 @@ from pydantic import BaseModel, Field
 
 from cellctl.console import analysis_commands as commands
 from cellctl.console.api.answers import COMMANDS, READS, AnalysisName, Commander, Refused
+from cellctl.console.known_runs import REPORT_CONTENT
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations import analyses
 from cellctl.operations.robot_library import robots
 
 router = APIRouter(prefix="/api", tags=["analyses"])
-
-REPORT_CONTENT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
-"""Content-Security-Policy of a report: it shows itself, and nothing else."""
 
 _MEDIA = {".html": "text/html", ".json": "application/json", ".urdf": "application/xml", ".csv": "text/csv"}
 

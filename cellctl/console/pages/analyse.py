@@ -12,10 +12,11 @@ from cellctl.console import analysis_commands as commands
 from cellctl.console.following import follow_event
 from cellctl.console.frame import TokenDialog, frame, operator
 from cellctl.console.guarding import LARGEST_BODY
-from cellctl.console.look import State, command_button, section, state_word
+from cellctl.console.look import Cell, State, command_button, figures, section, state_word, words
 from cellctl.console.page_commands import show_problems
 from cellctl.console.pages.import_answers import ImportAnswers, names_fields
 from cellctl.console.pages.uploading import drop_zone, upload_of
+from cellctl.console.run_words import shown_time
 from cellctl.console.shared import console
 from cellctl.files import InputError, Problem
 from cellctl.operations import analyses
@@ -156,30 +157,21 @@ def _table(found: list[dict[str, Any]]) -> None:
     if not found:
         ui.label("None yet.").classes("note")
         return
-    with ui.element("div").classes("scrolling"), ui.element("table").classes("figures"):
-        with ui.element("thead"), ui.element("tr"):
-            for name in ("Data file", "Robot", "State", "Result", "Uploaded (UTC)", "By"):
-                with ui.element("th").classes("words"):
-                    ui.label(name)
-        with ui.element("tbody"):
-            for each in found:
-                _row(each)
+    columns = words("Data file", "Robot", "State", "Result", "Uploaded (UTC)", "By")
+    figures(columns, map(_row, found), label="Analyses")
 
 
-def _row(each: dict[str, Any]) -> None:
+def _row(each: dict[str, Any]) -> list[Cell]:
     outcome = each["outcome"] or {}
     state, word = STATES[outcome.get("verdict") or each["state"]]
-    with ui.element("tr"):
-        with ui.element("td").classes("words"):
-            ui.link(each["data"], f"/analyse/{each['name']}")
-        for cell in (each["library"] or each["robot"] or "–",):
-            with ui.element("td").classes("words"):
-                ui.label(cell)
-        with ui.element("td").classes("words"):
-            state_word(state, word)
-        for cell in (result_words(outcome), each["created"].replace("T", " ").rstrip("Z"), each["operator"]):
-            with ui.element("td").classes("words"):
-                ui.label(cell)
+    return [
+        lambda: ui.link(each["data"], f"/analyse/{each['name']}"),
+        each["library"] or each["robot"] or "–",
+        lambda: state_word(state, word),
+        result_words(outcome),
+        shown_time(each["created"]),
+        each["operator"],
+    ]
 
 
 def result_words(outcome: dict[str, Any]) -> str:

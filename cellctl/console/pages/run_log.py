@@ -71,8 +71,7 @@ class RunLog:
         self._found.set_text(f"{number} of {len(lines)} lines{shown}")
 
     def _fits(self, line: LogLine) -> bool:
-        text = (self._text.value or "").casefold()
-        return self._kind.value in ("", line.kind) and text in f"{line.text} {line.who} {line.step}".casefold()
+        return line.fits(self._kind.value, self._text.value or "")
 
     def _push(self, lines: list[LogLine]) -> None:
         self._found.set_text("")
