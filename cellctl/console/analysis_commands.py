@@ -62,6 +62,15 @@ async def upload(
     return await console().command(operator, "upload", data.name, work)
 
 
+async def example(operator: Operator) -> str:
+    """A new analysis of the simulated example; its name."""
+
+    async def save(path: Path) -> None:
+        await asyncio.to_thread(shutil.copyfile, analyses.EXAMPLE, path)
+
+    return await upload(operator, Upload(analyses.EXAMPLE.name, save), {}, analyses.EXAMPLE_ROBOT)
+
+
 async def choose_robot(operator: Operator, name: str, library: str = "", file: Upload | None = None) -> None:
     """Another robot for the analysis `name`: of the library, or of a robot file. Raises InputError."""
     folder = _idle(name)

@@ -19,6 +19,9 @@ from cellctl.operations.fit_options import Asked, Judging
 from cellctl.robots import library, near
 
 FOLDER = "analyses"
+EXAMPLE = Path(__file__).parent / "simulated_kr5_r1400.csv"
+"""100 positions of a simulated KR5 R1400, made by `tests/helpers/simulated_example.py`: no real robot is in it."""
+EXAMPLE_ROBOT = "kr5_r1400"
 RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK = "analysis.json", "understood.json", "outcome.json", "log.jsonl", "lock"
 MODEL, REPORT, FIT, URDF = "model.json", "report.html", "fit.json", "robot.urdf"
 RESULTS = {MODEL: "model", REPORT: "report", URDF: "URDF", FIT: "figures (JSON)"}

@@ -13,11 +13,12 @@ from cellctl.console.following import follow_event
 from cellctl.console.frame import TokenDialog, frame, operator
 from cellctl.console.guarding import LARGEST_BODY
 from cellctl.console.look import Cell, State, command_button, figures, section, state_word, words
-from cellctl.console.page_commands import show_problems
+from cellctl.console.page_commands import Commands, show_problems
 from cellctl.console.pages.import_answers import ImportAnswers, names_fields
 from cellctl.console.pages.uploading import drop_zone, upload_of
 from cellctl.console.run_words import shown_time
 from cellctl.console.shared import console
+from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.operations import analyses
 from cellctl.operations.uploaded_files import roles
@@ -49,6 +50,7 @@ async def analyse() -> None:
             "the robot is, identify it, and take model, URDF and compensated programs away. No cell is needed."
         ).style("max-width: 60rem")
         _UploadPart()
+        _Example()
         with section("Analyses of this folder"):
             _List(found)
 
@@ -116,6 +118,27 @@ class _UploadPart:
 
     def _refused(self, problems: list[Problem]) -> None:
         show_problems(self._problems, problems)
+
+
+class _Example:
+    """One click analyses simulated data."""
+
+    def __init__(self) -> None:
+        with ui.element("div").classes("row"):
+            self._button = command_button("Try it with simulated data", lambda: self._commands.give(self._load))
+            ui.label("100 positions of a simulated KUKA KR5 R1400 with errors of its own: no real robot.").classes(
+                "note"
+            )
+            self._busy = ui.spinner(size="1.4em")
+        self._busy.set_visibility(False)
+        self._commands = Commands()
+
+    async def _load(self, here: Operator) -> None:
+        self._busy.set_visibility(True)
+        try:
+            ui.navigate.to(f"/analyse/{await commands.example(here)}")
+        finally:
+            self._busy.set_visibility(False)
 
 
 def _ask_for_token(then: Any) -> None:
