@@ -71,8 +71,13 @@ async def example(operator: Operator) -> str:
     return await upload(operator, Upload(analyses.EXAMPLE.name, save), {}, analyses.EXAMPLE_ROBOT)
 
 
-async def choose_robot(operator: Operator, name: str, library: str = "", file: Upload | None = None) -> None:
-    """Another robot for the analysis `name`: of the library, or of a robot file. Raises InputError."""
+async def choose_robot(
+    operator: Operator, name: str, library: str = "", file: Upload | None = None, repeatability: str = ""
+) -> None:
+    """Another robot for the analysis `name`: of the library, or of a robot file or URDF. Raises InputError.
+
+    repeatability: of a URDF's robot, mm.
+    """
     folder = _idle(name)
 
     async def work() -> None:
@@ -81,6 +86,8 @@ async def choose_robot(operator: Operator, name: str, library: str = "", file: U
             given = analyses.free_name(folder, file.name, "robot")
             await file.save(folder / given)
         before = analyses.Analysis.load(folder)
+        if repeatability:
+            replace(before, answers={**before.answers, "repeatability": repeatability}).save(folder)
         analyses.set_robot(folder, library, given)
         try:
             await result_of(_understanding(operator, folder))

@@ -16,6 +16,7 @@ from cellctl.console.server import api_app, guarded, new_console
 from cellctl.console.shared import Settings
 from cellctl.journal.lock import WriterLock
 from cellctl.operations import analyses
+from cellctl.operations.exporting import ExportOptions, exported, read_source
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 COMMANDS = {"authorization": "Bearer secret", "x-operator": "Ada"}
@@ -177,6 +178,27 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     url = f"/api/analyses/{folder.name}/programs"
     answer = run(tmp_path, lambda client: client.post(url, files=files, headers=COMMANDS))
     assert (answer.status_code, answer.json()["problems"][0]["what"]) == (422, "is there more than once")
+
+
+def test_a_urdf_is_taken_with_the_repeatability_that_it_lacks(tmp_path: Path) -> None:
+    made = exported(read_source(INPUTS / "robot.yaml", None, None, None), "urdf", ExportOptions())
+    urdf = ("arm.urdf", str(made.content).encode())
+
+    async def work(client: httpx.AsyncClient) -> tuple[httpx.Response, httpx.Response]:
+        files = {"data": ("data.csv", (INPUTS / "positions.csv").read_bytes())}
+        library = {"library": "kr5_r1400"}
+        name = (await client.post("/api/analyses", files=files, data=library, headers=COMMANDS)).json()["name"]
+        place = f"/api/analyses/{name}/robot"
+        refused = await client.post(place, files={"file": urdf}, headers=COMMANDS)
+        stated = {"repeatability": "0.05"}
+        return refused, await client.post(place, files={"file": urdf}, data=stated, headers=COMMANDS)
+
+    refused, taken = run(tmp_path, work)
+    assert (refused.status_code, refused.json()["problems"][0]["file"]) == (422, "arm.urdf")
+    assert "repeatability" in refused.json()["what"]
+    assert (taken.status_code, taken.json()["library"]) == (200, "")
+    assert taken.json()["robot"].endswith("arm.yaml")
+    assert dict(taken.json()["understood"]["facts"])["Set-up check"] == "no set-up error found"
 
 
 @pytest.mark.long

@@ -82,7 +82,7 @@ class _UploadPart:
                 self._upload = drop_zone(
                     "Drop a data file here",
                     "A CSV data set, a table with joints and positions, or a robot program and its table of positions "
-                    "together. A robot file and an artefact file (YAML) may come along. "
+                    "together. A robot file (YAML or URDF) and an artefact file (YAML) may come along. "
                     f"At most {LARGEST_BODY // 1_000_000} MB.",
                     self._uploaded,
                     self._too_large,
