@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
+from cellctl.console.command_jobs import command_job, result_of
 from cellctl.console.jobs import Adopted, Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
@@ -52,7 +53,7 @@ async def upload(
             replace(record, artefact=names.get("artefact", ""), robot=names.get("robot", "")).save(folder)
             if library:
                 analyses.set_robot(folder, library)
-            await _result(_understanding(operator, folder))
+            await result_of(_understanding(operator, folder))
         except BaseException:
             await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
             raise
@@ -61,8 +62,22 @@ async def upload(
     return await console().command(operator, "upload", data.name, work)
 
 
-async def choose_robot(operator: Operator, name: str, library: str = "", file: Upload | None = None) -> None:
-    """Another robot for the analysis `name`: of the library, or of a robot file. Raises InputError."""
+async def example(operator: Operator) -> str:
+    """A new analysis of the simulated example; its name."""
+
+    async def save(path: Path) -> None:
+        await asyncio.to_thread(shutil.copyfile, analyses.EXAMPLE, path)
+
+    return await upload(operator, Upload(analyses.EXAMPLE.name, save), {}, analyses.EXAMPLE_ROBOT)
+
+
+async def choose_robot(
+    operator: Operator, name: str, library: str = "", file: Upload | None = None, repeatability: str = ""
+) -> None:
+    """Another robot for the analysis `name`: of the library, or of a robot file or URDF. Raises InputError.
+
+    repeatability: of a URDF's robot, mm.
+    """
     folder = _idle(name)
 
     async def work() -> None:
@@ -71,9 +86,11 @@ async def choose_robot(operator: Operator, name: str, library: str = "", file: U
             given = analyses.free_name(folder, file.name, "robot")
             await file.save(folder / given)
         before = analyses.Analysis.load(folder)
+        if repeatability:
+            replace(before, answers={**before.answers, "repeatability": repeatability}).save(folder)
         analyses.set_robot(folder, library, given)
         try:
-            await _result(_understanding(operator, folder))
+            await result_of(_understanding(operator, folder))
         except InputError:
             before.save(folder)
             raise
@@ -83,14 +100,14 @@ async def choose_robot(operator: Operator, name: str, library: str = "", file: U
 
 async def start_fit(operator: Operator, name: str, settings: FitSettings) -> Job:
     """Start the fit of the analysis `name`. Raises InputError while another job works on it."""
-    folder = _idle(name)
-    _refuse_options(folder, settings)
 
-    async def work() -> Job:
+    def start() -> Job:
+        folder = _idle(name)
+        _refuse_options(folder, settings)
         request = {"folder": str(folder), "settings": asdict(settings)}
         return console().jobs.start(f"Fit of {name}", "fit", request, operator.name, target=name)
 
-    return await console().command(operator, "fit", name, work, settings=asdict(settings))
+    return await command_job(operator, "fit", name, start, settings=asdict(settings))
 
 
 async def compensate(
@@ -112,10 +129,12 @@ async def compensate(
             program = ProgramRequest(tuple(names), **request)
             made = {"folder": str(folder), "number": given.parent.name, "program": asdict(program)}
             title = f"Compensation with {name}"
-            return await _result(console().jobs.start(title, "compensate", made, operator.name, target=name))
+            job = console().jobs.start(title, "compensate", made, operator.name, target=name)
+            found: dict[str, Any] = await result_of(job)
         except BaseException:
             await asyncio.to_thread(shutil.rmtree, given.parent, ignore_errors=True)
             raise
+        return found
 
     return await console().command(operator, "compensate", name, work, files=[each.name for each in files])
 
@@ -157,17 +176,6 @@ def job_of(name: str) -> Job | None:
 def _understanding(operator: Operator, folder: Path) -> Job:
     title, request = f"Reading {folder.name}", {"folder": str(folder)}
     return console().jobs.start(title, "understand", request, operator.name, target=folder.name)
-
-
-async def _result(job: Job) -> dict[str, Any]:
-    """The result of a job. Raises InputError with its problems."""
-    await job.ended()
-    if job.failure is not None and job.failure.problems:
-        raise InputError(job.failure.problems, job.failure.note)
-    if job.state != "done":
-        raise InputError(Problem(job.title, 0, 0, "was cancelled", "try again"))
-    result: dict[str, Any] = job.result
-    return result
 
 
 def _idle(name: str) -> Path:

@@ -9,16 +9,10 @@ from typing import Any
 from cellctl.console.jobs import Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
+from cellctl.files import InputError, Problem
 from cellctl.operations.failure import Failure
 
 _tasks: set[asyncio.Task[None]] = set()
-
-
-class JobFailed(Exception):
-    """A job that failed; `str` is its failure."""
-
-    def __init__(self, job: Job) -> None:
-        super().__init__(str(job.failure or Failure.internal(job.state)))
 
 
 async def command_job(operator: Operator, name: str, target: str, start: Callable[[], Job], **details: Any) -> Job:
@@ -31,9 +25,7 @@ async def command_job(operator: Operator, name: str, target: str, start: Callabl
     async def work() -> None:
         job = start()
         started.set_result(job)
-        await job.ended()
-        if job.state != "done":
-            raise JobFailed(job)
+        await result_of(job)
 
     task = asyncio.create_task(console().command(operator, name, target, work, **details))
     _tasks.add(task)
@@ -42,6 +34,17 @@ async def command_job(operator: Operator, name: str, target: str, start: Callabl
     if not started.done():
         await task
     return started.result()
+
+
+async def result_of(job: Job) -> Any:
+    """The result of `job`, at its end. Raises InputError if it failed, with its problems, or was cancelled."""
+    await job.ended()
+    if job.state == "done":
+        return job.result
+    if job.state == "cancelled":
+        raise InputError(Problem(job.title, 0, 0, "was cancelled", "try again"))
+    failure = job.failure or Failure.internal(job.state)
+    raise InputError(failure.problems, failure.note)
 
 
 async def all_audited() -> None:

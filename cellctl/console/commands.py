@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from cellctl.console.command_jobs import command_job
+from cellctl.console.jobs import Job
 from cellctl.console.live.subscribers import Subscribers
 from cellctl.console.shared import console
 from cellctl.devices.cell import Cell
@@ -85,6 +87,14 @@ async def examine(operator: Operator, cell: Path) -> dict[str, Any]:
             examinations.call({str(cell)})
 
     return await console().command(operator, "doctor", cell.stem, work)
+
+
+async def recompute(operator: Operator, what: Literal["replay", "report"], run: Path) -> Job:
+    """Replay a run, or write its report again, in a process of its own."""
+    title, request = f"{what} of {run.name}", {"place": str(run)}
+    return await command_job(
+        operator, what, run.name, lambda: console().jobs.start(title, what, request, operator.name)
+    )
 
 
 def being_examined(cell: Path) -> bool:

@@ -9,7 +9,7 @@ from typing import final
 from nicegui import ui
 
 from cellctl.console.guarding import session_of
-from cellctl.console.look import command_button
+from cellctl.console.look import command_button, escaped
 from cellctl.console.sessions import Session
 from cellctl.console.shared import console
 from cellctl.engine import Operator
@@ -66,7 +66,7 @@ def frame(title: str, here: str) -> Iterator[None]:
         with ui.element("div").classes("who"):
             _who()
     with ui.element("main").classes("page"):
-        ui.html(tag="h1", content=title.replace("&", "&amp;").replace("<", "&lt;"), sanitize=False)
+        ui.html(tag="h1", content=escaped(title), sanitize=False)
         yield
     with ui.element("footer").classes("bottom"):
         ui.label(NO_SAFETY)

@@ -7,8 +7,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from cellctl.console.command_jobs import result_of
 from cellctl.console.shared import console
-from cellctl.files import InputError
 from cellctl.operations.export import Form
 from cellctl.operations.run_list import RunRow, run_rows
 
@@ -42,12 +42,9 @@ async def exported(place: Path, form: Form) -> tuple[Path, str]:
     request = {"place": str(place), "form": form.value, "target": str(target)}
     job = console().jobs.start(f"export of {place.name}", "export", request, "")
     try:
-        await job.ended()
-    except asyncio.CancelledError:
+        await result_of(job)
+    except BaseException:
         job.cancel()
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
         raise
-    if job.failure:
-        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
-        raise InputError(job.failure.problems, job.failure.note)
     return target, target.name

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Any, Literal, TypeAlias, final
 
 from nicegui import ui
 
@@ -71,7 +71,7 @@ def section(title: str, *, note: str = "") -> ui.element:
     """A part of a page with its heading; use as a context."""
     part = ui.element("section").classes("section")
     with part:
-        ui.html(tag="h2", content="", sanitize=False).classes("section-title").set_content(_escaped(title))
+        ui.html(tag="h2", content="", sanitize=False).classes("section-title").set_content(escaped(title))
         if note:
             ui.label(note).classes("note")
     return part
@@ -87,6 +87,46 @@ def facts(rows: Mapping[str, str] | Iterable[tuple[str, str]]) -> dict[str, ui.l
             with ui.element("dd"):
                 labels[name] = ui.label(value)
     return labels
+
+
+Cell: TypeAlias = str | Callable[[], object]
+"""Content of a table's cell: its text, or what draws it."""
+
+
+def words(*titles: str) -> list[tuple[str, str]]:
+    """Columns of a table that hold text."""
+    return [(title, "words") for title in titles]
+
+
+def numbers(*titles: str) -> list[tuple[str, str]]:
+    """Columns of a table that hold numbers."""
+    return [(title, "") for title in titles]
+
+
+def figures(
+    columns: Sequence[tuple[str, str]],
+    rows: Iterable[Sequence[Cell]],
+    *,
+    label: str,
+    marked: Collection[int] = (),
+) -> ui.element:
+    """A table that scrolls in itself. columns: title and class (`words` for text, empty for numbers).
+
+    marked: rows, from 0, with a coloured ground; a word in the row says the same.
+    """
+    scrolling = ui.element("div").classes("scrolling").props(f'tabindex=0 role=region aria-label="{label}"')
+    with scrolling, ui.element("table").classes("figures"):
+        with ui.element("thead"), ui.element("tr"):
+            for title, kind in columns:
+                with ui.element("th").classes(kind).props("scope=col"):
+                    ui.label(title)
+        with ui.element("tbody"):
+            for number, row in enumerate(rows):
+                with ui.element("tr").classes("differs" if number in marked else ""):
+                    for cell, (_, kind) in zip(row, columns, strict=True):
+                        with ui.element("td").classes(kind):
+                            ui.label(cell) if isinstance(cell, str) else cell()
+    return scrolling
 
 
 def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] | None = None) -> ui.element:
@@ -121,5 +161,6 @@ def link_button(text: str, target: str, *, icon: str = "", download: bool = Fals
     return link.props("download") if download else link
 
 
-def _escaped(text: str) -> str:
+def escaped(text: str) -> str:
+    """A text as HTML."""
     return text.replace("&", "&amp;").replace("<", "&lt;")

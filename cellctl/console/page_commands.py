@@ -13,6 +13,7 @@ from cellctl.devices import DeviceError
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError
+from cellctl.operations.failure import Failure
 
 
 @final
@@ -34,15 +35,15 @@ class Commands:
             try:
                 await work(operator)
             except (InputError, DeviceError, JournalError, OSError) as error:
-                self.refuse(problems_of(error))
+                self.refuse(error)
             finally:
                 self._at_work = False
 
         await with_operator(done)
 
-    def refuse(self, problems: tuple[Problem, ...]) -> None:
+    def refuse(self, error: Exception) -> None:
         """Show why a command was refused."""
-        show_problems(self._place, problems)
+        show_problems(self._place, Failure.of(error).problems)
 
 
 def show_problems(place: ui.element, problems: Iterable[Problem]) -> None:
@@ -52,19 +53,6 @@ def show_problems(place: ui.element, problems: Iterable[Problem]) -> None:
         listed = problem_list(problems)
     scroll = f"getHtmlElement({listed.id})?.scrollIntoView({{block: 'center'}})"
     listed.client.run_javascript(f"setTimeout(() => {scroll}, 100)")  # once the browser has drawn them
-
-
-def problems_of(error: Exception) -> tuple[Problem, ...]:
-    """The problems of an error, for `problem_list`."""
-    match error:
-        case InputError():
-            return tuple(error.problems)
-        case DeviceError():
-            return (Problem(error.device, 0, 0, error.what, error.cure),)
-        case JournalError():
-            return (Problem(str(error.path), 0, 0, error.what, error.cure),)
-        case _:
-            return (Problem("this computer", 0, 0, str(error)),)
 
 
 async def answer_of(dialog: ui.dialog) -> bool:

@@ -4,15 +4,8 @@ from __future__ import annotations
 
 from cellctl.console.live import Snapshot
 from cellctl.console.look import State
+from cellctl.console.run_words import look_of_verdict
 
-_VERDICTS: dict[str, State] = {
-    "better": "good",
-    "in control": "good",
-    "no better": "warning",
-    "measure again": "warning",
-    "worse": "bad",
-    "recalibrate": "bad",
-}
 _ENDS: dict[str, tuple[State, str]] = {
     "finished": ("good", "Finished"),
     "aborted": ("warning", "Aborted"),
@@ -39,7 +32,7 @@ def sentence_of(now: Snapshot) -> tuple[State, str]:
     if now.ended and now.state.ended:
         state, word = _ENDS.get(now.state.ended.state, ("unknown", now.state.ended.state))
         if now.sentence and state == "good":
-            return _VERDICTS.get(now.verdict, "good"), now.sentence
+            return look_of_verdict(now.verdict, "good"), now.sentence
         reason = now.state.ended.reason.partition("\n")[0]
         return state, f"{word}: {reason}" if reason else f"{word}."
     return "bad", f"{status.state.capitalize()}: its process ended without an end of the run."
@@ -55,7 +48,7 @@ def _active(now: Snapshot) -> tuple[State, str]:
     if is_pausing(now):
         return "waiting", f"Pauses before the next step. Now: {status.phase or status.step}."
     if now.sentence:
-        return _VERDICTS.get(now.verdict, "working"), f"{word}. So far: {now.sentence}"
+        return look_of_verdict(now.verdict, "working"), f"{word}. So far: {now.sentence}"
     return state, f"{word}: {status.phase}." if status.phase else f"{word} …"
 
 

@@ -41,6 +41,7 @@ PAGES = (
     "tables",
     "analyse",
     "analyse_one",
+    "not_found",
 )
 """Modules of `cellctl.console.pages`."""
 

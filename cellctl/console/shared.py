@@ -59,12 +59,13 @@ class Console:
     ) -> T:
         """Carry out `work`, the command `name` for `target`, with its lines in the audit log.
 
-        Raises what `work` raises; OSError, before the work, if the audit log cannot be written.
+        Work that the end of the console cancels gets no second line. Raises what `work` raises; OSError, before the
+        work, if the audit log cannot be written.
         """
         number = await asyncio.to_thread(self.audit.asked, operator, name, target, details)
         try:
             result = await work()
-        except BaseException as error:
+        except Exception as error:
             await asyncio.to_thread(self.audit.ended, number, str(error) or type(error).__name__)
             raise
         await asyncio.to_thread(self.audit.ended, number)

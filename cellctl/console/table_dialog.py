@@ -8,18 +8,21 @@ from typing import Any, final
 
 from nicegui import ui
 
+from cellctl.console.commands import examinations
+from cellctl.console.following import follow_event
 from cellctl.console.job_view import JobView
+from cellctl.console.jobs import Job
 from cellctl.console.known_runs import live_rows
 from cellctl.console.look import command_button, problem_list, state_word
 from cellctl.console.shared import console
-from cellctl.console.table_commands import request_for, start_action, start_look
+from cellctl.console.table_commands import request_for, start_action, start_look, why_busy
 from cellctl.console.table_words import difference_words
 from cellctl.engine import Operator
-from cellctl.files import InputError
+from cellctl.files import InputError, Problem
 from cellctl.operations.results import SIMULATOR_MEMORY
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.operations.shipped import shipped_names
-from cellctl.operations.table_actions import Action
+from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
 from cellctl.operations.table_changes import short
 
 _TITLES: dict[Action, str] = {
@@ -35,6 +38,8 @@ class TableAction:
 
     def __init__(self, then: Callable[[], Awaitable[None]]) -> None:
         self._then = then
+        self._busy: tuple[Path, Problem] | None = None
+        follow_event(self._free, _each_job_and_examination, "the controller")
         with ui.dialog().props("persistent") as self._dialog, ui.card().classes("table-action"):
             self._content = ui.element("div").classes("section wide")
 
@@ -58,23 +63,36 @@ class TableAction:
             self._act_view = JobView(self._done)
         self._dialog.open()
 
-    def _request(self, **more: str) -> Any:
+    def _request(self, **more: str) -> TableRequest:
         return request_for(self._action, self._cell.value or "", self._table, self._memory.value or "", **more)
 
     async def _look(self) -> None:
-        await self._started(lambda: start_look(self._operator, self._request()), self._seen_view)
+        await self._started(start_look, self._seen_view)
 
     async def _verify(self) -> None:
-        await self._started(lambda: start_action(self._operator, self._request()), self._act_view)
+        await self._started(start_action, self._act_view)
 
-    async def _started(self, start: Callable[[], Awaitable[Any]], view: JobView) -> None:
+    async def _started(
+        self, start: Callable[[Operator, TableRequest], Awaitable[Job]], view: JobView, **more: str
+    ) -> None:
+        self._busy, cell = None, None
         self._problems.clear()
         self._act_view.clear()
         try:
-            view.follow(await start())
+            request = self._request(**more)
+            cell = request.cell
+            view.follow(await start(self._operator, request))
         except InputError as error:
+            if cell and (busy := why_busy(cell)) in error.problems:
+                self._busy = cell, busy
             with self._problems:
                 problem_list(error.problems)
+
+    def _free(self) -> None:
+        """Remove the notice of a busy controller once it is not."""
+        if self._busy and why_busy(self._busy[0]) != self._busy[1]:
+            self._busy = None
+            self._problems.clear()
 
     def _seen(self, found: dict[str, Any]) -> None:
         """What the controller has, and what would change; then the confirmation."""
@@ -105,11 +123,21 @@ class TableAction:
         if found["target"]:
             names += f", or the table's id, {short(found['target'])}"
         ui.label(f"To confirm, type {names}:")
-        typed = ui.input("Confirmation").props("outlined dense autofocus").classes("wide")
+
+        def wrong(text: str | None) -> str | None:
+            try:
+                refuse_confirmation(text or "", found["serial"], found["target"] or "")
+            except InputError as error:
+                return f"This {error.problems[0].what}."
+            return None
+
+        typed = ui.input("Confirmation", validation=wrong).props("outlined dense autofocus").classes("wide")
+        typed.without_auto_validation().on_value_change(lambda: setattr(typed, "error", None))
 
         async def confirmed() -> None:
-            request = self._request(seen=seen, confirmed=typed.value or "")
-            await self._started(lambda: start_action(self._operator, request), self._act_view)
+            if not typed.validate():
+                return
+            await self._started(start_action, self._act_view, seen=seen, confirmed=typed.value or "")
 
         typed.on("keydown.enter", confirmed)
         with ui.element("div").classes("row"):
@@ -137,6 +165,16 @@ class TableAction:
         if not result["recorded"]:
             state_word("warning", "The history of tables could not be written.")
         ui.timer(0.0, self._then, once=True)
+
+
+def _each_job_and_examination(changed: Callable[[], None]) -> Callable[[], None]:
+    ends = (console().jobs.subscribe(lambda _: changed()), examinations.add(changed))
+
+    def end() -> None:
+        for each in ends:
+            each()
+
+    return end
 
 
 def _cell_choice(serial: str) -> tuple[ui.select, ui.select]:

@@ -6,8 +6,8 @@ from typing import Any
 
 from nicegui import ui
 
-from cellctl.console.look import state_word
-from cellctl.console.run_words import figures
+from cellctl.console.look import figures, numbers, state_word, words
+from cellctl.report.numbers import fixed
 
 _SHOWN = 30
 
@@ -17,8 +17,8 @@ def difference_words(found: dict[str, Any]) -> None:
     if found["same"]:
         state_word("good", f"the same: {found['matched']} rows")
         return
-    most = f", by up to {found['max_change_deg']:.4f}°" if found["changed"] else ""
-    tcp = f", the nominal TCP by up to {found['max_tcp_mm']:.3f} mm" if found["max_tcp_mm"] is not None else ""
+    most = f", by up to {fixed(found['max_change_deg'], 4)}°" if found["changed"] else ""
+    tcp = f", the nominal TCP by up to {fixed(found['max_tcp_mm'])} mm" if found["max_tcp_mm"] is not None else ""
     changed = f"{found['matched']} rows are in both, {len(found['changed'])} of them with other joints{most}{tcp}"
     state_word("warning", f"they differ: {changed}")
     for name, only in ((found["a"]["name"], found["only_a"]), (found["b"]["name"], found["only_b"])):
@@ -26,21 +26,20 @@ def difference_words(found: dict[str, Any]) -> None:
             ui.label(f"{len(only)} rows are only in {name}.")
     if found["facts"]:
         facts = [[name, _value(pair["a"]), _value(pair["b"])] for name, pair in found["facts"].items()]
-        columns = [("", "words"), (found["a"]["name"], "words"), (found["b"]["name"], "words")]
-        figures(columns, facts, label="Facts of the tables")
+        figures(words("", found["a"]["name"], found["b"]["name"]), facts, label="Facts of the tables")
     if found["changed"]:
         _rows(found["changed"])
 
 
 def _rows(changed: list[dict[str, Any]]) -> None:
     ordered = sorted(changed, key=lambda row: -row["change_deg"])
-    columns = [("Row", ""), ("Joint", "words"), ("Change, °", ""), ("Nominal TCP, mm", "")]
+    columns = [*numbers("Row"), *words("Joint"), *numbers("Change, °", "Nominal TCP, mm")]
     rows = [
         [
             str(row["row_a"]) if row["row_a"] == row["row_b"] else f"{row['row_a']} → {row['row_b']}",
             f"A{row['joint']}",
-            f"{row['change_deg']:.4f}",
-            "–" if row["tcp_mm"] is None else f"{row['tcp_mm']:.3f}",
+            fixed(row["change_deg"], 4),
+            fixed(row["tcp_mm"]),
         ]
         for row in ordered[:_SHOWN]
     ]

@@ -16,9 +16,13 @@ from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal.lock import WriterLock, lock_holder
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
+from cellctl.operations.uploaded_files import URDF_SUFFIX
 from cellctl.robots import library, near
 
 FOLDER = "analyses"
+EXAMPLE = Path(__file__).parent / "simulated_kr5_r1400.csv"
+"""100 positions of a simulated KR5 R1400, made by `tests/helpers/simulated_example.py`: no real robot is in it."""
+EXAMPLE_ROBOT = "kr5_r1400"
 RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK = "analysis.json", "understood.json", "outcome.json", "log.jsonl", "lock"
 MODEL, REPORT, FIT, URDF = "model.json", "report.html", "fit.json", "robot.urdf"
 RESULTS = {MODEL: "model", REPORT: "report", URDF: "URDF", FIT: "figures (JSON)"}
@@ -51,7 +55,8 @@ class Analysis:
     """The record of an analysis. data, positions, artefact, robot: names of files in its folder, empty for none.
 
     dataset: the data set that is fitted: `data`, or what an import made of it. library: the robot's name in the
-    library, empty for an own file. answers: to an import's questions, by option (`unit`: `mm`).
+    library, empty for an own file. answers: to an import's questions, by option (`unit`: `mm`); `repeatability` (mm) of
+    a URDF's robot.
     """
 
     name: str
@@ -176,7 +181,8 @@ def set_robot(folder: Path, library_name: str = "", file: str = "") -> Analysis:
 
 
 def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, Any]:
-    """Read the data, suggest a robot, and look for set-up errors; writes the data set and `understood.json`.
+    """Read the data, suggest a robot, and look for set-up errors; writes the data set and `understood.json`. A URDF is
+    converted to a robot file.
 
     Without a chosen robot, the best suggestion is taken, if one agrees with the rows. Raises InputError where the file
     cannot be read.
@@ -186,7 +192,7 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
     from cellctl.operations.understanding import read_data, understand
 
     with inside(folder):
-        record = Analysis.load(Path())
+        record = _with_robot_file(Analysis.load(Path()))
         robot = Path(record.robot) if record.robot else None
         progress("reading the data", 0.0)
         given = read_data(Path(record.data), _path(record.positions), _choices(record), robot)
@@ -318,6 +324,34 @@ def _logged(log: Path, progress: Progress) -> Progress:
                 stream.write(json.dumps({"time": calendar_time(), "doing": doing, "share": round(share, 3)}) + "\n")
 
     return told
+
+
+def _with_robot_file(record: Analysis) -> Analysis:
+    """The record, with a robot file in place of a URDF. Raises InputError."""
+    if not record.robot.lower().endswith(URDF_SUFFIX):
+        return record
+    from cellctl.operations.exporting import ExportOptions, exported, read_source
+
+    source = read_source(Path(record.robot), None, None, _repeatability(record))
+    content = exported(source, "mdh-hayati", ExportOptions()).content
+    file = free_name(Path(), f"{Path(record.robot).stem}.yaml", "robot")
+    write_atomically(Path(file), content)
+    return replace(record, robot=file)
+
+
+def _repeatability(record: Analysis) -> float | None:
+    """The stated repeatability of a URDF's robot, mm; None without a statement. Raises InputError."""
+    given = record.answers.get("repeatability")
+    if not given:
+        return None
+    try:
+        value = float(given.replace(",", "."))
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 10.0:
+        what = f"'{given[:40]}' is no repeatability"
+        raise InputError(Problem(record.robot, 0, 0, what, "--repeatability in mm, above 0 and below 10"))
+    return value
 
 
 def _choices(record: Analysis) -> Any:

@@ -41,7 +41,9 @@ class Failure:
             case JournalError():
                 return cls(BAD_INPUT, (Problem(str(error.path), 0, 0, error.what, error.cure),))
             case OSError():
-                return cls(BAD_INPUT, (Problem(str(error.filename or ""), 0, 0, error.strerror or str(error)),))
+                return cls(
+                    BAD_INPUT, (Problem(str(error.filename or "this computer"), 0, 0, error.strerror or str(error)),)
+                )
             case _:
                 return cls.internal(f"{type(error).__name__}: {error}")
 

@@ -196,9 +196,14 @@ def _refuse_change(request: TableRequest, serial: str, target: str, state: Table
     if (active_id(state) or "") != request.seen:
         what = f"{short(active_id(state))} is in force now; you were shown {short(request.seen or None)}"
         raise InputError(Problem(f"controller {serial}", 0, 0, what, "look at the difference again"))
-    typed = request.confirmed.strip()
-    by_id = len(typed) >= _SHORTEST and bool(target) and target.startswith(typed.lower())
-    if typed != serial and not by_id:
+    refuse_confirmation(request.confirmed, serial, target)
+
+
+def refuse_confirmation(typed: str, serial: str, target: str) -> None:
+    """Raise InputError unless `typed` is the controller's serial, or begins the id `target` (may be empty)."""
+    given = typed.strip()
+    by_id = len(given) >= _SHORTEST and bool(target) and target.startswith(given.lower())
+    if given != serial and not by_id:
         cure = f"type the controller's serial, {serial}" + (f", or the table's id, {short(target)}" if target else "")
         raise InputError(Problem("confirmation", 0, 0, "is not the serial or the table", cure))
 

@@ -11,6 +11,7 @@ from cellctl.files import InputError, Problem
 Role: TypeAlias = Literal["data", "positions", "robot", "artefact"]
 
 _YAML = (".yaml", ".yml")
+URDF_SUFFIX = ".urdf"
 _ROBOT = re.compile(r"^(convention|joints|links|screws)\s*:", re.MULTILINE)
 _JOINTS = re.compile(r"\b[AJq]_?1\b")
 _CURE = "one data file, with it at most: a table of positions, a robot file, an artefact file"
@@ -19,9 +20,9 @@ _CURE = "one data file, with it at most: a table of positions, a robot file, an 
 def roles(heads: Mapping[str, str]) -> dict[Role, str]:
     """The file of each role; heads: the beginning of each file, by its name. Raises InputError for other sets."""
     found: dict[Role, str] = {}
-    tables = [name for name in heads if not name.lower().endswith(_YAML)]
+    tables = [name for name in heads if not name.lower().endswith((*_YAML, URDF_SUFFIX))]
     for name in heads.keys() - set(tables):
-        role: Role = "robot" if _ROBOT.search(heads[name]) else "artefact"
+        role: Role = "robot" if name.lower().endswith(URDF_SUFFIX) or _ROBOT.search(heads[name]) else "artefact"
         if role in found:
             raise InputError(Problem(name, 0, 0, f"there are two {role} files: {found[role]} too", _CURE))
         found[role] = name

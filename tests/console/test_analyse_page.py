@@ -109,6 +109,20 @@ def test_an_upload_and_one_button_lead_to_verdict_report_and_downloads(tmp_path:
         } == set()
 
 
+def test_one_click_analyses_the_simulated_example(tmp_path: Path) -> None:
+    with console_process(tmp_path / "runs") as console, browser() as chromium:
+        page = chromium.new_page()
+        page.set_default_timeout(TIME_MS)
+        page.goto(console.command_url)
+        page.get_by_text("no real robot").wait_for()
+        page.get_by_role("button", name="Try it with simulated data").click()
+        page.wait_for_url("**/analyse/simulated_kr5_r1400-*")
+        page.get_by_text("Read and understood: ready to fit").wait_for()
+        facts = page.locator(".facts").inner_text()
+        assert "KR5 R1400" in facts
+        assert "no set-up error found" in facts
+
+
 def choose(page: Any, file: Path) -> None:
     """Choose a file in the drop zone."""
     page.locator("input[type=file]").set_input_files(file)

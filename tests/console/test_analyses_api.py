@@ -11,10 +11,12 @@ import httpx
 import pytest
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
+from cellctl.console.command_jobs import all_audited
 from cellctl.console.server import api_app, guarded, new_console
 from cellctl.console.shared import Settings
 from cellctl.journal.lock import WriterLock
 from cellctl.operations import analyses
+from cellctl.operations.exporting import ExportOptions, exported, read_source
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 COMMANDS = {"authorization": "Bearer secret", "x-operator": "Ada"}
@@ -39,6 +41,11 @@ def run(runs: Path, work: Work) -> Any:
 def upload(runs: Path, files: dict[str, Any], data: dict[str, str] | None = None) -> httpx.Response:
     """The answer to an upload."""
     return run(runs, lambda client: client.post("/api/analyses", files=files, data=data or {}, headers=COMMANDS))
+
+
+def reversed_axis_2(robot: str) -> bytes:
+    """A robot file whose A2 turns the other way."""
+    return robot.replace("{min", "{sign: -1, min", 2).replace("{sign: -1, min", "{min", 1).encode()
 
 
 def test_a_data_file_is_uploaded_understood_fitted_and_its_results_downloaded(tmp_path: Path) -> None:
@@ -75,8 +82,7 @@ def test_a_binary_is_refused_and_not_kept(tmp_path: Path) -> None:
 
 
 def test_a_data_set_that_fit_refuses_is_understood_with_the_line_and_cure_of_the_command_line(tmp_path: Path) -> None:
-    robot = (INPUTS / "robot.yaml").read_text()
-    wrong = robot.replace("{min", "{sign: -1, min", 2).replace("{sign: -1, min", "{min", 1).encode()
+    wrong = reversed_axis_2((INPUTS / "robot.yaml").read_text())
     data = (INPUTS / "positions.csv").read_bytes()
     answer = upload(tmp_path, {"data": ("data.csv", data), "robot": ("arm.yaml", wrong)})
     assert answer.status_code == 201
@@ -84,6 +90,23 @@ def test_a_data_set_that_fit_refuses_is_understood_with_the_line_and_cure_of_the
     assert (problem["file"], problem["line"] > 0) == ("arm.yaml", True)
     assert "A2 reversed" in problem["what"]
     assert "sign" in problem["cure"]
+
+
+def test_the_audit_log_has_the_outcome_of_a_fits_end(tmp_path: Path) -> None:
+    async def work(client: httpx.AsyncClient) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+        files = {"data": ("data.csv", (INPUTS / "positions.csv").read_bytes())}
+        files["robot"] = ("arm.yaml", reversed_axis_2((INPUTS / "robot.yaml").read_text()))
+        name = (await client.post("/api/analyses", files=files, headers=COMMANDS)).json()["name"]
+        await client.post(f"/api/analyses/{name}/fit", json={"model": "geometry"}, headers=COMMANDS)
+        begun = (await client.get("/api/audit")).json()
+        await all_audited()
+        return begun, (await client.get("/api/audit")).json()
+
+    begun, ended = run(tmp_path, work)
+    assert [(line["command"], line["outcome"]) for line in begun] == [("fit", "cut off"), ("upload", "done")]
+    assert (ended[0]["command"], ended[0]["outcome"]) == ("fit", "failed")
+    assert "A2 reversed" in ended[0]["reason"]
+    assert (tmp_path / "audit.jsonl").read_text().count("\n") == 4
 
 
 def test_an_upload_of_100_megabytes_is_refused_before_it_is_read(tmp_path: Path) -> None:
@@ -155,6 +178,27 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     url = f"/api/analyses/{folder.name}/programs"
     answer = run(tmp_path, lambda client: client.post(url, files=files, headers=COMMANDS))
     assert (answer.status_code, answer.json()["problems"][0]["what"]) == (422, "is there more than once")
+
+
+def test_a_urdf_is_taken_with_the_repeatability_that_it_lacks(tmp_path: Path) -> None:
+    made = exported(read_source(INPUTS / "robot.yaml", None, None, None), "urdf", ExportOptions())
+    urdf = ("arm.urdf", str(made.content).encode())
+
+    async def work(client: httpx.AsyncClient) -> tuple[httpx.Response, httpx.Response]:
+        files = {"data": ("data.csv", (INPUTS / "positions.csv").read_bytes())}
+        library = {"library": "kr5_r1400"}
+        name = (await client.post("/api/analyses", files=files, data=library, headers=COMMANDS)).json()["name"]
+        place = f"/api/analyses/{name}/robot"
+        refused = await client.post(place, files={"file": urdf}, headers=COMMANDS)
+        stated = {"repeatability": "0.05"}
+        return refused, await client.post(place, files={"file": urdf}, data=stated, headers=COMMANDS)
+
+    refused, taken = run(tmp_path, work)
+    assert (refused.status_code, refused.json()["problems"][0]["file"]) == (422, "arm.urdf")
+    assert "repeatability" in refused.json()["what"]
+    assert (taken.status_code, taken.json()["library"]) == (200, "")
+    assert taken.json()["robot"].endswith("arm.yaml")
+    assert dict(taken.json()["understood"]["facts"])["Set-up check"] == "no set-up error found"
 
 
 @pytest.mark.long

@@ -37,7 +37,7 @@ def test_every_parameter_of_a_route_is_described(document: dict[str, Any]) -> No
 
 
 def test_every_refusal_has_what_is_wrong_what_to_do_and_the_problems(document: dict[str, Any]) -> None:
-    failure = {"$ref": "#/components/schemas/Failure"}
+    failure = {"$ref": "#/components/schemas/Refusal"}
     other = [
         (*place, status)
         for place, route in operations(document).items()

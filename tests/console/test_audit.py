@@ -61,3 +61,23 @@ def test_the_newest_commands_come_first_and_a_damaged_line_hides_no_other(tmp_pa
     with (tmp_path / FILE_NAME).open("a") as stream:
         stream.write('{"id": "cut')
     assert [one["target"] for one in audit.read(3)] == ["run-4", "run-3", "run-2"]
+
+
+def test_a_command_that_the_end_of_the_console_cancels_has_no_outcome(tmp_path: Path) -> None:
+    console = new_console(Settings(tmp_path))
+
+    async def go() -> None:
+        begun = asyncio.Event()
+
+        async def work() -> None:
+            begun.set()
+            await asyncio.Event().wait()
+
+        command = asyncio.create_task(console.command(operator_named("Ada"), "fit", "data", work))
+        await begun.wait()
+        command.cancel()
+        await asyncio.gather(command, return_exceptions=True)
+
+    asyncio.run(go())
+    (line,) = console.audit.read()
+    assert (line["command"], line["outcome"]) == ("fit", "cut off")

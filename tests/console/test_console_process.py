@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import httpx
+import nicegui
 import pytest
 from console_process import ConsoleProcess, browser, console_process
 
@@ -90,3 +91,18 @@ def test_a_browser_gives_commands_after_the_token_and_a_name(served: ConsoleProc
         page.get_by_label("Operator").get_by_text("Ada").wait_for()
         page.reload()
         page.get_by_label("Operator").get_by_text("Ada").wait_for()
+
+
+def test_an_unknown_address_is_a_page_of_the_console_with_a_way_back(served: ConsoleProcess) -> None:
+    with browser() as chromium:
+        page = chromium.new_page()
+        answer = page.goto(f"{served.url}/tabels/<b>")
+        assert answer.status == 404
+        page.get_by_text("This console has no page /tabels/<b>.").wait_for()
+        page.get_by_role("link", name="First page").click()
+        page.get_by_role("heading", name="Analyse a data file").wait_for()
+
+
+def test_a_missing_file_of_a_page_is_a_plain_answer(served: ConsoleProcess) -> None:
+    answer = httpx.get(f"{served.url}/_nicegui/{nicegui.__version__}/resources/none/none.js")
+    assert (answer.status_code, answer.headers["content-type"]) == (404, "application/json")

@@ -98,8 +98,9 @@ def test_a_table_is_pushed_and_rolled_back_only_with_the_typed_serial(page: Any,
     page.get_by_text("no table is in force", exact=False).first.wait_for()
     page.get_by_label("Confirmation").fill("SIM-000000")
     page.get_by_role("button", name="Push", exact=True).last.click()
-    page.get_by_text("is not the serial or the table").wait_for()
+    page.get_by_text("This is not the serial or the table.").wait_for()
     page.get_by_label("Confirmation").fill(SERIAL)
+    page.get_by_text("This is not the serial or the table.").wait_for(state="detached")
     page.get_by_role("button", name="Push", exact=True).last.click()
     page.get_by_text(f"Table {table} is in force on {SERIAL}").wait_for()
     page.get_by_role("button", name="Close").click()
@@ -121,4 +122,29 @@ def test_a_table_is_pushed_and_rolled_back_only_with_the_typed_serial(page: Any,
     outcomes = [
         line["outcome"] for line in httpx.get(f"{served.url}/api/audit").json() if line["command"] == "table push"
     ]
-    assert outcomes == ["done", "failed"]
+    assert outcomes == ["done"]  # the wrong confirmation was no command
+
+
+def test_the_notice_of_a_busy_controller_goes_when_the_controller_is_free(page: Any, served: ConsoleProcess) -> None:
+    page.goto(f"{served.url}/tables")
+    page.get_by_role("button", name="Roll back to the table before").click()
+    page.get_by_role("button", name="Look at the controller").dblclick()
+    page.get_by_label("Confirmation").wait_for()
+    page.get_by_text("is busy").wait_for(state="detached")
+    (line, *_) = [line for line in httpx.get(f"{served.url}/api/audit").json() if line["outcome"] == "failed"]
+    assert (line["command"], "is busy: look at the table of sphere_cell" in line["reason"]) == ("table look", True)
+
+
+@pytest.mark.parametrize(
+    "path", ["/tables", "/daily", "/run/sphere-11/result", "/compare?a=sphere-10&b=sphere-11", "/api"]
+)
+def test_every_table_has_a_name_and_headings_and_is_scrolled_by_keyboard(
+    page: Any, served: ConsoleProcess, path: str
+) -> None:
+    page.goto(served.url + path)
+    page.locator("table.figures").first.wait_for(state="attached")
+    for table in page.locator("table.figures").all():
+        region = table.locator("xpath=..")
+        assert (region.get_attribute("role"), region.get_attribute("tabindex")) == ("region", "0")
+        assert region.get_attribute("aria-label")
+        assert table.locator("th[scope=col]").count() == table.locator("tr").first.locator("th").count() > 1

@@ -78,12 +78,33 @@ def test_a_change_without_a_confirmation_or_with_an_unknown_memory_is_refused(cl
 
 
 def test_a_refused_action_ends_in_the_audit_log_with_its_reason(client: ApiClient) -> None:
-    body = {"action": "push", "table": "0" * 64, "confirmed": SERIAL}
+    body = {"action": "verify", "table": "0" * 64, "confirmed": ""}
     job = client.post("/api/tables/act", json=body, headers=COMMAND).json()["job"]
     found = console().jobs.find(job)
     assert found
     client.done(all_audited())
     assert "is the id of no table here" in str(found.failure)
     (line, *_) = client.get("/api/audit").json()
-    assert (line["command"], line["operator"], line["outcome"]) == ("table push", "Kim", "failed")
+    assert (line["command"], line["operator"], line["outcome"]) == ("table verify", "Kim", "failed")
     assert "is the id of no table here" in line["reason"]
+
+
+def test_a_change_is_refused_at_once_unless_it_is_confirmed_as_a_look_at_the_controller_asked_for_it(
+    client: ApiClient, tables: tuple[Path, list[str]]
+) -> None:
+    def acted(action: str, confirmed: str) -> tuple[int, str, str]:
+        body = {"action": action, "table": asked["table"] if action == "push" else "", "confirmed": confirmed}
+        answer = client.post("/api/tables/act", json=body, headers=COMMAND)
+        return answer.status_code, answer.json()["problems"][0]["file"], answer.json()["what"]
+
+    asked = {"action": "push", "table": tables[1][0]}
+    number = client.post("/api/tables/look", json=asked, headers=COMMAND).json()["job"]
+    look = console().jobs.find(number)
+    assert look
+    client.done(look.ended())
+    for typed in ("", "SIM-000000", asked["table"][:7], tables[1][1]):
+        assert acted("push", typed) == (422, "confirmation", "is not the serial or the table")
+    assert acted("rollback", look.result["serial"]) == (422, "controller", "was not looked at for this change")
+    assert "push" not in " ".join(job.title for job in console().jobs.all() if job.operation == "act_on_table")
+    (line, *_) = client.get("/api/audit").json()
+    assert (line["command"], line["outcome"]) == ("table rollback", "failed")

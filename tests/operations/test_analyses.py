@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,12 +12,13 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 from krl_seam import usual_seam
 
 from cellctl.files import InputError
-from cellctl.formats import ModelFile
+from cellctl.formats import ModelFile, RobotFile
 from cellctl.journal import JournalError
 from cellctl.journal.lock import WriterLock
 from cellctl.operations import analyses
 from cellctl.operations.analyses import FitSettings
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis, new_program
+from cellctl.operations.exporting import ExportOptions, exported, read_source
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 
@@ -187,3 +189,32 @@ def test_names_of_uploaded_files_are_made_safe(given: str, safe: str) -> None:
 def test_no_folder_outside_the_analyses_is_opened(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="no such analysis"):
         analyses.analysis_folder(tmp_path, name)
+
+
+@pytest.fixture
+def with_urdf(tmp_path: Path) -> Path:
+    """An analysis whose robot is a URDF, not read yet."""
+    folder, record = analyses.new_analysis(tmp_path, "Ada", "positions.csv")
+    shutil.copy(INPUTS / "positions.csv", folder / record.data)
+    made = exported(read_source(INPUTS / "robot.yaml", None, None, None), "urdf", ExportOptions())
+    (folder / "arm.urdf").write_text(str(made.content))
+    analyses.set_robot(folder, file="arm.urdf")
+    return folder
+
+
+def test_a_urdf_is_converted_and_understood_as_the_robot_file_is(with_urdf: Path) -> None:
+    replace(analyses.Analysis.load(with_urdf), answers={"repeatability": "0,05"}).save(with_urdf)
+    found = analyses.understand_analysis(with_urdf)
+    record = analyses.Analysis.load(with_urdf)
+    assert (record.robot, record.library, found["problems"]) == ("arm.yaml", "", ())
+    assert RobotFile.load(with_urdf / "arm.yaml").repeatability == 0.05
+    assert analyses.fit_analysis(with_urdf, FitSettings(model="geometry")).verdict == "better"
+
+
+@pytest.mark.parametrize(("given", "what"), [("", "does not say the robot's repeatability"), ("x", "no repeatability")])
+def test_a_urdf_needs_the_repeatability(with_urdf: Path, given: str, what: str) -> None:
+    replace(analyses.Analysis.load(with_urdf), answers={"repeatability": given}).save(with_urdf)
+    with pytest.raises(InputError, match=what) as refused:
+        analyses.understand_analysis(with_urdf)
+    assert "--repeatability" in refused.value.problems[0].cure
+    assert (refused.value.problems[0].file, analyses.Analysis.load(with_urdf).robot) == ("arm.urdf", "arm.urdf")

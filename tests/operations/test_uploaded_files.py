@@ -20,6 +20,13 @@ def test_robot_file_and_artefact_are_recognised_by_their_content() -> None:
     assert found == {"data": "rows.csv", "robot": "two.yml", "artefact": "one.yaml"}
 
 
+def test_a_urdf_is_the_robot() -> None:
+    assert roles({"arm.URDF": "<?xml version='1.0'?>", "rows.csv": "A1,A2"}) == {
+        "data": "rows.csv",
+        "robot": "arm.URDF",
+    }
+
+
 @pytest.mark.parametrize("joints", ["DECL E6AXIS XP1={A1 1,A2 2}", "name;J1;J2", "q1,q2"])
 def test_the_file_with_joints_is_the_data_file_of_two(joints: str) -> None:
     found = roles({"a.txt": "name;X;Y;Z\n", "b.dat": joints})

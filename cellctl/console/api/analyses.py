@@ -14,6 +14,7 @@ from pydantic import BaseModel, Field
 
 from cellctl.console import analysis_commands as commands
 from cellctl.console.api.answers import COMMANDS, READS, AnalysisName, Commander, Refused
+from cellctl.console.known_runs import REPORT_CONTENT
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations import analyses
@@ -21,12 +22,10 @@ from cellctl.operations.robot_library import robots
 
 router = APIRouter(prefix="/api", tags=["analyses"])
 
-REPORT_CONTENT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
-"""Content-Security-Policy of a report: it shows itself, and nothing else."""
-
 _MEDIA = {".html": "text/html", ".json": "application/json", ".urdf": "application/xml", ".csv": "text/csv"}
 
 
+_REPEATABILITY = "Of a URDF's robot: 1 σ in 3-D, mm"
 _Number = Annotated[str, PathParameter(description="`id` of the compensated program")]
 _FileName = Annotated[str, PathParameter(description="Name of the file")]
 
@@ -106,8 +105,9 @@ async def upload(
     data: Annotated[UploadFile, File(description="Data set (CSV), table, or robot program with `positions`")],
     positions: Annotated[UploadFile | None, File(description="Table of measured positions")] = None,
     artefact: Annotated[UploadFile | None, File(description="File with spheres, sockets, distances (YAML)")] = None,
-    robot: Annotated[UploadFile | None, File(description="Robot file (YAML)")] = None,
+    robot: Annotated[UploadFile | None, File(description="Robot file (YAML) or URDF")] = None,
     library: Annotated[str, Form(description="Name of a library robot in place of a robot file")] = "",
+    repeatability: Annotated[str, Form(description=_REPEATABILITY)] = "",
     unit: Annotated[str, Form(description="Unit of X, Y, Z, if no heading names it")] = "",
     angles: Annotated[str, Form(description="Unit of the joints, if ambiguous: deg, rad")] = "",
     decimal: Annotated[str, Form(description="Decimal sign, if ambiguous: comma, point")] = "",
@@ -119,7 +119,9 @@ async def upload(
     given = {"positions": positions, "artefact": artefact, "robot": robot}
     others = {role: _upload(each) for role, each in given.items() if each is not None}
     texts = {"unit": unit, "angles": angles, "decimal": decimal, "pair": pair, "orientation": orientation}
-    answers = {name: text for name, text in {**texts, "columns": columns}.items() if text}
+    answers = {
+        name: text for name, text in {**texts, "columns": columns, "repeatability": repeatability}.items() if text
+    }
     return await _state(await commands.upload(operator, _upload(data), others, library, answers))
 
 
@@ -134,11 +136,12 @@ async def robot(
     operator: Commander,
     name: AnalysisName,
     library: Annotated[str, Form(description="Name of a library robot")] = "",
-    file: Annotated[UploadFile | None, File(description="Robot file (YAML)")] = None,
+    file: Annotated[UploadFile | None, File(description="Robot file (YAML) or URDF")] = None,
+    repeatability: Annotated[str, Form(description=_REPEATABILITY)] = "",
 ) -> AnalysisOut:
     """Choose another robot: the data are compared with it."""
     _idle(name)
-    await commands.choose_robot(operator, name, library, _upload(file) if file else None)
+    await commands.choose_robot(operator, name, library, _upload(file) if file else None, repeatability)
     return await _state(name)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from dataclasses import asdict
+from typing import Annotated, Any, Self
 
 from fastapi import Depends, FastAPI, Header, Path, Request
 from fastapi.exceptions import RequestValidationError
@@ -21,6 +22,7 @@ from cellctl.devices import DeviceError
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError
+from cellctl.operations.failure import Failure
 
 
 class ProblemOut(BaseModel):
@@ -32,8 +34,13 @@ class ProblemOut(BaseModel):
     what: str = Field(description="What is wrong")
     cure: str = Field(default="", description="What to do")
 
+    @classmethod
+    def of(cls, problem: Problem, **more: Any) -> Self:
+        """A problem for JSON; more: the fields of a class derived from this one."""
+        return cls(**asdict(problem), **more)
 
-class Failure(BaseModel):
+
+class Refusal(BaseModel):
     """Why a request was refused; nothing was done."""
 
     what: str
@@ -83,7 +90,7 @@ _WORDS = {
 
 
 def _failures(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    return {status: {"model": Failure, "description": _WORDS[status]} for status in statuses}
+    return {status: {"model": Refusal, "description": _WORDS[status]} for status in statuses}
 
 
 INVALID = _failures(422)
@@ -100,17 +107,8 @@ CellName = Annotated[str, Path(description="Name of the cell, see `GET /api/cell
 ProcedureName = Annotated[str, Path(description="Name of the procedure, see `GET /api/procedures`")]
 
 
-def problems_of(error: InputError) -> list[ProblemOut]:
-    """The problems of `error` for JSON."""
-    return [_problem(problem) for problem in error.problems]
-
-
-def _problem(one: Problem) -> ProblemOut:
-    return ProblemOut(file=one.file, line=one.line, column=one.column, what=one.what, cure=one.cure)
-
-
 def answer_errors(app: FastAPI) -> None:
-    """Answer errors of `app` by a `Failure`: input 422, device 409, journal 409, the rest by its status."""
+    """Answer errors of `app` by a `Refusal`: input 422, device 409, journal 409, the rest by its status."""
 
     @app.exception_handler(Refused)
     async def _(request: Request, error: Refused) -> JSONResponse:
@@ -118,9 +116,12 @@ def answer_errors(app: FastAPI) -> None:
         return _failure(error.status, error.what, error.cure, headers)
 
     @app.exception_handler(InputError)
-    async def _(request: Request, error: InputError) -> JSONResponse:
-        first = error.problems[0] if error.problems else Problem("", 0, 0, "the input is wrong")
-        return _failure(422, first.what, first.cure, problems=problems_of(error))
+    @app.exception_handler(DeviceError)
+    @app.exception_handler(JournalError)
+    async def _(request: Request, error: Exception) -> JSONResponse:
+        problems = Failure.of(error).problems or (Problem("", 0, 0, "the input is wrong"),)
+        status = 422 if isinstance(error, InputError) else 409
+        return _failure(status, problems[0].what, problems[0].cure, problems=[ProblemOut.of(each) for each in problems])
 
     @app.exception_handler(RequestValidationError)
     async def _(request: Request, error: RequestValidationError) -> JSONResponse:
@@ -129,14 +130,6 @@ def answer_errors(app: FastAPI) -> None:
         ]
         what, cure = "the request is not as the API describes it", "compare it with /api/openapi.json"
         return _failure(422, what, cure, problems=found)
-
-    @app.exception_handler(DeviceError)
-    async def _(request: Request, error: DeviceError) -> JSONResponse:
-        return _failure(409, str(error), error.cure)
-
-    @app.exception_handler(JournalError)
-    async def _(request: Request, error: JournalError) -> JSONResponse:
-        return _failure(409, str(error), "")
 
     @app.exception_handler(HTTPException)
     async def _(request: Request, error: HTTPException) -> JSONResponse:
@@ -162,5 +155,5 @@ def answer_unknown(app: FastAPI) -> None:
 def _failure(
     status: int, what: str, cure: str, headers: dict[str, str] | None = None, problems: Sequence[ProblemOut] = ()
 ) -> JSONResponse:
-    content = Failure(what=what, cure=cure, problems=list(problems))
+    content = Refusal(what=what, cure=cure, problems=list(problems))
     return JSONResponse(content.model_dump(), status, headers)

@@ -126,7 +126,7 @@ async def log(
     """The latest 1000 lines of the log, or the whole log; those of this kind and with this text."""
     folder = _folder(name)
     lines = await asyncio.to_thread(whole_log, folder) if whole else (await _snapshot(name)).log
-    return [_line(line) for line in lines if fits(line, kind, text)]
+    return [_line(line) for line in lines if line.fits(kind, text)]
 
 
 @router.post("/pause", responses=COMMANDS)
@@ -164,11 +164,6 @@ async def retry(name: RunName, how: Retry, operator: Commander) -> Done:
     """Continue a run that ended early at the step that it did not finish, in a process of its own."""
     await _now(commands.retry(operator, _folder(name), acknowledged=how.acknowledged))
     return Done(run=name, action="retry", operator=operator.name)
-
-
-def fits(line: LogLine, kind: str, text: str) -> bool:
-    """Whether a line of the log is of this kind and has this text; empty: any."""
-    return kind in ("", line.kind) and text.casefold() in f"{line.text} {line.who} {line.step}".casefold()
 
 
 def status_out(found: Snapshot) -> StatusOut:

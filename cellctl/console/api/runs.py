@@ -14,10 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.background import BackgroundTask
 
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
-from cellctl.console.command_jobs import command_job
+from cellctl.console.commands import recompute
 from cellctl.console.known_runs import REPORT_CONTENT, exported, known_rows
 from cellctl.console.shared import console
-from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.export import Form
 from cellctl.operations.run_files import run_file, run_files, run_named
@@ -128,13 +127,13 @@ async def export(name: RunName, form: Annotated[Form, Query(description="What to
 @router.post("/runs/{name}/replay", status_code=202, responses=COMMANDS)
 async def replay(operator: Commander, name: RunName) -> JobOut:
     """Compute the run again from its journal alone, and compare byte for byte; changes nothing in the run folder."""
-    return await _start(operator, "replay", name)
+    return JobOut(job=(await recompute(operator, "replay", run_place(name))).id)
 
 
 @router.post("/runs/{name}/report", status_code=202, responses=COMMANDS)
 async def rewrite_report(operator: Commander, name: RunName) -> JobOut:
     """Write the report of a run again."""
-    return await _start(operator, "report", name)
+    return JobOut(job=(await recompute(operator, "report", run_place(name))).id)
 
 
 @router.get("/jobs/{number}", responses=READS)
@@ -194,12 +193,3 @@ def _file(place: Path, name: str) -> Path:
         return run_file(place, name)
     except InputError:
         raise Refused(404, f"run {place.name} has no file '{name[:80]}'", "its list of files has the names") from None
-
-
-async def _start(operator: Operator, operation: str, name: str) -> JobOut:
-    request = {"place": str(run_place(name))}
-    title = f"{operation} of {name}"
-    started = await command_job(
-        operator, operation, name, lambda: console().jobs.start(title, operation, request, operator.name)
-    )
-    return JobOut(job=started.id)

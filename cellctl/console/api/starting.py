@@ -11,10 +11,10 @@ from fastapi import APIRouter
 from pydantic import BaseModel, Field, StringConstraints
 
 from cellctl.console import commands
-from cellctl.console.api.answers import COMMANDS, READS, Commander, ProblemOut, ProcedureName, Refused, problems_of
+from cellctl.console.api.answers import COMMANDS, READS, Commander, ProblemOut, ProcedureName, Refused
 from cellctl.console.api.cells import cell_file
 from cellctl.devices.cell import ClockMode
-from cellctl.files import InputError, Problem
+from cellctl.files import Problem
 from cellctl.operations.checking import check, choices, form_of, line_of
 from cellctl.operations.detached import RunOrder
 from cellctl.procedure import Parameter
@@ -118,7 +118,7 @@ async def procedure(name: ProcedureName) -> ProcedureOut:
         cell=str(form.cell) if form.cell else None,
         parameters=[_parameter(one) for one in form.parameters.values()],
         confirms=list(form.confirms),
-        problems=problems_of(InputError(form.problems)),
+        problems=[ProblemOut.of(each) for each in form.problems],
     )
 
 
@@ -174,7 +174,4 @@ def _parameter(one: Parameter) -> ParameterOut:
 
 
 def _placed(problems: Iterable[Problem]) -> list[PlacedProblem]:
-    return [
-        PlacedProblem(file=one.file, line=one.line, column=one.column, what=one.what, cure=one.cure, text=line_of(one))
-        for one in problems
-    ]
+    return [PlacedProblem.of(one, text=line_of(one)) for one in problems]

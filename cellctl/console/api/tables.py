@@ -73,7 +73,7 @@ async def look(operator: Commander, asked: TableAsked) -> JobOut:
 
 @router.post("/act", status_code=202, responses=COMMANDS)
 async def act(operator: Commander, asked: TableConfirmed) -> JobOut:
-    """Push, verify or roll back; a change needs what was seen and a confirmation."""
+    """Push, verify or roll back; a change needs a look before it, what was seen then, and a confirmation."""
     request = _request(asked, seen=asked.seen, confirmed=asked.confirmed)
     return JobOut(job=(await start_action(operator, request)).id)
 

@@ -37,6 +37,10 @@ class LogLine:
     who: str = ""
     step: str = ""
 
+    def fits(self, kind: str, text: str) -> bool:
+        """Whether the line is of this kind and has this text in line, step or person; empty: any."""
+        return kind in ("", self.kind) and text.casefold() in f"{self.text} {self.who} {self.step}".casefold()
+
 
 def log_line(entry: Entry) -> LogLine | None:
     """The line for an event; None for events that the log leaves out, such as measured rows."""

@@ -12,11 +12,13 @@ from cellctl.console import analysis_commands as commands
 from cellctl.console.following import follow_event
 from cellctl.console.frame import TokenDialog, frame, operator
 from cellctl.console.guarding import LARGEST_BODY
-from cellctl.console.look import State, command_button, section, state_word
-from cellctl.console.page_commands import show_problems
+from cellctl.console.look import Cell, State, command_button, figures, section, state_word, words
+from cellctl.console.page_commands import Commands, show_problems
 from cellctl.console.pages.import_answers import ImportAnswers, names_fields
 from cellctl.console.pages.uploading import drop_zone, upload_of
+from cellctl.console.run_words import shown_time
 from cellctl.console.shared import console
+from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.operations import analyses
 from cellctl.operations.uploaded_files import roles
@@ -48,6 +50,7 @@ async def analyse() -> None:
             "the robot is, identify it, and take model, URDF and compensated programs away. No cell is needed."
         ).style("max-width: 60rem")
         _UploadPart()
+        _Example()
         with section("Analyses of this folder"):
             _List(found)
 
@@ -79,7 +82,7 @@ class _UploadPart:
                 self._upload = drop_zone(
                     "Drop a data file here",
                     "A CSV data set, a table with joints and positions, or a robot program and its table of positions "
-                    "together. A robot file and an artefact file (YAML) may come along. "
+                    "together. A robot file (YAML or URDF) and an artefact file (YAML) may come along. "
                     f"At most {LARGEST_BODY // 1_000_000} MB.",
                     self._uploaded,
                     self._too_large,
@@ -115,6 +118,27 @@ class _UploadPart:
 
     def _refused(self, problems: list[Problem]) -> None:
         show_problems(self._problems, problems)
+
+
+class _Example:
+    """One click analyses simulated data."""
+
+    def __init__(self) -> None:
+        with ui.element("div").classes("row"):
+            self._button = command_button("Try it with simulated data", lambda: self._commands.give(self._load))
+            ui.label("100 positions of a simulated KUKA KR5 R1400 with errors of its own: no real robot.").classes(
+                "note"
+            )
+            self._busy = ui.spinner(size="1.4em")
+        self._busy.set_visibility(False)
+        self._commands = Commands()
+
+    async def _load(self, here: Operator) -> None:
+        self._busy.set_visibility(True)
+        try:
+            ui.navigate.to(f"/analyse/{await commands.example(here)}")
+        finally:
+            self._busy.set_visibility(False)
 
 
 def _ask_for_token(then: Any) -> None:
@@ -156,30 +180,21 @@ def _table(found: list[dict[str, Any]]) -> None:
     if not found:
         ui.label("None yet.").classes("note")
         return
-    with ui.element("div").classes("scrolling"), ui.element("table").classes("figures"):
-        with ui.element("thead"), ui.element("tr"):
-            for name in ("Data file", "Robot", "State", "Result", "Uploaded (UTC)", "By"):
-                with ui.element("th").classes("words"):
-                    ui.label(name)
-        with ui.element("tbody"):
-            for each in found:
-                _row(each)
+    columns = words("Data file", "Robot", "State", "Result", "Uploaded (UTC)", "By")
+    figures(columns, map(_row, found), label="Analyses")
 
 
-def _row(each: dict[str, Any]) -> None:
+def _row(each: dict[str, Any]) -> list[Cell]:
     outcome = each["outcome"] or {}
     state, word = STATES[outcome.get("verdict") or each["state"]]
-    with ui.element("tr"):
-        with ui.element("td").classes("words"):
-            ui.link(each["data"], f"/analyse/{each['name']}")
-        for cell in (each["library"] or each["robot"] or "–",):
-            with ui.element("td").classes("words"):
-                ui.label(cell)
-        with ui.element("td").classes("words"):
-            state_word(state, word)
-        for cell in (result_words(outcome), each["created"].replace("T", " ").rstrip("Z"), each["operator"]):
-            with ui.element("td").classes("words"):
-                ui.label(cell)
+    return [
+        lambda: ui.link(each["data"], f"/analyse/{each['name']}"),
+        each["library"] or each["robot"] or "–",
+        lambda: state_word(state, word),
+        result_words(outcome),
+        shown_time(each["created"]),
+        each["operator"],
+    ]
 
 
 def result_words(outcome: dict[str, Any]) -> str:

@@ -24,6 +24,7 @@ from cellctl.console.pages.analyse_parts import (
     robot_choice,
     understood,
 )
+from cellctl.console.pages.import_answers import REPEATABILITY, names_fields
 from cellctl.console.pages.uploading import upload_button, upload_of
 from cellctl.console.shared import console
 from cellctl.engine import Operator
@@ -141,7 +142,10 @@ class _Page:
         busy = self._job is not None
         with section("Robot and fit"):
             robot_choice(state, self._choose_robot, enabled=not busy)
-            upload_button("Own robot file", self._robot_file, self._too_large).set_visibility(not busy)
+            with ui.element("div").classes("row") as own:
+                upload_button("Own robot file or URDF", self._robot_file, self._too_large)
+                self._repeatability = ui.input(REPEATABILITY).props("outlined dense").style("min-width: 19rem")
+            own.set_visibility(not busy)
             self._options = Options(FitSettings(**state["settings"]))
             with ui.element("div").classes("row"):
                 label = "Fit again" if state["outcome"] else "Fit"
@@ -164,8 +168,10 @@ class _Page:
         await with_operator(lambda here: self._try(lambda: commands.choose_robot(here, self._name, name)))
 
     async def _robot_file(self, event: events.MultiUploadEventArguments) -> None:
-        file = upload_of(event.files[0])
-        await with_operator(lambda here: self._try(lambda: commands.choose_robot(here, self._name, "", file)))
+        file, repeatability = upload_of(event.files[0]), str(self._repeatability.value or "").strip()
+        await with_operator(
+            lambda here: self._try(lambda: commands.choose_robot(here, self._name, "", file, repeatability))
+        )
 
     async def _program(self, event: events.MultiUploadEventArguments) -> None:
         files = [upload_of(file) for file in event.files]
@@ -202,7 +208,7 @@ class _Page:
         try:
             await work()
         except InputError as error:
-            self._show([*error.problems])
+            self._show([names_fields(problem) for problem in error.problems])
 
     def _show(self, problems: list[Problem]) -> None:
         show_problems(self._problems, problems)

@@ -7,10 +7,11 @@ from typing import Any, final
 
 from nicegui import ui
 
-from cellctl.console.look import facts, link_button, problem_list, section, state_word
+from cellctl.console.look import Cell, facts, figures, link_button, numbers, problem_list, section, state_word, words
 from cellctl.console.pages.analyse import STATES
 from cellctl.files import Problem
 from cellctl.operations.analyses import RESULTS, FitSettings
+from cellctl.report.numbers import fixed
 from cellctl.robots import library
 
 MODELS = {
@@ -42,7 +43,7 @@ def headline(state: dict[str, Any], *, busy: bool) -> None:
         state_word(kind, f"{word.capitalize()}. {first}.", large=True)
         with ui.element("div").classes("two"):
             if state["figures"]:
-                _figures(state["figures"])
+                _errors(state["figures"])
             ui.label(rest.replace("Better than nominal. ", "")).classes("note").style("max-width: 50rem")
     elif state["state"] == "new" and (state["understood"] or {}).get("problems"):
         state_word("bad", "The data and the robot file do not go together", large=True)
@@ -57,23 +58,17 @@ def headline(state: dict[str, Any], *, busy: bool) -> None:
         state_word(kind, word.capitalize(), large=True)
 
 
-def _figures(figures: dict[str, Any]) -> None:
+def _errors(found: dict[str, Any]) -> None:
     """Mean, RMS and maximum, held-out rows before and after."""
-    tested = f"{figures['n_test']} held-out rows"
-    rows = [(f"{tested}, nominal", figures["nominal"]), (f"{tested}, identified", figures["test"])]
-    rows.append((f"{figures['n_fit']} rows of the fit, identified", figures["fit"]))
-    with ui.element("div").classes("scrolling"), ui.element("table").classes("figures"):
-        with ui.element("tr"):
-            for number, heading in enumerate(("Distance from the measured place", "mean, mm", "RMS, mm", "max, mm")):
-                with ui.element("th").classes("" if number else "words"):
-                    ui.label(heading)
-        for name, values in rows:
-            with ui.element("tr"):
-                with ui.element("td").classes("words"):
-                    ui.label(name)
-                for figure in ("mean", "rms", "max"):
-                    with ui.element("td"):
-                        ui.label(f"{values[figure]:.3f}")
+    tested = f"{found['n_test']} held-out rows"
+    shown = {
+        f"{tested}, nominal": found["nominal"],
+        f"{tested}, identified": found["test"],
+        f"{found['n_fit']} rows of the fit, identified": found["fit"],
+    }
+    columns = [*words("Distance from the measured place"), *numbers("mean, mm", "RMS, mm", "max, mm")]
+    rows = [[name, *(fixed(values[key]) for key in ("mean", "rms", "max"))] for name, values in shown.items()]
+    figures(columns, rows, label="Errors")
 
 
 def understood(state: dict[str, Any]) -> None:
@@ -202,46 +197,27 @@ def programs(state: dict[str, Any], field: Callable[[], None]) -> None:
         ).classes("note").style("max-width: 60rem")
         field()
         if state["programs"]:
-            with ui.element("div").classes("scrolling"), ui.element("table").classes("figures"):
-                _program_head()
-                for each in reversed(state["programs"]):
-                    _program_row(state, each)
+            columns = [*words("Program"), *numbers("points", "left as they were", "predicted before, mean, mm")]
+            columns += [*numbers("after, mean, mm", "after, max, mm"), *words("Download")]
+            figures(columns, [_program(state, each) for each in reversed(state["programs"])], label="Programs")
+            left = [
+                f"{one['file']}:{one['line']}: {one['name']}: {one['reason']}"
+                for each in state["programs"]
+                for one in each["left"]
+            ]
+            _listed(f"Points left as they were: {len(left)}", left)
 
 
-def _program_head() -> None:
-    with ui.element("tr"):
-        for number, heading in enumerate(
-            (
-                "Program",
-                "points",
-                "left as they were",
-                "predicted before, mean, mm",
-                "after, mean, mm",
-                "after, max, mm",
-            )
-        ):
-            with ui.element("th").classes("" if number else "words"):
-                ui.label(heading)
-        with ui.element("th").classes("words"):
-            ui.label("Download")
-
-
-def _program_row(state: dict[str, Any], each: dict[str, Any]) -> None:
-    before, after = (each.get(f"{key}_mm") or each[f"predicted_{key}_mm"] for key in ("before", "after"))
-    figures = (f"{before['mean']:.3f}", f"{after['mean']:.3f}", f"{after['max']:.3f}")
-    with ui.element("tr"):
-        with ui.element("td").classes("words"):
-            ui.label(each["name"])
-        for cell in (str(each["compensated"]), str(len(each["left"])), *figures):
-            with ui.element("td"):
-                ui.label(cell)
-        with ui.element("td").classes("words"), ui.element("div").classes("row"):
+def _program(state: dict[str, Any], each: dict[str, Any]) -> list[Cell]:
+    def files() -> None:
+        with ui.element("div").classes("row"):
             for file in each["files"]:
                 place = f"/api/analyses/{state['name']}/programs/{each['id']}/{file}"
                 link_button(file, place, icon="download", download=True)
-    for left in each["left"][:20]:
-        with ui.element("tr"), ui.element("td").classes("words note").props("colspan=7"):
-            ui.label(f"{left['file']}:{left['line']}: {left['name']}: {left['reason']}")
+
+    before, after = (each.get(f"{key}_mm") or each[f"predicted_{key}_mm"] for key in ("before", "after"))
+    counts = (str(each["compensated"]), str(len(each["left"])))
+    return [each["name"], *counts, *map(fixed, (before["mean"], after["mean"], after["max"])), files]
 
 
 def report(state: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from nicegui import ui
 from cellctl.console.api.described_route import DescribedRoute
 from cellctl.console.api.document import SUBJECTS, operations
 from cellctl.console.frame import frame
-from cellctl.console.look import command_button, link_button, section
+from cellctl.console.look import Cell, command_button, figures, link_button, section, words
 
 _READING = (
     "Reading needs no token. A command needs the token that the console printed at its start, and names the person who "
@@ -60,22 +60,15 @@ def _route(route: DescribedRoute) -> None:
 def _inputs(route: DescribedRoute) -> None:
     if not route.inputs:
         return
-    with ui.element("div").classes("scrolling"), ui.element("table").classes("figures inputs"):
-        with ui.element("thead"), ui.element("tr"):
-            for title in ("Input", "In", "Type", "Meaning"):
-                with ui.element("th").classes("words").props("scope=col"):
-                    ui.label(title)
-        with ui.element("tbody"):
-            for one in route.inputs:
-                with ui.element("tr"):
-                    for text in (
-                        one.name,
-                        one.where,
-                        one.kind + ("" if one.needed else ", optional"),
-                        _plain(one.words),
-                    ):
-                        with ui.element("td").classes("words" + " mono" * (text is one.name)):
-                            ui.label(text)
+    rows = [
+        [_name(one.name), one.where, one.kind + ("" if one.needed else ", optional"), _plain(one.words)]
+        for one in route.inputs
+    ]
+    figures(words("Input", "In", "Type", "Meaning"), rows, label=f"Inputs of {route.method} {route.path}")
+
+
+def _name(text: str) -> Cell:
+    return lambda: ui.label(text).classes("mono")
 
 
 def _plain(text: str) -> str:

@@ -14,7 +14,7 @@ from cellctl.console import commands
 from cellctl.console.following import follow, follow_event
 from cellctl.console.frame import frame
 from cellctl.console.look import State, StateWord, command_button, link_button, problem_list, section, state_word
-from cellctl.console.page_commands import Commands, enable, problems_of, set_text
+from cellctl.console.page_commands import Commands, enable, set_text
 from cellctl.console.shared import console
 from cellctl.devices.cell import Cell
 from cellctl.engine import Operator
@@ -44,7 +44,7 @@ async def cell(request: Request, name: str = "") -> None:
         try:
             loaded = await commands.loaded_cell(chosen.file)
         except InputError as error:
-            problem_list(problems_of(error))
+            problem_list(error.problems)
             return
         page = _CellPage(loaded, chosen.file)
         await page.show_latest()

@@ -11,11 +11,11 @@ from nicegui import ui
 from cellctl.console.charts import drift_chart
 from cellctl.console.frame import frame
 from cellctl.console.known_runs import known_rows
-from cellctl.console.look import COLOURS, command_button, problem_list, section, state_word
-from cellctl.console.run_words import figures, mm
+from cellctl.console.look import COLOURS, command_button, figures, numbers, problem_list, section, state_word, words
 from cellctl.console.shared import console
-from cellctl.files import InputError, Problem
+from cellctl.files import InputError
 from cellctl.journal import JournalError
+from cellctl.operations.failure import Failure
 from cellctl.operations.run_files import run_named
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.report.numbers import fixed, with_sigma
@@ -63,11 +63,8 @@ async def _comparison(a: str, b: str) -> None:
     try:
         first, second = (run_named(console().runs, name) for name in (a, b))
         found = await asyncio.to_thread(compare_runs, first, second)
-    except InputError as error:
-        problem_list(error.problems)
-        return
-    except JournalError as error:
-        problem_list([Problem(str(error.path), 0, 0, error.what, error.cure)])
+    except (InputError, JournalError) as error:
+        problem_list(Failure.of(error).problems)
         return
     for note in found.notes:
         state_word("warning", note)
@@ -85,17 +82,23 @@ def _facts(found: RunComparison) -> None:
     rows = [[fact.name, fact.a, fact.b, "" if fact.same else "differs"] for fact in found.facts]
     marked = frozenset(number for number, fact in enumerate(found.facts) if not fact.same)
     with section("Set-up").classes("wrapping"):
-        figures([("", "words"), ("a", "words"), ("b", "words"), ("", "words")], rows, label="Set-up", marked=marked)
+        figures(words("", "a", "b", ""), rows, label="Set-up", marked=marked)
 
 
 def _errors(found: RunComparison) -> None:
     rows = [
-        [each.name, mm(each.a), mm(each.b), _difference(each.difference, each.sigma), _significance(each.significant)]
+        [
+            each.name,
+            fixed(each.a),
+            fixed(each.b),
+            _difference(each.difference, each.sigma),
+            _significance(each.significant),
+        ]
         for each in found.figures
     ]
     note = "σ: from the scatter of the errors. It does not contain what all points of a run share."
     with section("Held-out errors, mm", note=note):
-        columns = [("", "words"), ("a", ""), ("b", ""), ("b − a, ± 1 σ", ""), ("above 2 σ", "words")]
+        columns = [*words(""), *numbers("a", "b", "b − a, ± 1 σ"), *words("above 2 σ")]
         figures(columns, rows, label="Errors")
 
 
@@ -104,13 +107,13 @@ def _models(models: ModelDifference) -> None:
     if models.tcp_rms_mm is not None:
         ui.label(
             f"TCPs of the two models, over the joints that both measured, with base and tool registered: "
-            f"{mm(models.tcp_rms_mm)} mm apart (RMS; max {mm(models.tcp_max_mm)} mm); σ explains "
-            f"{mm(models.tcp_sigma_mm)} mm."
+            f"{fixed(models.tcp_rms_mm)} mm apart (RMS; max {fixed(models.tcp_max_mm)} mm); σ explains "
+            f"{fixed(models.tcp_sigma_mm)} mm."
         )
     for why in models.left_out:
         ui.label(f"Not compared: {why}.").classes("note")
-    columns = [("Parameter", "words"), ("Unit", "words"), ("a, ± 1 σ", ""), ("b, ± 1 σ", ""), ("b − a, ± 1 σ", "")]
-    columns += [("in σ", ""), ("above 2 σ", "words")]
+    of_both = numbers("a, ± 1 σ", "b, ± 1 σ", "b − a, ± 1 σ", "in σ")
+    columns = [*words("Parameter", "Unit"), *of_both, *words("above 2 σ")]
     rows = [_cells(each) for each in models.parameters]
     marked = frozenset(number for number, each in enumerate(models.parameters) if each.significant)
     figures(columns, rows, label="Parameters", marked=marked)
@@ -185,12 +188,7 @@ def _series(found: ParameterDrift) -> None:
                 if each.slope is not None:
                     ui.label(f"trend {_slope(each)} in 30 days{', above 2 σ' if each.drifts else ''}").classes("note")
                 drift_chart(found.runs, each)
-    columns = [
-        ("Parameter", "words"),
-        ("Unit", "words"),
-        ("Trend in 30 days, ± 1 σ", ""),
-        *((run, "") for run, _ in found.runs),
-    ]
+    columns = [*words("Parameter", "Unit"), *numbers("Trend in 30 days, ± 1 σ", *(run for run, _ in found.runs))]
     rows = [[each.label, each.unit, _slope(each), *map(_value, each.values, each.sigmas)] for each in ordered]
     with ui.expansion(f"All {len(rows)} parameters as numbers").classes("wide"):
         figures(columns, rows, label="Drift of parameters")

@@ -12,13 +12,13 @@ from nicegui import ui
 from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
 from cellctl.console.following import follow
 from cellctl.console.frame import frame
-from cellctl.console.look import facts, section, state_word
-from cellctl.console.run_words import figures, look_of_verdict, mm, shown_time
+from cellctl.console.look import Cell, facts, figures, numbers, section, state_word, words
+from cellctl.console.run_words import look_of_verdict, shown_time
 from cellctl.console.shared import console
 from cellctl.report.numbers import fixed
 
 if TYPE_CHECKING:
-    from cellctl.operations.daily_history import DailyHistories, DailyHistory
+    from cellctl.operations.daily_history import DailyCheck, DailyHistories, DailyHistory
 
 _NONE = "No daily check has finished in this folder of runs. `cellctl run daily_check` makes one."
 
@@ -139,16 +139,10 @@ def _individuals(history: DailyHistory, way: str, choose: Any) -> None:
         for number, (name, chart) in enumerate(history.charts.items()):
             signals = "; ".join(chart.signals[-1]) or "–"
             values = (chart.values[-1], chart.centre, *chart.limits)
-            rows.append([name, *(mm(value) for value in values), fixed(_in_sigmas(history, name), 1), signals])
+            rows.append([name, *(fixed(value) for value in values), fixed(_in_sigmas(history, name), 1), signals])
             marked += [number] if chart.signals[-1] else []
-        columns = [
-            ("Way", "words"),
-            ("last, mm", ""),
-            ("centre, mm", ""),
-            ("lower limit, mm", ""),
-            ("upper limit, mm", ""),
-        ]
-        columns += [("last, σ", ""), ("signals of the last check", "words")]
+        limits = numbers("last, mm", "centre, mm", "lower limit, mm", "upper limit, mm", "last, σ")
+        columns = [*words("Way"), *limits, *words("signals of the last check")]
         figures(columns, rows, label="Last check", marked=frozenset(marked))
         chosen = ui.toggle(list(history.charts), value=way, on_change=lambda event: choose(way=event.value))
         chosen.props('no-caps unelevated dense aria-label="Chart of"').classes("ways")
@@ -168,32 +162,16 @@ def _signals(history: DailyHistory, signals: Sequence[Sequence[Any]]) -> None:
 
 
 def _checks(history: DailyHistory) -> None:
-    with (
-        section("Checks"),
-        ui.element("div")
-        .classes("scrolling")
-        .props('tabindex=0 role=region aria-label="Checks"')
-        .style("max-height: 24rem"),
-        ui.element("table").classes("figures"),
-    ):
-        with ui.element("tr"):
-            for title, kind in (
-                ("Check", "words"),
-                ("Began (UTC)", "words"),
-                ("Verdict", "words"),
-                ("T²", ""),
-                ("EWMA", ""),
-            ):
-                with ui.element("th").classes(kind):
-                    ui.label(title)
-        for check in reversed(history.checks):
-            with ui.element("tr"):
-                with ui.element("td").classes("words"):
-                    ui.link(check.run, f"/run/{quote(check.run)}/result")
-                with ui.element("td").classes("words"):
-                    ui.label(shown_time(check.began))
-                with ui.element("td").classes("words"):
-                    state_word(look_of_verdict(check.verdict), check.verdict)
-                for value, places in ((check.t2, 1), (check.ewma, 2)):
-                    with ui.element("td"):
-                        ui.label(fixed(value, places))
+    columns = [*words("Check", "Began (UTC)", "Verdict"), *numbers("T²", "EWMA")]
+    with section("Checks"):
+        figures(columns, map(_row, reversed(history.checks)), label="Checks").style("max-height: 24rem")
+
+
+def _row(check: DailyCheck) -> list[Cell]:
+    return [
+        lambda: ui.link(check.run, f"/run/{quote(check.run)}/result"),
+        shown_time(check.began),
+        lambda: state_word(look_of_verdict(check.verdict), check.verdict),
+        fixed(check.t2, 1),
+        fixed(check.ewma, 2),
+    ]

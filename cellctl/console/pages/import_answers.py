@@ -1,4 +1,4 @@
-"""Fields for what an uploaded file may leave open, one for each option of `cellctl import`."""
+"""Fields for what an uploaded file may leave open, named as options of `cellctl import` and `cellctl convert`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ _CHOICES = {
 }
 _ROBOT = "Robot of the library"
 _COLUMNS = "Columns of the file"
+REPEATABILITY = "Repeatability of a URDF's robot, mm"
 _LABELS = {**{name: label for name, (label, _) in _CHOICES.items()}, "robot": _ROBOT, "columns": _COLUMNS}
+_LABELS["repeatability"] = REPEATABILITY
 _OPTION = re.compile(rf"--({'|'.join(_LABELS)})\b *")
 
 
@@ -44,6 +46,7 @@ class ImportAnswers:
                 self._robot = robots.props("outlined dense")
                 columns = ui.input(_COLUMNS, placeholder="A1=shoulder,A2=upper_arm,X=north").classes("wide")
                 self._fields["columns"] = columns.props("outlined dense")
+                self._fields["repeatability"] = ui.input(REPEATABILITY).props("outlined dense")
             self._again = command_button("Read the file again", again, icon="replay")
         self._again.set_visibility(False)
 

@@ -9,18 +9,29 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from cellctl.console.command_jobs import command_job
+from cellctl.console.commands import recompute
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.job_view import JobView
-from cellctl.console.jobs import Job
-from cellctl.console.look import command_button, facts, link_button, problem_list, section, state_word
-from cellctl.console.run_words import figures, look_of_state, look_of_verdict, mm, shown_time
+from cellctl.console.look import (
+    Cell,
+    command_button,
+    facts,
+    figures,
+    link_button,
+    numbers,
+    problem_list,
+    section,
+    state_word,
+    words,
+)
+from cellctl.console.run_words import look_of_state, look_of_verdict, shown_time
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.export import Form
 from cellctl.operations.run_files import RunFile, run_files, run_named
 from cellctl.operations.run_list import RunRow, run_row
+from cellctl.report.numbers import fixed
 
 _REPORT = "report.html"
 _FORMS = {
@@ -86,11 +97,11 @@ def _facts(row: RunRow) -> None:
 
 def _errors(row: RunRow) -> None:
     rows = [
-        [name, *(mm((row.get(when) or {}).get(key)) for key in ("mean", "rms", "max"))]
+        [name, *(fixed((row.get(when) or {}).get(key)) for key in ("mean", "rms", "max"))]
         for name, when in (("before", "before"), ("after", "after"))
     ]
     with section("Measured held-out errors", note="After: with the table in force on the controller."):
-        figures([("", "words"), ("mean, mm", ""), ("RMS, mm", ""), ("max, mm", "")], rows, label="Errors")
+        figures([*words(""), *numbers("mean, mm", "RMS, mm", "max, mm")], rows, label="Errors")
 
 
 @final
@@ -98,30 +109,25 @@ class _Files:
     """Files of the folder, and exports."""
 
     def __init__(self, place: Path, files: list[RunFile]) -> None:
-        name = quote(place.name)
+        self._place = f"/api/runs/{quote(place.name)}"
         with section("Files and export"), ui.element("div").classes("columns"):
-            with ui.element("table").classes("figures"):
-                for file in files:
-                    with ui.element("tr"):
-                        with ui.element("td").classes("words"):
-                            ui.link(file.name, f"/api/runs/{quote(name)}/files/{quote(file.name)}").props("download")
-                        with ui.element("td").classes("words note"):
-                            ui.label(file.what)
-                        with ui.element("td"):
-                            ui.label(_size(file.size)).style("white-space: nowrap")
+            columns = [*words("File", "Content"), *numbers("Size")]
+            figures(columns, [(self._link_to(file), file.what, _size(file.size)) for file in files], label="Files")
             with ui.element("div").classes("row").style("align-content: flex-start"):
                 options = {form.value: words for form, words in _FORMS.items()}
                 chosen = ui.select(options, label="Export", value=Form.ZIP.value, on_change=self._choose)
                 chosen.props("outlined dense").style("min-width: 17rem")
                 self._link = link_button("Download", "", icon="download", download=True)
-        self._name = name
         self._set(Form.ZIP.value)
 
     def _choose(self, event: Any) -> None:
         self._set(event.value)
 
     def _set(self, form: str) -> None:
-        self._link.props["href"] = f"/api/runs/{quote(self._name)}/export?form={form}"
+        self._link.props["href"] = f"{self._place}/export?form={form}"
+
+    def _link_to(self, file: RunFile) -> Cell:
+        return lambda: ui.link(file.name, f"{self._place}/files/{quote(file.name)}").props("download")
 
 
 @final
@@ -137,7 +143,7 @@ class _Replay:
             self._view = JobView(self._show)
 
     async def _start(self, operator: Operator) -> None:
-        job = await _job(operator, "replay", self._place)
+        job = await recompute(operator, "replay", self._place)
         self._button.disable()
         self._view.follow(job, self._button.enable)
 
@@ -152,9 +158,7 @@ class _Replay:
             [each["step"], _word(each["equal"]), "; ".join((*each["differences"][:3], *each["why"]))]
             for each in found["steps"]
         ]
-        figures(
-            [("File or step", "words"), ("Outcome", "words"), ("Difference and reason", "words")], rows, label="Replay"
-        )
+        figures(words("File or step", "Outcome", "Difference and reason"), rows, label="Replay")
 
 
 def _artefact(each: dict[str, Any]) -> list[str]:
@@ -187,7 +191,7 @@ class _Report:
         self._view = JobView(self._written)
 
     async def _start(self, operator: Operator) -> None:
-        self._view.follow(await _job(operator, "report", self._place))
+        self._view.follow(await recompute(operator, "report", self._place))
 
     def _written(self, _: object) -> None:
         self._area.clear()
@@ -202,13 +206,5 @@ class _Report:
         frame_.props["src"], frame_.props["title"] = target, f"Calibration report of {self._place.name}"
 
 
-async def _job(operator: Operator, operation: str, place: Path) -> Job:
-    """Start `operation` of `cellctl.console.run_jobs` on the run in `place`."""
-    title, request = f"{operation} of {place.name}", {"place": str(place)}
-    return await command_job(
-        operator, operation, place.name, lambda: console().jobs.start(title, operation, request, operator.name)
-    )
-
-
 def _size(size: int) -> str:
-    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{max(size / 1e3, 0.1):.1f} kB"
+    return f"{size / 1e6:.1f}\N{NO-BREAK SPACE}MB" if size >= 1e6 else f"{max(size / 1e3, 0.1):.1f}\N{NO-BREAK SPACE}kB"

@@ -11,7 +11,7 @@ from nicegui import ui
 from cellctl.console import commands
 from cellctl.console.live import Snapshot
 from cellctl.console.look import command_button, link_button
-from cellctl.console.page_commands import Commands, answer_of, enable, problems_of
+from cellctl.console.page_commands import Commands, answer_of, enable
 from cellctl.console.run_sentence import is_pausing
 from cellctl.engine import ActionName, Operator
 from cellctl.journal import JournalError
@@ -85,7 +85,7 @@ class RunControls:
         try:
             question = await asyncio.to_thread(question_of, self._folder)
         except JournalError as error:
-            self._commands.refuse(problems_of(error))
+            self._commands.refuse(error)
             return
         with ui.dialog() as dialog, ui.card():
             ui.label(f"Continue {self._run} at the step that it did not finish?").classes("section-title")

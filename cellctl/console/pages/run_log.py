@@ -9,7 +9,7 @@ from nicegui import ui
 
 from cellctl.console.live import LogLine, Snapshot, whole_log
 from cellctl.console.look import command_button
-from cellctl.console.page_commands import Commands, problems_of
+from cellctl.console.page_commands import Commands
 from cellctl.journal import JournalError
 
 KINDS = {
@@ -62,7 +62,7 @@ class RunLog:
         try:
             lines = await asyncio.to_thread(whole_log, self._folder)
         except JournalError as error:
-            self._problems.refuse(problems_of(error))
+            self._problems.refuse(error)
             return
         self._lines = lines
         self._refill()
@@ -71,8 +71,7 @@ class RunLog:
         self._found.set_text(f"{number} of {len(lines)} lines{shown}")
 
     def _fits(self, line: LogLine) -> bool:
-        text = (self._text.value or "").casefold()
-        return self._kind.value in ("", line.kind) and text in f"{line.text} {line.who} {line.step}".casefold()
+        return line.fits(self._kind.value, self._text.value or "")
 
     def _push(self, lines: list[LogLine]) -> None:
         self._found.set_text("")

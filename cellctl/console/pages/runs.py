@@ -13,9 +13,10 @@ from cellctl.console.following import follow
 from cellctl.console.frame import frame
 from cellctl.console.known_runs import live_rows
 from cellctl.console.look import COLOURS, ICONS, State
-from cellctl.console.run_words import look_of_state, look_of_verdict, mm, shown_time
+from cellctl.console.run_words import look_of_state, look_of_verdict, shown_time
 from cellctl.console.shared import console
 from cellctl.operations.run_list import RunFilter, RunRow, procedure_name, robot_serial
+from cellctl.report.numbers import fixed
 
 _NUMBER = {"align": "right", "classes": "number", "headerClasses": "number"}
 _TEXT = {"align": "left"}
@@ -145,8 +146,8 @@ def _cells(row: RunRow) -> dict[str, Any]:
         "verdict": row.get("verdict") or "",
         "verdict_look": _look(look_of_verdict(row.get("verdict"))),
         "points": row.get("points"),
-        "before": mm(before.get("mean")),
-        "after": mm(after.get("mean")),
+        "before": fixed(before.get("mean")),
+        "after": fixed(after.get("mean")),
         "table": row.get("table_state") or "–",
     }
 

@@ -10,7 +10,7 @@ from nicegui import ui
 from cellctl.console import commands
 from cellctl.console.frame import frame
 from cellctl.console.look import command_button, facts, problem_list, section, state_word
-from cellctl.console.page_commands import Commands, answer_of, enable, problems_of
+from cellctl.console.page_commands import Commands, answer_of, enable
 from cellctl.console.pages.parameter_fields import ParameterFields
 from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
@@ -44,7 +44,7 @@ async def start(procedure: str = "", cell: str = "") -> None:
             form = await asyncio.to_thread(form_of, chosen.file)
         except InputError as error:
             _selects(procedures, cells, chosen, "")
-            problem_list(problems_of(error))
+            problem_list(error.problems)
             return
         default = given.stem if given else form.cell.stem if form.cell else ""
         cell = next((name for name in (cell, default) if name in cells), next(iter(cells)))
@@ -130,7 +130,7 @@ class _StartPage:
             if order != self._order():
                 return  # the form was changed meanwhile
         except InputError as error:
-            found = Checked(problems_of(error))
+            found = Checked(tuple(error.problems))
         enable(self._check, True)
         self._show(found)
         enable(self._start, not found.problems)

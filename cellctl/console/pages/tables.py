@@ -11,8 +11,8 @@ from nicegui import ui
 from cellctl.console.following import follow
 from cellctl.console.frame import frame, with_operator
 from cellctl.console.known_runs import live_rows
-from cellctl.console.look import command_button, problem_list, section, state_word
-from cellctl.console.run_words import figures, shown_time
+from cellctl.console.look import Cell, command_button, figures, numbers, problem_list, section, state_word, words
+from cellctl.console.run_words import shown_time
 from cellctl.console.shared import console
 from cellctl.console.table_dialog import TableAction
 from cellctl.console.table_words import difference_words
@@ -20,6 +20,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.table_changes import short
 from cellctl.operations.table_overview import table_overview
+from cellctl.report.numbers import fixed
 
 
 @ui.page("/tables")
@@ -108,37 +109,31 @@ def _known(one: dict[str, Any], action: TableAction) -> None:
         return lambda: with_operator(go)
 
     in_force = one["changes"][0]["table"] if one["changes"] and one["changes"][0]["state"] == "in force" else None
+
+    def row(each: dict[str, Any]) -> list[Cell]:
+        def name() -> None:
+            ui.label(short(each["id"])).classes("mono").tooltip(each["id"])
+            if each["id"] == in_force:
+                state_word("good", "in force")
+
+        def actions() -> None:
+            with ui.element("div").classes("row"):
+                for title, what in (("Push", "push"), ("Verify", "verify")):
+                    button = command_button(title, asked(what, each["id"]))
+                    button.props(f'aria-label="{title} {short(each["id"])}"')
+
+        facts = (shown_time(each["created"]), each["method"], lambda: _run_link(each["run"]))
+        return [name, *facts, str(each["rows"]), fixed(each["max_correction_deg"]), actions]
+
+    columns = [
+        *words("Table", "Created", "Method", "Run"),
+        *numbers("Rows", "Largest correction, °"),
+        *words("Actions"),
+    ]
     with section("Tables for this controller"):
         with ui.element("div").classes("row"):
             command_button("Roll back to the table before", asked("rollback"), icon="undo", dangerous=True)
-        with ui.element("div").classes("scrolling").props("tabindex=0"), ui.element("table").classes("figures"):
-            with ui.element("tr"):
-                for title in ("Table", "Created", "Method", "Run"):
-                    with ui.element("th").classes("words"):
-                        ui.label(title)
-                for title in ("Rows", "Largest correction, °"):
-                    with ui.element("th"):
-                        ui.label(title)
-                with ui.element("th").classes("words"):
-                    ui.label("Actions")
-            for each in one["tables"]:
-                with ui.element("tr"):
-                    with ui.element("td").classes("words"):
-                        ui.label(short(each["id"])).classes("mono").tooltip(each["id"])
-                        if each["id"] == in_force:
-                            state_word("good", "in force")
-                    for text in (shown_time(each["created"]), each["method"]):
-                        with ui.element("td").classes("words"):
-                            ui.label(text)
-                    with ui.element("td").classes("words"):
-                        _run_link(each["run"])
-                    for text in (str(each["rows"]), f"{each['max_correction_deg']:.3f}"):
-                        with ui.element("td"):
-                            ui.label(text)
-                    with ui.element("td").classes("words"), ui.element("div").classes("row"):
-                        name = short(each["id"])
-                        command_button("Push", asked("push", each["id"])).props(f'aria-label="Push {name}"')
-                        command_button("Verify", asked("verify", each["id"])).props(f'aria-label="Verify {name}"')
+        figures(columns, map(row, one["tables"]), label="Tables")
 
 
 def _run_link(run: str | None) -> None:
@@ -187,8 +182,7 @@ class _Difference:
 
 
 def _history(one: dict[str, Any]) -> None:
-    columns = [("Since (UTC)", "words"), ("Until", "words"), ("Table", "words"), ("Change, by whom", "words")]
-    columns += [("Rows", ""), ("State", "words")]
+    columns = [*words("Since (UTC)", "Until", "Table", "Change, by whom"), *numbers("Rows"), *words("State")]
     rows = [
         [
             shown_time(each["time"]),
