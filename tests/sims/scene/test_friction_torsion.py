@@ -1,12 +1,11 @@
 """Joints that lag behind by their motor's whole torque, friction included, and joints that lag by the weight alone."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from simulated_devices import catalogue
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, read_cell
+from sims.cell import read_cell
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
 from sims.kernel import Kernel
@@ -21,10 +20,6 @@ SEED = 7
 @pytest.fixture(scope="module")
 def cell(request):
     return read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
-
-
-def with_errors(cell, **errors):
-    return replace(cell, simulate=replace(cell.simulate, errors=dict.fromkeys(ERRORS, 0.0) | errors))
 
 
 def lag_rad(cell, ways):

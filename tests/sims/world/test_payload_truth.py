@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from simulated_devices import catalogue
+from true_worlds import BENT, CELL, with_errors
 
-from sims.cell import ERRORS, read_cell
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.scene.scene import Scene
 from sims.world import World
 
-CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 LEVEL = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)  # the flange's z is level: 5 kg at the tip of the tool bend it most
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
 G = 9.80665
 
 
 def cell(payload=None, load=None, **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    return replace(CELL, load=load, simulate=replace(CELL.simulate, errors=scales, payload=payload))
+    erring = with_errors(**errors)
+    return replace(erring, load=load, simulate=replace(erring.simulate, payload=payload))
 
 
 def world(payload=None, **errors):
