@@ -8,18 +8,15 @@ from true_worlds import with_errors
 
 from sims.cell import Plate
 from sims.faults import Faults
-from sims.kernel import Kernel
 from sims.scene.scene import Scene
 
 
 @pytest.fixture
-def scene():
+def scene(kernel):
     """The shipped cell without errors."""
     cell = with_errors()
     assert cell.artefact.plate == Plate(100.0, 8.0)
-    kernel = Kernel("lockstep")
-    yield Scene(kernel, cell, Faults(kernel, catalogue()))
-    kernel.close()
+    return Scene(kernel, cell, Faults(kernel, catalogue()))
 
 
 def across(place, way=(0.0, 100.0, 0.0)):
