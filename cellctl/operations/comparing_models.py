@@ -20,13 +20,11 @@ import numpy as np
 
 from cellctl.formats import ModelFile
 from cellctl.formats.model import Parameter
+from cellctl.operations.significance import ComparedNumber
 
 if TYPE_CHECKING:
     from cellctl.calibration import RobotModel
     from cellctl.kinematics import Bools, Floats
-
-COVERAGE = 2.0
-"""Coverage factor k: a difference above k σ is called significant; without a change 4.6 % are."""
 
 _LEVEL = 0.05
 """Models differ if the p-value is below it."""
@@ -45,7 +43,7 @@ _POSTURES, _SEED = 300, 1
 
 @final
 @dataclass(frozen=True, slots=True)
-class ParameterChange:
+class ParameterChange(ComparedNumber):
     """One parameter of models a and b, in `unit` as shown to people; None where a model does not have it free.
 
     sigma: 1 σ of the difference; None where the rows of one model do not determine it, or there is no difference.
@@ -59,18 +57,6 @@ class ParameterChange:
     sigma_a: float | None
     sigma_b: float | None
     sigma: float | None
-
-    @property
-    def difference(self) -> float | None:
-        """b less a."""
-        return None if self.a is None or self.b is None else self.b - self.a
-
-    @property
-    def significant(self) -> bool | None:
-        """Whether the difference is above 2 σ; None without σ."""
-        if self.sigma is None or self.difference is None:
-            return None
-        return abs(self.difference) > COVERAGE * self.sigma
 
 
 @final

@@ -11,9 +11,10 @@ from typing import Any, final
 from cellctl.files import InputError
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
-from cellctl.operations.comparing_models import COVERAGE, ModelDifference, incomparable, model_difference
+from cellctl.operations.comparing_models import ModelDifference, ParameterChange, incomparable, model_difference
 from cellctl.operations.run_list import ROBOT, RunRow, procedure_name, robot_serial
 from cellctl.operations.run_summary import run_summary
+from cellctl.operations.significance import ComparedNumber
 
 MODEL = "model.json"
 
@@ -35,7 +36,7 @@ class ComparedFact:
 
 @final
 @dataclass(frozen=True, slots=True)
-class ComparedFigure:
+class ComparedFigure(ComparedNumber):
     """A measured error of both runs, mm; None where a run has none. sigma: of the difference, None if not known.
 
     σ is that of a mean of n errors, from their scatter: it does not contain errors that all points of a run share.
@@ -45,18 +46,6 @@ class ComparedFigure:
     a: float | None
     b: float | None
     sigma: float | None
-
-    @property
-    def difference(self) -> float | None:
-        """b less a, mm."""
-        return None if self.a is None or self.b is None else self.b - self.a
-
-    @property
-    def significant(self) -> bool | None:
-        """Whether the difference is above 2 σ; None without σ."""
-        if self.sigma is None or self.difference is None:
-            return None
-        return abs(self.difference) > COVERAGE * self.sigma
 
 
 @final
@@ -185,5 +174,5 @@ def _sigma_of_mean(row: RunRow, when: str) -> float | None:
     return None
 
 
-def _with_difference(each: Any) -> dict[str, Any]:
+def _with_difference(each: ComparedFigure | ParameterChange) -> dict[str, Any]:
     return {**asdict(each), "difference": each.difference, "significant": each.significant}

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.operations.comparing_models import COVERAGE, determined, incomparable
+from cellctl.operations.comparing_models import determined, incomparable
 from cellctl.operations.comparing_runs import model_of
 from cellctl.operations.run_list import RunRow, robot_serial
+from cellctl.operations.significance import significant
 
 if TYPE_CHECKING:
     from cellctl.calibration import RobotModel
@@ -43,9 +44,7 @@ class ParameterSeries:
     @property
     def drifts(self) -> bool | None:
         """Whether the trend is above 2 σ; None without a trend."""
-        if self.slope is None or self.slope_sigma is None:
-            return None
-        return abs(self.slope) > COVERAGE * self.slope_sigma
+        return significant(self.slope, self.slope_sigma)
 
 
 @final

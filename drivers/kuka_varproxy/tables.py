@@ -7,16 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self, final
 
-from cellctl.devices import (
-    ControllerTable,
-    DeviceFault,
-    DeviceLost,
-    DeviceRefused,
-    DeviceUncertain,
-    TableInfo,
-    TableRow,
-    TableState,
-)
+from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableRow, TableState
+from cellctl.devices.table_errors import lost_before_activation, lost_in_activation, refuse_rows
 from drivers.kuka_varproxy.literals import AXES, plain_text, structure, whole
 from drivers.kuka_varproxy.names import BANK_KIND, BANKS, MOST_ROWS, ROW_KIND, bank, row
 from drivers.kuka_varproxy.variables import Variables
@@ -24,7 +16,6 @@ from drivers.seen_through import see_through
 
 _MILLIONTHS = 1_000_000
 _NAMES = tuple(f"{letter}{axis}" for letter in "NC" for axis in range(1, AXES + 1))
-_LOOK = "Connect again and ask which table is active (cellctl table show) before anything relies on one."
 
 Numbers = tuple[int, ...]
 """A row: nominal A1 … A6, compensated A1 … A6, in millionths of a degree."""
@@ -74,14 +65,10 @@ class TableMemory:
             what = f"the table was made for controller {table.serial}, this is {self._serial}"
             cure = "A table holds for the one robot that it was identified on: push the one made for this controller."
             raise DeviceRefused(self._device, what, cure)
-        if not 0 < len(table.rows) <= MOST_ROWS:
-            raise DeviceRefused(self._device, f"a table of {len(table.rows)} rows (1 … {MOST_ROWS} fit)")
+        refuse_rows(self._device, table, MOST_ROWS)
         rows = [_numbers(one) for one in table.rows]
-        try:
+        with lost_before_activation(self._device, table):
             staged = await self._stage(table.id, rows)
-        except DeviceLost as lost:
-            what = f"{lost.what}; table {table.id[:12]} was not activated, the old one is in force"
-            raise DeviceLost(self._device, what, lost.cure) from lost
         return await see_through(self._give_roles(staged, f"whether table {table.id[:12]} or the old one is in force"))
 
     async def state(self) -> TableState:
@@ -151,11 +138,9 @@ class TableMemory:
 
     async def _give_roles(self, roles: Roles, uncertain: str) -> TableState:
         """Write KV_ROLES, the only step that changes which table is in force, and look."""
-        try:
+        with lost_in_activation(self._device, uncertain):
             await self._variables.write_verified("KV_ROLES", str(roles.number))
             return await self.state()
-        except DeviceLost as lost:
-            raise DeviceUncertain(self._device, f"{lost.what}; uncertain {uncertain}", _LOOK) from lost
 
     async def _roles(self) -> Roles:
         number = await self._variables.whole("KV_ROLES")

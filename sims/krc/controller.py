@@ -14,8 +14,8 @@ from sims.krc.eki_server import EkiServer
 from sims.krc.ethernet_config import AXES, BadConfig, EthernetConfig, read_config
 from sims.krc.own_program import program_of
 from sims.krc.program import Program
+from sims.krc.rsi_exchange import RsiContext, RsiSettings
 from sims.krc.rsi_link import RsiLink, target_of
-from sims.krc.rsi_session import RsiContext, RsiSettings
 from sims.krc.servo import Servo
 from sims.krc.signal_flow import AxisCorrection, LateCounter
 from sims.krc.table_desk import TableDesk

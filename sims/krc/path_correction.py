@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
-from sims.kernel import Event
-from sims.krc.rsi_exchange import MS, RsiContext, RsiExchange
-from sims.krc.rsi_session import Ended
+from sims.krc.rsi_cycles import Ended, RsiCycles
+from sims.krc.rsi_exchange import MS, RsiContext
 from sims.scene.motions import Cycle, Joints, Motion, Standing, State
 from sims.world.screws import Vector
 
@@ -25,32 +24,18 @@ Then = Callable[[], object]
 
 
 @final
-class PathCorrection:
+class PathCorrection(RsiCycles):
     """Runs from `start` to `abort`, or until something goes wrong: then `on_end` is called with the message."""
 
     def __init__(self, context: RsiContext, on_end: Ended) -> None:
-        self._c = context
-        self._on_end = on_end
+        super().__init__(context, on_end)
         zero = context.robot.joints()
-        self._exchange = RsiExchange(context, len(zero))
         self._motion: Motion = Standing(zero, context.kernel.now)
         self._earlier = self._before = (0.0,) * len(zero)
         self._corrected = State(self._before, self._before)
         self._scatter: tuple[Vector, Vector] | None = None
         self._waiting: tuple[Begun, Joints, Then] | None = None
         self._then: tuple[Joints, Then] | None = None
-        self._next: Event | None = None
-
-    def start(self) -> None:
-        """RSI_ON, at a cycle of the grid, at rest: the first telegram leaves now."""
-        self._exchange.begin()
-        self._cycle(first=True)
-
-    def abort(self) -> None:
-        """RSI off, at once; the robot may be moving."""
-        if self._next:
-            self._next.cancel()
-        self._exchange.end()
 
     def run(self, begun: Begun, target: Joints, then: Then) -> None:
         """From the next cycle on the program moves to `target`; `then` is called when it is there."""
@@ -69,13 +54,11 @@ class PathCorrection:
         state = _sum(State(self._motion.at(end), self._motion.velocity(end)), corrected)
         message = message or self._c.past_limit(state.joints)
         if message:
-            self.abort()
-            self._on_end(message)
+            self._end(message)
             return
         self._move(state, now, end)
         self._earlier, self._before, self._corrected = self._before, after, corrected
-        self._next = self._c.kernel.at(end, self._cycle)
-        self._exchange.send(now)
+        self._send(now, end)
         if arrived:
             arrived()
 

@@ -14,7 +14,8 @@ from sims.krc.eki_fields import Unreadable
 from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_command
 from sims.krc.own_program import OwnProgram
 from sims.krc.path_correction import PathCorrection
-from sims.krc.rsi_session import MS, RsiContext, RsiSession
+from sims.krc.rsi_exchange import MS, RsiContext
+from sims.krc.rsi_session import RsiSession
 from sims.krc.table_desk import TableDesk
 from sims.memory import Memory
 from sims.scene.contact_log import ContactLog

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import final
 
-from sims.kernel import Event
-from sims.krc.rsi_exchange import LATE, MS, OVERALL, RsiContext, RsiExchange, RsiSettings
+from sims.krc.rsi_cycles import Ended, RsiCycles
+from sims.krc.rsi_exchange import MS, RsiContext
 from sims.scene.motions import Cycle, Joints
-
-__all__ = ["LATE", "MS", "OVERALL", "RsiContext", "RsiSession", "RsiSettings"]
 
 _SETTLED_DEG = 2e-4
 _SETTLED_DEG_S = 1e-2
 
-Ended = Callable[[str], object]
-
 
 @final
-class RsiSession:
+class RsiSession(RsiCycles):
     """Runs from `start` until STOP has ended RSI_MOVECORR and the robot stands, or until something goes wrong.
 
     `on_end` is called then, with the controller's message, empty where all went well; after trouble the robot is still
@@ -26,24 +21,10 @@ class RsiSession:
     """
 
     def __init__(self, context: RsiContext, on_end: Ended) -> None:
-        self._c = context
-        self._on_end = on_end
+        super().__init__(context, on_end)
         self._zero = context.robot.joints()
-        self._exchange = RsiExchange(context, len(self._zero))
         self._earlier = self._set_point = self._zero
         self._stopping = False
-        self._next: Event | None = None
-
-    def start(self) -> None:
-        """RSI_ON, at a cycle of the grid: the first telegram leaves now."""
-        self._exchange.begin()
-        self._cycle(first=True)
-
-    def abort(self) -> None:
-        """RSI off, at once; the robot is still moving."""
-        if self._next:
-            self._next.cancel()
-        self._exchange.end()
 
     def _cycle(self, *, first: bool = False) -> None:
         before = self._set_point
@@ -51,17 +32,16 @@ class RsiSession:
         if trouble:
             self._end(trouble)
             return
-        kernel, robot = self._c.kernel, self._c.robot
+        robot = self._c.robot
         state = robot.state()
         if self._stopping and _settled(state.joints, self._set_point) and _slow(state.velocity):
             robot.stand()
             self._end("")
             return
-        now = kernel.now
+        now = self._c.kernel.now
         end = now + self._c.settings.cycle_ms * MS
         robot.follow_cycle(Cycle(state, self._c.servo.follow(state, before, self._set_point), now, end))
-        self._next = kernel.at(end, self._cycle)
-        self._exchange.send(now)
+        self._send(now, end)
 
     def _take_answer(self) -> str:
         """The next set-point by the last telegram's answer; the controller's message or nothing."""
@@ -75,10 +55,6 @@ class RsiSession:
         """The next set-point, unless it is past an axis limit or farther off than the drives can follow."""
         earlier, self._earlier, self._set_point = self._earlier, self._set_point, set_point
         return self._c.past_limit(set_point) or self._c.drives.message(earlier, self._earlier, set_point)
-
-    def _end(self, message: str) -> None:
-        self.abort()
-        self._on_end(message)
 
 
 def _settled(joints: Joints, set_point: Joints) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kr5_table import KR5_TABLE
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -14,14 +15,6 @@ from cellctl.formats import RobotFile, nominal_model
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 
-KR5_TABLE = [  # theta, d, a, alpha in deg and mm
-    (0, 400, 180, -90),
-    (0, 0, 600, 0),
-    (-90, 0, 40, -90),
-    (0, 620, 0, 90),
-    (180, 0, 0, 90),
-    (0, 80, 0, 0),
-]
 SIGNS = np.array([-1, 1, 1, -1, 1, -1])
 TOOL = np.array([59.9, 50.5, 410.3])
 SPHERES = {"S1": [950.0, -350.0, 250.0], "S2": [950.0, 350.0, 250.0], "S3": [1150.0, 0.0, 400.0]}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kr5_links import KR5_LINKS
 
 from cellctl.calibration import (
     PoseRows,
@@ -17,20 +18,12 @@ from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
 RNG = np.random.default_rng(2)
 Q = RNG.uniform(-1.5, 1.5, (5, 6))
 CENTRES = np.array([[900.0, -300.0, 200.0], [950.0, 320.0, 260.0], [1150.0, 10.0, 380.0]])
-LINKS = [
-    Link(0, 400, 180, -np.pi / 2),
-    Link(0, 0, 600, 0, 0.0),
-    Link(-np.pi / 2, 0, 40, -np.pi / 2),
-    Link(0, 620, 0, np.pi / 2),
-    Link(np.pi, 0, 0, np.pi / 2),
-    Link(0, 80, 0, 0),
-]
 
 
 @pytest.fixture(params=["stiff", "bending"])
 def state(request):
     base, tool = pose_from_xyz_abc([100, 50, -20], [30, 10, 170]), pose_from_xyz_abc([60, 50, 410], [39, 4, 0])
-    chain = SerialChain.from_links("mdh-hayati", LINKS, base, tool)
+    chain = SerialChain.from_links("mdh-hayati", KR5_LINKS, base, tool)
     # a bend ten times that of a real torch, so that its derivatives by the geometry are not lost in rounding
     model = RobotModel(chain, (ToolDeflection(0.41, 15.0),) if request.param == "bending" else ())
     sizes = np.where(model.parameter_turns, 0.01, 2.0)

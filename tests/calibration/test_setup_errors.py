@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kr5_table import KR5_TABLE
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -25,7 +26,6 @@ KR5 = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")
 UR10 = RobotFile.load(ROOT / "procedures" / "robots" / "ur10.yaml")
 TRACKER = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 
-KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
 UR10_TABLE = [(0, 127.3, 0, 90), (0, 0, -612, 0), (0, 0, -572.3, 0), (0, 163.941, 0, 90), (0, 115.7, 0, -90),
               (0, 92.2, 0, 0)]  # fmt: skip
 KR5_SIGNS, UR10_SIGNS = np.array([-1, 1, 1, -1, 1, -1]), np.ones(6)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import CELL, cell_with, cellctl, faults, run_here, touches_procedure
+from cell_runs import CELL, Ended, cell_with, cellctl, faults, run_here, touches_procedure
 
 from cellctl.cli import ends
 from cellctl.devices import DeviceFault, DeviceLost, NoContact, ProbeNotOpen
@@ -90,7 +90,7 @@ def test_a_taken_rsi_port_is_named_before_anything_moves(tmp_path: Path) -> None
 
 @pytest.mark.long
 def test_no_telegram_says_what_to_look_at(tmp_path: Path) -> None:
-    ended = run_here(touches_procedure(tmp_path), cell_with(tmp_path, faults("fault: rsi.silent, search: 3")), tmp_path)
+    ended = _touches_with("fault: rsi.silent, search: 3", tmp_path)
     assert isinstance(ended.outcome.error, DeviceLost)
     assert "no telegram" in str(ended.outcome.error)
     assert "firewall" in str(ended.outcome.error)
@@ -99,25 +99,21 @@ def test_no_telegram_says_what_to_look_at(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_wrong_sentype_is_named(tmp_path: Path) -> None:
-    ended = run_here(
-        touches_procedure(tmp_path), cell_with(tmp_path, faults("fault: rsi.sentype, search: 1")), tmp_path
-    )
+    ended = _touches_with("fault: rsi.sentype, search: 1", tmp_path)
     assert isinstance(ended.outcome.error, DeviceFault)
     assert "SENTYPE" in str(ended.outcome.error)
     _cleanly_failed(ended, touches=0)
 
 
 def test_a_probe_that_is_closed_at_arming_starts_no_search(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 2, after_ms: 5500"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.closed, search: 2, after_ms: 5500", tmp_path)
     assert isinstance(ended.outcome.error, ProbeNotOpen)
     _cleanly_failed(ended, touches=2)
     assert len(ended.truth) == 2
 
 
 def test_a_wire_break_in_a_search_stops_the_robot(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.wire_break, search: 3, after_ms: 400"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.wire_break, search: 3, after_ms: 400", tmp_path)
     assert isinstance(ended.outcome.error, DeviceFault)
     assert "wire" in str(ended.outcome.error).lower()
     _cleanly_failed(ended, touches=2)
@@ -125,8 +121,7 @@ def test_a_wire_break_in_a_search_stops_the_robot(tmp_path: Path) -> None:
 
 
 def test_a_probe_silent_for_200_ms_in_a_search_stops_the_robot(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.silent, search: 3, after_ms: 300"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.silent, search: 3, after_ms: 300", tmp_path)
     assert isinstance(ended.outcome.error, DeviceLost)
     assert "probe" in str(ended.outcome.error)
     _cleanly_failed(ended, touches=2, probe_gone=True)
@@ -135,8 +130,7 @@ def test_a_probe_silent_for_200_ms_in_a_search_stops_the_robot(tmp_path: Path) -
 
 @pytest.mark.long
 def test_no_contact_within_travel_is_tried_again_and_then_ends_the_run(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.no_contact, search: 3"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.no_contact, search: 3", tmp_path)
     assert isinstance(ended.outcome.error, NoContact)
     _cleanly_failed(ended, touches=2)
     attempts = [step for step in ended.journal.steps.values() if step.step == "points[2].touch"]
@@ -145,16 +139,14 @@ def test_no_contact_within_travel_is_tried_again_and_then_ends_the_run(tmp_path:
 
 @pytest.mark.long
 def test_a_search_without_contact_once_is_made_good_by_the_retry(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.no_contact, search: 3, for_ms: 6500"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.no_contact, search: 3, for_ms: 6500", tmp_path)
     assert ended.outcome.state is State.FINISHED
     assert [row["attempt"] for row in ended.touches] == [1, 1, 2, 1, 1, 1]
 
 
 @pytest.mark.long
 def test_a_closure_in_mid_air_is_no_contact_and_the_retry_makes_it_good(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 1200, for_ms: 30"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.closed, search: 3, after_ms: 1200, for_ms: 30", tmp_path)
     assert ended.outcome.state is State.FINISHED
     assert [row["attempt"] for row in ended.touches] == [1, 1, 2, 1, 1, 1]
     assert len(ended.truth) == 6, "what was recorded are contacts with spheres"
@@ -162,16 +154,14 @@ def test_a_closure_in_mid_air_is_no_contact_and_the_retry_makes_it_good(tmp_path
 
 @pytest.mark.long
 def test_a_loop_that_closes_early_and_stays_closed_is_no_contact(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 300"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.closed, search: 3, after_ms: 300", tmp_path)
     assert isinstance(ended.outcome.error, ProbeNotOpen)
     _cleanly_failed(ended, touches=2)
 
 
 @pytest.mark.long
 def test_a_loop_that_closes_anywhere_and_stays_closed_does_not_count(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: probe.closed, search: 3, after_ms: 1500"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: probe.closed, search: 3, after_ms: 1500", tmp_path)
     assert isinstance(ended.outcome.error, ProbeNotOpen)
     assert "still closed" in str(ended.outcome.error)
     _cleanly_failed(ended, touches=2)
@@ -181,8 +171,7 @@ def test_a_loop_that_closes_anywhere_and_stays_closed_does_not_count(tmp_path: P
 def test_a_robot_stopped_on_the_retreat_leaves_the_contact_in_the_journal_though_it_does_not_count(
     tmp_path: Path,
 ) -> None:
-    cell = cell_with(tmp_path, faults("fault: robot.stop, search: 3, after_ms: 3000"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: robot.stop, search: 3, after_ms: 3000", tmp_path)
     assert "EMERGENCY STOP" in str(ended.outcome.error)
     assert len(ended.truth) == 3
     assert len([row for row in ended.journal.rows if row.event.row_kind == "touch"]) == 3
@@ -191,8 +180,7 @@ def test_a_robot_stopped_on_the_retreat_leaves_the_contact_in_the_journal_though
 
 @pytest.mark.long
 def test_an_rsi_stall_past_the_late_count_is_the_controllers_stop_and_is_named(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: rsi.stall, search: 3, after_ms: 300, for_ms: 1000"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: rsi.stall, search: 3, after_ms: 300, for_ms: 1000", tmp_path)
     assert isinstance(ended.outcome.error, DeviceFault)
     assert "KSS29002" in str(ended.outcome.error)
     _cleanly_failed(ended, touches=2)
@@ -200,16 +188,14 @@ def test_an_rsi_stall_past_the_late_count_is_the_controllers_stop_and_is_named(t
 
 @pytest.mark.long
 def test_a_short_rsi_stall_is_survived_and_counted(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: rsi.stall, search: 3, after_ms: 300, for_ms: 60"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: rsi.stall, search: 3, after_ms: 300, for_ms: 60", tmp_path)
     assert ended.outcome.state is State.FINISHED
     assert [row["late"] > 0 for row in ended.touches] == [False, False, True, False, False, False]
 
 
 @pytest.mark.long
 def test_the_operators_stop_in_a_search_ends_the_run(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: robot.stop, search: 3, after_ms: 300"))
-    ended = run_here(touches_procedure(tmp_path), cell, tmp_path)
+    ended = _touches_with("fault: robot.stop, search: 3, after_ms: 300", tmp_path)
     assert isinstance(ended.outcome.error, DeviceFault)
     _cleanly_failed(ended, touches=2)
 
@@ -229,7 +215,12 @@ def test_abort_in_a_search_leaves_the_robot_held_and_everything_recorded(tmp_pat
     assert len(ended.touches) == 2
 
 
-def _cleanly_failed(ended: Any, touches: int, *, probe_gone: bool = False) -> None:
+def _touches_with(fault: str, folder: Path) -> Ended:
+    """Six touches in the shipped cell with this fault."""
+    return run_here(touches_procedure(folder), cell_with(folder, faults(fault)), folder)
+
+
+def _cleanly_failed(ended: Ended, touches: int, *, probe_gone: bool = False) -> None:
     assert ended.robot_is_held()
     assert len(ended.touches) == touches
     assert ended.journal.ended is not None

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import CELL, ROOT, SELFCAL, Ended, cell_with, faults, run_here
+from cell_runs import CELL, ROOT, SELFCAL, Ended, cell_with, faults, run_here, touches_procedure
 from shared_campaign import SEED, Whole, shared_campaign
 from volumetric import truth
 
@@ -192,32 +192,8 @@ def at_two_speeds(tmp_path_factory) -> list[Ended]:
     runs = []
     for speed in (2, 8):
         folder = tmp_path_factory.mktemp(f"speed{speed}")
-        procedure = folder / "touches.yaml"
-        procedure.write_text(TOUCHES.format(speed=speed))
-        cell = cell_with(folder)
-        runs.append(run_here(procedure, cell, folder))
+        runs.append(run_here(touches_procedure(folder, 7, speed), cell_with(folder), folder))
     return runs
-
-
-TOUCHES = """
-procedure: touches
-title: The same touches at another speed
-steps:
-  - id: plan
-    do: sphere.plan
-    with: {{fit: 8, held_out: 0}}
-    timeout: 120
-  - id: points
-    for_each: ${{plan.touches}}
-    as: planned
-    steps:
-      - id: touch
-        do: sphere.touch
-        with: {{touch: "${{planned}}", speed_mm_s: {speed}}}
-        timeout: 120
-cleanup:
-  - {{id: hold, do: robot.stop, timeout: 15}}
-"""
 
 
 @pytest.mark.long

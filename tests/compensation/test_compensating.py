@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from kr5_links import KR5_LINKS
+from kr5_table import KR5_TABLE
 
 from cellctl.calibration import RobotModel, ToolDeflection, sigma_among
 from cellctl.compensation import compensate, gauge_fixed, postures, with_geometry
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
 
-KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
 TOOL = ([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
 ERRORS = {
     "theta2": 0.003, "theta3": -0.004, "theta5": 0.002, "d4": 0.8, "a2": -0.7, "alpha1": 0.0006, "beta2": -0.0005,
@@ -21,11 +22,7 @@ DEFLECTION, C_T = ToolDeflection(0.41, 15.0), 0.00036
 
 @pytest.fixture(scope="module")
 def nominal():
-    links = [
-        Link(np.deg2rad(theta), d, a, np.deg2rad(alpha), 0.0 if index == 1 else None)
-        for index, (theta, d, a, alpha) in enumerate(KR5_TABLE)
-    ]
-    return SerialChain.from_links("mdh-hayati", links, None, pose_from_xyz_abc(*TOOL))
+    return SerialChain.from_links("mdh-hayati", KR5_LINKS, None, pose_from_xyz_abc(*TOOL))
 
 
 @pytest.fixture(scope="module")

@@ -4,15 +4,15 @@ import itertools
 
 import numpy as np
 import pytest
+from kr5_links import KR5_LINKS
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Harmonics, RobotModel
 from cellctl.compensation import compensate
 from cellctl.compensation.curves import Arc, Line
 from cellctl.compensation.paths import SINGULAR, deviations, divided
-from cellctl.kinematics import Link, SerialChain, inverse, pose, pose_from_xyz_abc
+from cellctl.kinematics import SerialChain, inverse, pose, pose_from_xyz_abc
 
-KR5_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
 TOOL = ([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
 ERRORS = {"theta2": 0.003, "theta3": -0.004, "theta5": 0.004, "d4": 0.8, "a2": -0.7, "alpha4": 0.002, "tool_y": -1.1}
 HOME = np.deg2rad([0.0, -60.0, 80.0, 10.0, 60.0, 20.0])
@@ -20,11 +20,7 @@ HOME = np.deg2rad([0.0, -60.0, 80.0, 10.0, 60.0, 20.0])
 
 @pytest.fixture(scope="module")
 def nominal():
-    links = [
-        Link(np.deg2rad(theta), d, a, np.deg2rad(alpha), 0.0 if index == 1 else None)
-        for index, (theta, d, a, alpha) in enumerate(KR5_TABLE)
-    ]
-    return SerialChain.from_links("mdh-hayati", links, None, pose_from_xyz_abc(*TOOL))
+    return SerialChain.from_links("mdh-hayati", KR5_LINKS, None, pose_from_xyz_abc(*TOOL))
 
 
 @pytest.fixture(scope="module")

@@ -62,10 +62,10 @@ def confirmed_touches(folder: Path, fit: int = 8) -> Path:
     return path
 
 
-def touches_procedure(folder: Path, fit: int = 5) -> Path:
+def touches_procedure(folder: Path, fit: int = 5, speed_mm_s: float = 5) -> Path:
     """A procedure of `fit` touches and one more, without identification."""
     path = folder / "touches.yaml"
-    path.write_text(TOUCHES.replace("FIT", str(fit)))
+    path.write_text(TOUCHES.replace("FIT", str(fit)).replace("speed_mm_s: 5", f"speed_mm_s: {speed_mm_s}"))
     return path
 
 

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from kr5_table import KR5_TABLE
 
 from cellctl.formats import ModelFile, RobotFile, nominal_model
 from cellctl.formats.model import Centre, JointRegion, Parameter
@@ -63,7 +64,6 @@ def targets_csv(readings: np.ndarray, *, postures: bool = True) -> str:
     return "\n".join([",".join(names), *(",".join(repr(float(value)) for value in row) for row in rows)]) + "\n"
 
 
-_TABLE = [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
 _SIGNS = (-1, 1, 1, -1, 1, -1)
 _TOOL_XYZ, _TOOL_ABC = (59.9, 50.5, 410.3), (38.846, 3.595, 0.040)
 
@@ -72,7 +72,7 @@ def _place(readings: np.ndarray) -> list[float]:
     from scipy.spatial.transform import Rotation
 
     turn, place = Rotation.identity(), np.zeros(3)
-    for (theta, d, a, alpha), sign, reading in zip(_TABLE, _SIGNS, readings, strict=True):
+    for (theta, d, a, alpha), sign, reading in zip(KR5_TABLE, _SIGNS, readings, strict=True):
         step = Rotation.from_euler("z", theta + sign * reading, degrees=True)
         place = place + turn.apply(step.apply([a, 0.0, d]))
         turn = turn * step * Rotation.from_euler("x", alpha, degrees=True)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from kr5_table import KR5_TABLE
 from numpy.typing import NDArray
 from own_effects import JointErrors
 from scipy.spatial.transform import Rotation
@@ -162,13 +163,10 @@ def turns(name: str) -> bool:
 
 
 def kr5() -> OwnArm:
-    """The KUKA KR5 R1400 as published (Wang et al. 2024, doi 10.3390/app14219824), its torch as the tool."""
-    table = _table(
-        [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)]
-    )
+    """The KUKA KR5 R1400 as published, its torch as the tool."""
     torch = pose_of(Rotation.from_euler("ZYX", [38.846, 3.595, 0.040], degrees=True), [59.9, 50.5, 410.3])
     weight = 1.535 * 9.80665
-    return OwnArm(table, frozenset({2}), tool=torch, sag_mm=1000.0 * 0.4103**3 / 3.0 * weight)
+    return OwnArm(_table(KR5_TABLE), frozenset({2}), tool=torch, sag_mm=1000.0 * 0.4103**3 / 3.0 * weight)
 
 
 def ur10() -> OwnArm:

@@ -4,17 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kr5_links import KR5_LINKS
 
 from cellctl.kinematics import JointMap, Link, SerialChain, pose_from_xyz_abc
 
-KR5 = [
-    Link(0, 400, 180, -np.pi / 2),
-    Link(0, 0, 600, 0, 0.0),
-    Link(-np.pi / 2, 0, 40, -np.pi / 2),
-    Link(0, 620, 0, np.pi / 2),
-    Link(np.pi, 0, 0, np.pi / 2),
-    Link(0, 80, 0, 0),
-]
 TOOL = pose_from_xyz_abc([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
 BASE = pose_from_xyz_abc([1200.0, -300.0, 50.0], [130.0, 4.0, -7.0])
 
@@ -126,12 +119,12 @@ def test_every_parameter_column_equals_central_differences_away_from_the_table(s
 
 
 def test_the_stretched_kr5_flange_is_where_its_data_sheet_puts_it():
-    flange = SerialChain.from_links("mdh-hayati", KR5).forward_flange(np.zeros(6))
+    flange = SerialChain.from_links("mdh-hayati", KR5_LINKS).forward_flange(np.zeros(6))
     np.testing.assert_allclose(flange[:3, 3], [1480, 0, 440], atol=1e-9)
 
 
 def test_batches_keep_their_leading_axes_and_agree_with_single_poses():
-    chain = SerialChain.from_links("mdh-hayati", KR5, BASE, TOOL)
+    chain = SerialChain.from_links("mdh-hayati", KR5_LINKS, BASE, TOOL)
     q = np.random.default_rng(1).uniform(-2, 2, (3, 700, 6))
     poses, joints = chain.forward_and_jacobian(q)
     assert poses.shape == (3, 700, 4, 4)
@@ -144,14 +137,14 @@ def test_batches_keep_their_leading_axes_and_agree_with_single_poses():
 
 
 def test_a_parallel_axis_has_beta_and_no_d():
-    names = SerialChain.from_links("mdh-hayati", KR5).parameters
+    names = SerialChain.from_links("mdh-hayati", KR5_LINKS).parameters
     assert "beta2" in names
     assert "d2" not in names
     assert len(names) == 24 + 12
 
 
 def test_deviations_may_be_given_by_name_and_unknown_names_are_refused():
-    chain = SerialChain.from_links("mdh-hayati", KR5, BASE, TOOL)
+    chain = SerialChain.from_links("mdh-hayati", KR5_LINKS, BASE, TOOL)
     longer = chain.with_parameters({"a2": 1.0, "tool_z": 2.0})
     assert longer.deviations[chain.parameters.index("a2")] == 1.0
     assert longer.tool_now[2, 3] == pytest.approx(TOOL[2, 3] + 2.0 * TOOL[2, 2])
@@ -162,7 +155,7 @@ def test_deviations_may_be_given_by_name_and_unknown_names_are_refused():
 
 
 def test_a_new_base_replaces_the_bases_deviations_and_keeps_the_others():
-    chain = SerialChain.from_links("mdh-hayati", KR5, BASE, TOOL).with_parameters({"base_x": 5.0, "a2": 1.0})
+    chain = SerialChain.from_links("mdh-hayati", KR5_LINKS, BASE, TOOL).with_parameters({"base_x": 5.0, "a2": 1.0})
     moved = chain.with_base(np.eye(4))
     assert dict(zip(moved.parameters, moved.deviations, strict=True))["a2"] == 1.0
     np.testing.assert_allclose(moved.base_now, np.eye(4))
@@ -171,19 +164,19 @@ def test_a_new_base_replaces_the_bases_deviations_and_keeps_the_others():
 @pytest.mark.parametrize("bad", [np.eye(3), np.diag([1.0, 1.0, -1.0, 1.0]), 2 * np.eye(4), np.diag([2.0, 1, 1, 1])])
 def test_a_base_that_is_no_rigid_motion_is_refused(bad):
     with pytest.raises(ValueError, match="base"):
-        SerialChain.from_links("mdh-hayati", KR5, bad)
+        SerialChain.from_links("mdh-hayati", KR5_LINKS, bad)
 
 
 def test_an_unknown_convention_and_an_empty_table_are_refused():
     with pytest.raises(ValueError, match="poe"):
-        SerialChain.from_links("poe", KR5)
+        SerialChain.from_links("poe", KR5_LINKS)
     with pytest.raises(ValueError, match="link"):
         SerialChain.from_links("mdh-hayati", [])
 
 
 def test_wrong_number_of_joint_angles_is_refused():
     with pytest.raises(ValueError, match="6 joints"):
-        SerialChain.from_links("mdh-hayati", KR5).forward(np.zeros(5))
+        SerialChain.from_links("mdh-hayati", KR5_LINKS).forward(np.zeros(5))
 
 
 @given(st.lists(st.floats(-350, 350), min_size=6, max_size=6))

@@ -4,17 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kr5_links import KR5_LINKS
 
 from cellctl.kinematics import JointAxis, Link, SerialChain, pose_from_xyz_abc, to_craig, to_mdh, to_poe
 
-KR5 = [
-    Link(0, 400, 180, -np.pi / 2),
-    Link(0, 0, 600, 0, 0.0),
-    Link(-np.pi / 2, 0, 40, -np.pi / 2),
-    Link(0, 620, 0, np.pi / 2),
-    Link(np.pi, 0, 0, np.pi / 2),
-    Link(0, 80, 0, 0),
-]
 UR10 = [
     Link(0, 127.3, 0, np.pi / 2),
     Link(0, 0, -612, 0, 0.0),
@@ -90,7 +83,7 @@ def test_any_robot_of_revolute_joints_becomes_any_form(seed, n, to):
 
 @pytest.mark.parametrize("to", sorted(CONVERSIONS))
 @pytest.mark.parametrize("source", sorted(CONVERSIONS))
-@pytest.mark.parametrize("links", [KR5, UR10], ids=["KR5", "UR10"])
+@pytest.mark.parametrize("links", [KR5_LINKS, UR10], ids=["KR5", "UR10"])
 def test_an_identified_robot_keeps_its_identified_geometry(links, source, to):
     rng = np.random.default_rng(5)
     base, tool = pose_from_xyz_abc([1200, -300, 50], [130, 4, -7]), pose_from_xyz_abc([60, 50, 410], [38, 4, 0])
@@ -101,7 +94,7 @@ def test_an_identified_robot_keeps_its_identified_geometry(links, source, to):
 
 
 @pytest.mark.parametrize("between", [to_poe, to_craig])
-@pytest.mark.parametrize("links", [KR5, UR10], ids=["KR5", "UR10"])
+@pytest.mark.parametrize("links", [KR5_LINKS, UR10], ids=["KR5", "UR10"])
 def test_a_makers_table_comes_back_from_the_other_forms_as_it_was(links, between):
     chain = SerialChain.from_links("mdh-hayati", links, None, pose_from_xyz_abc([60, 50, 410], [38, 4, 0]))
     back = to_mdh(between(chain))
@@ -123,7 +116,7 @@ def test_axes_a_hair_from_parallel_get_beta_and_no_far_away_common_perpendicular
 
 
 def test_the_flange_of_a_craig_table_lies_on_the_last_axis_and_the_tool_takes_the_rest():
-    crooked = [*KR5[:5], Link(0.3, 80, 25, 0.4)]
+    crooked = [*KR5_LINKS[:5], Link(0.3, 80, 25, 0.4)]
     chain = SerialChain.from_links("mdh-hayati", crooked, None, pose_from_xyz_abc([0, 0, 100], [0, 0, 0]))
     craig = to_craig(chain)
     q = np.zeros(6)

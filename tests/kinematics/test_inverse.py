@@ -2,22 +2,14 @@
 
 import numpy as np
 import pytest
+from kr5_links import KR5_LINKS
 
 from cellctl.kinematics import Link, SerialChain, inverse, pose_from_xyz_abc
-
-KR5 = [
-    Link(0, 400, 180, -np.pi / 2),
-    Link(0, 0, 600, 0, 0.0),
-    Link(-np.pi / 2, 0, 40, -np.pi / 2),
-    Link(0, 620, 0, np.pi / 2),
-    Link(np.pi, 0, 0, np.pi / 2),
-    Link(0, 80, 0, 0),
-]
 
 
 @pytest.fixture
 def chain():
-    return SerialChain.from_links("mdh-hayati", KR5, None, pose_from_xyz_abc([60, 50, 410], [39, 4, 0]))
+    return SerialChain.from_links("mdh-hayati", KR5_LINKS, None, pose_from_xyz_abc([60, 50, 410], [39, 4, 0]))
 
 
 def test_a_batch_closes_on_its_poses_from_a_warm_start(chain):

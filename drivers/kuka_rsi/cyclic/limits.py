@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self, final
@@ -125,18 +126,28 @@ LIMIT_NAMES = tuple(ceilings(None))
 
 def limit_errors(settings: dict[str, float], reach_mm: float | None) -> dict[str, str]:
     """The error of each of these limits, by its name; empty without errors. `reach_mm` as in `ceilings`."""
-    checked = {name: _limit_error(name, value, ceilings(reach_mm), reach_mm) for name, value in settings.items()}
+    return ceiling_errors(settings, ceilings(reach_mm), lambda name: f" ({_reason(name, reach_mm)})")
+
+
+def ceiling_errors(
+    settings: Mapping[str, float], highest: Mapping[str, float], reason: Callable[[str], str] = lambda _: ""
+) -> dict[str, str]:
+    """The error of each of these limits, by its name; empty without errors.
+
+    `highest`: ceiling of each known limit; `reason`: why a limit has its ceiling, as the end of the text.
+    """
+    checked = {name: _limit_error(name, value, highest, reason) for name, value in settings.items()}
     return {name: what for name, what in checked.items() if what}
 
 
-def _limit_error(name: str, value: float, highest: dict[str, float], reach_mm: float | None) -> str:
+def _limit_error(name: str, value: float, highest: Mapping[str, float], reason: Callable[[str], str]) -> str:
     if name not in highest:
         return f"unknown robot limit {name} (known: {', '.join(highest)})"
     if not (math.isfinite(value) and value > 0):
         return f"a robot limit must be a positive number ({name}: {value})"
     if value <= highest[name]:
         return ""
-    return f"robot limit {name}: {value:g} is above the ceiling of {highest[name]:g} ({_reason(name, reach_mm)})"
+    return f"robot limit {name}: {value:g} is above the ceiling of {highest[name]:g}{reason(name)}"
 
 
 def _reason(name: str, reach_mm: float | None) -> str:

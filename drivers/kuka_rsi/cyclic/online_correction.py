@@ -13,12 +13,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, final
 
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming, InterpolationCycle
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
 from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, within
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
+from drivers.kuka_rsi.cyclic.session_task import SessionTask
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
@@ -32,7 +33,7 @@ _ZERO: Correction = (0.0,) * AXES
 
 
 @final
-class OnlineCorrection:
+class OnlineCorrection(SessionTask):
     """The correction of one RSI session: a CyclicTask. Phases: LEARNING, MOVING (it corrects), BRAKING (it fades to
     zero), SETTLING (it is held), LEAVING (it is zero and stays so), OVER.
 
@@ -49,36 +50,13 @@ class OnlineCorrection:
         tolerance_cycles: int = DEFAULT_TOLERANCE,
         cycle: InterpolationCycle = InterpolationCycle.IPO_FAST,
     ) -> None:
-        self.number = order.number
-        self.order = order
-        self.phase = Phase.LEARNING
-        self.cause = Cause.NONE
-        self.detail = 0
-        self.age_ns = 0
-        self.stop_cycles = 0
-        self.missed = 0
+        super().__init__(order, tolerance_cycles, cycle)
         self._limits = limits
         self._online = online
-        self._session = Session(tolerance_cycles)
-        self._cycle = cycle
-        self._began_ns: int | None = None
         self._log_due_ns = 0
-        self._sent: Correction = _ZERO
         self._version = -1
         self._model: OnlineModel | None = None
         self._take_newest_model()
-
-    @property
-    def timing(self) -> CycleTiming:
-        """The cycle of the session."""
-        return self._session.timing
-
-    def admit(self, telegram: Telegram) -> Admission:
-        """Whether `telegram` may be answered. Otherwise it is only counted."""
-        admission = self._session.admit(telegram)
-        if self._session.over and self.phase is not Phase.OVER:
-            self.cause, self.detail, self.phase = Cause.LOST, self._session.over_by, Phase.OVER
-        return admission
 
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
@@ -129,16 +107,8 @@ class OnlineCorrection:
             self._fade(Cause.UNKNOWN)
         elif self._model is None:
             self._fade(Cause.MODEL)
-        else:
-            self._look_at_guards(now_ns, beats)
-
-    def _look_at_guards(self, now_ns: int, beats: Sequence[int]) -> None:
-        for slot, oldest_ns in enumerate(self.order.guards_ns):
-            age_ns = now_ns - max(beats[slot], self._began_ns or 0)
-            if 0 < oldest_ns < age_ns:
-                self.detail, self.age_ns = slot, age_ns
-                self._fade(Cause.GUARD)
-                return
+        elif self._guard_is_silent(now_ns, beats):
+            self._fade(Cause.GUARD)
 
     def _fade(self, cause: Cause) -> None:
         self.cause, self.phase = cause, Phase.BRAKING

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Self, final
 
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.limits import Correction, Limit
+from drivers.kuka_rsi.cyclic.limits import Correction, Limit, ceiling_errors
 
 _SLACK = 1e-6
 _DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
@@ -30,7 +30,7 @@ class OnlineLimits:
     online_acceleration_deg_s2: float = _DEFAULTS["online_acceleration_deg_s2"]
 
     def __post_init__(self) -> None:
-        settings = {name: getattr(self, name) for name in ONLINE_LIMITS}
+        settings = {name: getattr(self, name) for name in ONLINE_CEILINGS}
         if found := online_limit_errors(settings):
             raise ValueError("; ".join(found.values()))
 
@@ -53,32 +53,18 @@ def of_each(settings: Mapping[str, float]) -> tuple[dict[str, float], dict[str, 
     return {name: value for name, value in settings.items() if name not in online}, online
 
 
-ONLINE_LIMITS = tuple(ONLINE_CEILINGS)
-"""The limits that a cell file may set."""
-
-
 def online_limit_errors(settings: dict[str, float]) -> dict[str, str]:
     """The error of each of these limits, by its name; empty without errors."""
-    checked = {name: _error(name, value) for name, value in settings.items()}
+    found = ceiling_errors(settings, ONLINE_CEILINGS)
     values = _DEFAULTS | settings
-    if not any(checked.values()) and _stops_within(values) > values["online_correction_deg"] / 4:
+    if not found and _stops_within(values) > values["online_correction_deg"] / 4:
         what = f"the correction stops within {_stops_within(values):.3g} deg only, over a quarter of its limit"
-        checked[next(iter(settings))] = f"{what}: give a lower online_rate_deg_s or a higher acceleration"
-    return {name: what for name, what in checked.items() if what}
+        found[next(iter(settings))] = f"{what}: give a lower online_rate_deg_s or a higher acceleration"
+    return found
 
 
 def _stops_within(values: Mapping[str, float]) -> float:
     return values["online_rate_deg_s"] ** 2 / (2 * values["online_acceleration_deg_s2"])
-
-
-def _error(name: str, value: float) -> str:
-    if name not in ONLINE_CEILINGS:
-        return f"unknown limit {name} (known: {', '.join(ONLINE_CEILINGS)})"
-    if not (math.isfinite(value) and value > 0):
-        return f"a robot limit must be a positive number ({name}: {value})"
-    if value <= ONLINE_CEILINGS[name]:
-        return ""
-    return f"robot limit {name}: {value:g} is above the ceiling of {ONLINE_CEILINGS[name]:g}"
 
 
 @final

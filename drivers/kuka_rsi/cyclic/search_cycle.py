@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Sequence
 from typing import final
 
-from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
-from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming, InterpolationCycle
+from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
 from drivers.kuka_rsi.cyclic.limits import Correction, CycleWatch, Limit, SearchLimits
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
+from drivers.kuka_rsi.cyclic.session_task import SessionTask
 from drivers.kuka_rsi.cyclic.set_point import SetPoint
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
@@ -30,7 +30,7 @@ _START_TOLERANCE_DEG = 0.1
 
 
 @final
-class SearchCycle:
+class SearchCycle(SessionTask):
     """One search, in one RSI session: a CyclicTask.
 
     No answer differs by more than the limits from any set-point that the controller may hold: either the last one
@@ -51,37 +51,13 @@ class SearchCycle:
         tolerance_cycles: int = DEFAULT_TOLERANCE,
         cycle: InterpolationCycle = InterpolationCycle.IPO_FAST,
     ) -> None:
-        self.number = order.number
-        self.order = order
-        self.phase = Phase.LEARNING
-        self.cause = Cause.NONE
-        self.detail = 0
-        self.age_ns = 0
-        self.stop_cycles = 0
-        self.missed = 0
+        super().__init__(order, tolerance_cycles, cycle)
         self._limits = limits
-        self._session = Session(tolerance_cycles)
-        self._cycle = cycle
-        self._began_ns: int | None = None
         self._start = order.start
-        self._sent: Correction = (0.0,) * AXES
-        self._mode = mode
         self._written = WrittenCorrections(mode)
         self._held_cycles = 0
         self._stood_by_stop = False
         self._recent: deque[tuple[float, ...]] = deque(maxlen=_STANDING_CYCLES)
-
-    @property
-    def timing(self) -> CycleTiming:
-        """The cycle of the session."""
-        return self._session.timing
-
-    def admit(self, telegram: Telegram) -> Admission:
-        """Whether `telegram` may be answered. Otherwise it is only counted."""
-        admission = self._session.admit(telegram)
-        if self._session.over and self.phase is not Phase.OVER:
-            self.cause, self.detail, self.phase = Cause.LOST, self._session.over_by, Phase.OVER
-        return admission
 
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
@@ -140,8 +116,8 @@ class SearchCycle:
             self._end(Cause.STOPPED)
         if self.cause is Cause.NONE and leave:
             self._end(Cause.LEFT)
-        if self.cause is Cause.NONE:
-            self._look_at_guards(now_ns, beats)
+        if self.cause is Cause.NONE and self._guard_is_silent(now_ns, beats):
+            self._end(Cause.GUARD)
 
     def _look_whether_it_follows(self, telegram: Telegram) -> None:
         """Ahead: the controller sums up offsets, and holding would keep moving; leave RSI without standstill."""
@@ -152,15 +128,6 @@ class SearchCycle:
             self.cause, self.phase = Cause.AHEAD, Phase.LEAVING
         elif follows is Follows.BEHIND and self.cause is Cause.NONE:
             self._end(Cause.BEHIND)
-
-    def _look_at_guards(self, now_ns: int, beats: Sequence[int]) -> None:
-        """The age of a guard's beat counts from the search's start at the earliest, even without an earlier beat."""
-        for slot, oldest_ns in enumerate(self.order.guards_ns):
-            age_ns = now_ns - max(beats[slot], self._began_ns or 0)
-            if 0 < oldest_ns < age_ns:
-                self.detail, self.age_ns = slot, age_ns
-                self._end(Cause.GUARD)
-                return
 
     def _end(self, cause: Cause) -> None:
         self.cause = cause

@@ -7,15 +7,8 @@ from contextlib import contextmanager
 from itertools import zip_longest
 from typing import final
 
-from cellctl.devices import (
-    ControllerTable,
-    DeviceFault,
-    DeviceLost,
-    DeviceRefused,
-    DeviceUncertain,
-    TableInfo,
-    TableState,
-)
+from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableState
+from cellctl.devices.table_errors import LOOK, lost_before_activation, lost_in_activation, refuse_rows
 from drivers.kuka_rsi.eki.channel import EkiChannel, Pending
 from drivers.kuka_rsi.eki.documents import Reply
 from drivers.kuka_rsi.eki.refusals import refusal
@@ -34,8 +27,6 @@ from drivers.kuka_rsi.eki.table_rows import (
 )
 from drivers.seen_through import see_through
 
-_LOOK = "Connect again and ask which table is active (cellctl table show) before anything relies on one."
-
 
 @final
 class TableChannel:
@@ -48,16 +39,12 @@ class TableChannel:
 
     async def push(self, table: ControllerTable) -> TableState:
         """Stage, read back, compare, activate, look; see `TableStore.push_table`."""
-        if not 0 < len(table.rows) <= MOST_ROWS:
-            raise DeviceRefused(self._device, f"a table of {len(table.rows)} rows (1 … {MOST_ROWS} fit)")
+        refuse_rows(self._device, table, MOST_ROWS)
         rows = written_rows(table)
-        try:
+        with lost_before_activation(self._device, table):
             await self._stage(table, rows)
             await self._compare(table, rows)
             pending = await self._eki.send("TACTIVATE", activation(table, rows))
-        except DeviceLost as lost:
-            what = f"{lost.what}; table {_short(table.id)} was not activated, the old one is in force"
-            raise DeviceLost(self._device, what, lost.cure) from lost
         return await see_through(self._activated(pending, TableInfo(table.id, len(rows), checksum(rows))))
 
     async def state(self) -> TableState:
@@ -109,17 +96,17 @@ class TableChannel:
             return read_rows(reply.document)
 
     async def _activated(self, pending: Pending, asked: TableInfo) -> TableState:
-        with self._uncertain(f"whether table {_short(asked.id)} or the old one is in force"):
+        with lost_in_activation(self._device, f"whether table {_short(asked.id)} or the old one is in force"):
             reply = await self._eki.answer_to(pending, "TACTIVATE")
             self._check(reply, "activate the table")
             state = await self.state()
         if state.active is None or (found := _differs(asked, state.active)):
             what = found if state.active else "no table is active"
-            raise DeviceFault(self._device, f"table {_short(asked.id)} was activated, and yet {what}", _LOOK)
+            raise DeviceFault(self._device, f"table {_short(asked.id)} was activated, and yet {what}", LOOK)
         return state
 
     async def _rolled_back(self, pending: Pending) -> TableState:
-        with self._uncertain("whether the table was rolled back"):
+        with lost_in_activation(self._device, "whether the table was rolled back"):
             reply = await self._eki.answer_to(pending, "TROLLBACK")
             self._check(reply, "roll back")
             return await self.state()
@@ -132,13 +119,6 @@ class TableChannel:
     def _check(self, reply: Reply, doing: str) -> None:
         if reply.code:
             raise refusal(self._device, reply, doing)
-
-    @contextmanager
-    def _uncertain(self, what: str) -> Iterator[None]:
-        try:
-            yield
-        except DeviceLost as lost:
-            raise DeviceUncertain(self._device, f"{lost.what}; uncertain {what}", _LOOK) from lost
 
     @contextmanager
     def _understood(self, operation: str) -> Iterator[None]:

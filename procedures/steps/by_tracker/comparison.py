@@ -9,7 +9,6 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration import ErrorFigures, FitResult, RowBlocks, Split, State, Task, compared_errors, fit
-from cellctl.files import sha256_of
 from cellctl.formats import Measurements, ModelFile, RobotFile, from_prior, measurements
 from cellctl.kinematics import Floats, inverse_pose
 from cellctl.metrology.error_directions import error_directions
@@ -22,6 +21,7 @@ from procedures.steps.by_tracker.rows import (
     JudgedModel,
     JudgedPosesRow,
 )
+from procedures.steps.identified import held_out_split, provenance
 from procedures.steps.sphere.rows import HeldOutFigures, SphereVerdict
 from procedures.steps.tracker.identification import pose_data
 from procedures.steps.tracker.rows import PoseRow
@@ -58,20 +58,14 @@ def compared(context: StepContext) -> Compared:
     robot = RobotFile.load(context.robot_file)
     data, left_out = pose_data(context)
     measured = measurements(robot, data, measure="position")
-    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    split = held_out_split(measured)
     model = ModelFile.load(context.artefact("model.json"))
     registered = _at_the_flange(from_prior(measured, model, ("base", "tool")).task)
     fits = _Fits(measured, fit(registered, split), fit(measured.task, split))
     poses = _judged_poses(fits, split)
-    provenance = {
-        "cell_sha256": sha256_of(context.cell.text),
-        "data_sha256": sha256_of(data.text()),
-        "robot_serial": context.identity("robot").serial,
-        "run": context.run_name,
-    }
     return Compared(
         data=data.text(),
-        model=ModelFile.of(robot, measured, fits.tracker, provenance).text(),
+        model=ModelFile.of(robot, measured, fits.tracker, provenance(context, data.text())).text(),
         poses=poses,
         verdict=_verdict(context, fits, split, poses, left_out),
     )

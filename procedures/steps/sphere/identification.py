@@ -9,29 +9,15 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration import Drift, FitResult, Split, fit
-from cellctl.files import sha256_of
 from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefact_of, fit_report, measurements
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
-from cellctl.records import Figures, Row
+from cellctl.records import Figures
+from procedures.steps.identified import Found, held_out_split, provenance
 from procedures.steps.setup_errors import WrongSetup, wrong_setup
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Found:
-    """The result of the touches: the texts of data set and model file, the verdict on held-out touches, and its rows.
-
-    rows: residuals and other report data, for the journal.
-    """
-
-    data: str
-    model: str
-    verdict: SphereVerdict
-    rows: tuple[Row, ...]
 
 
 def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found | WrongSetup:
@@ -52,13 +38,6 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
     corrected = _fitted(_measured(touches, choice, drift)) if drift.significant else found
     modelled = corrected.result.fit.rms < found.result.fit.rms  # else the drift is not that of the tip
     found = corrected if modelled else found
-    data = found.data.text()
-    provenance = {
-        "cell_sha256": sha256_of(context.cell.text),
-        "data_sha256": sha256_of(data),
-        "robot_serial": context.identity("robot").serial,
-        "run": context.run_name,
-    }
     report, stops = fit_report(found.measured, found.result), _stops(robot, touches)
     verdict = SphereVerdict(
         verdict=report["verdict"],
@@ -72,7 +51,8 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
         noise_scale=float(found.result.identification.noise[0]),
     )
     story = FitStory.of(found.measured, found.result, found.split, report)
-    model_file = ModelFile.of(robot, found.measured, found.result, provenance)
+    data = found.data.text()
+    model_file = ModelFile.of(robot, found.measured, found.result, provenance(context, data))
     return Found(data, model_file.text(), verdict, identification_rows(story))
 
 
@@ -100,7 +80,7 @@ class _Fitted:
 
 def _fitted(measured: Measurements) -> _Fitted:
     """The fit of the touches that the column `set` assigns to it."""
-    split = Split.by_column(np.array([of == "test" for of in measured.sets]))
+    split = held_out_split(measured)
     return _Fitted(measured.data, measured, split, fit(measured.task, split))
 
 

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.judged import Judged
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
@@ -156,24 +157,11 @@ class IdentifyInputs(StepInputs):
     use_distances: bool = True
 
 
-class Identified(StepResult):
-    """The verdict on held-out touches; distances to the sphere's surface in mm."""
-
-    verdict: str
-    sentence: str
-
-
 @step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
-async def identify(context: StepContext, inputs: IdentifyInputs) -> Identified:
+async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
-    from procedures.steps.setup_errors import WrongSetup
+    from procedures.steps.identified import write_and_record
     from procedures.steps.sphere.identification import identify_touches
 
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
-    await context.write_artefact("dataset.csv", found.data)
-    if isinstance(found, WrongSetup):
-        raise found.error
-    await context.write_artefact("model.json", found.model)
-    for row in (*found.rows, found.verdict):
-        await context.record(row)
-    return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)
+    return await write_and_record(context, found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
-from procedures.steps.tracker.identifying import Identified
+from procedures.steps.judged import Judged
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow, TrackerVerdict
 
 
@@ -38,14 +38,10 @@ async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel
 
 
 @step("tracker.register", verdict=TrackerVerdict, title="registering the model")
-async def register(context: StepContext, inputs: NoInputs) -> Identified:
+async def register(context: StepContext, inputs: NoInputs) -> Judged:
     """Find the instrument in the frame of the model that was read, and judge that model on the held-out poses."""
+    from procedures.steps.identified import write_and_record
     from procedures.steps.tracker.registering import registered_model
 
     await context.write_artefact(MODEL_FILE, context.recorded(ReadModelRow)[-1].text)
-    found = await context.clock.compute(registered_model, context)
-    await context.write_artefact("dataset.csv", found.data)
-    await context.write_artefact("model.json", found.model)
-    for row in (*found.rows, found.verdict):
-        await context.record(row)
-    return Identified(verdict=found.verdict.verdict, sentence=found.verdict.sentence)
+    return await write_and_record(context, await context.clock.compute(registered_model, context))

@@ -3,39 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
-from cellctl.calibration import FitResult, Split, fit
+from cellctl.calibration import FitResult, fit
 from cellctl.devices import MeasuredPoint
-from cellctl.files import InputError, sha256_of
+from cellctl.files import InputError
 from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, fit_report, measurements
 from cellctl.formats.measurements import Kind, ModelChoice
 from cellctl.procedure import StepContext
-from cellctl.records import Figures, Row
+from cellctl.records import Figures
+from procedures.steps.identified import Found, held_out_split, provenance
 from procedures.steps.setup_errors import WrongSetup, wrong_setup
 from procedures.steps.tracker.places import measured_place, measured_pose
 from procedures.steps.tracker.plate import plate_of
 from procedures.steps.tracker.rows import HeldOutFigures, PoseRow, SetUpRow, TrackerVerdict
 from procedures.steps.tracker.sessions import Sessions
 from procedures.steps.tracker.six_dimensions import six_row
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Found:
-    """The result of the poses: the texts of data set and model file, the verdict on held-out poses, and its rows.
-
-    rows: residuals and other report data, for the journal.
-    """
-
-    data: str
-    model: str
-    verdict: TrackerVerdict
-    rows: tuple[Row, ...]
 
 
 def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSetup:
@@ -56,25 +42,10 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     result = fit(measured.task, split)
     report = fit_report(measured, result)
     story = FitStory.of(measured, result, split, report)
-    file = ModelFile.of(robot, measured, result, provenance(context, data))
+    file = ModelFile.of(robot, measured, result, provenance(context, data.text()))
     six = [six_row(measured, result, split)] if measure == "pose" else []
     rows = (*identification_rows(story), *six)
     return Found(data.text(), file.text(), fit_verdict(context, measured, result, report, ambiguous), rows)
-
-
-def held_out_split(measured: Measurements) -> Split:
-    """The rows of the set `test` judge."""
-    return Split.by_column(np.array([of == "test" for of in measured.sets]))
-
-
-def provenance(context: StepContext, data: DataSet) -> dict[str, str]:
-    """Of a model file that this run makes."""
-    return {
-        "cell_sha256": sha256_of(context.cell.text),
-        "data_sha256": sha256_of(data.text()),
-        "robot_serial": context.identity("robot").serial,
-        "run": context.run_name,
-    }
 
 
 def fit_verdict(

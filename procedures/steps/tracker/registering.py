@@ -11,7 +11,8 @@ from cellctl.files import InputError, Problem, sha256_of
 from cellctl.formats import ModelFile, RobotFile, fit_report, from_prior, measurements
 from cellctl.kinematics import Floats, inverse_pose
 from cellctl.procedure import StepContext
-from procedures.steps.tracker.identification import Found, fit_verdict, held_out_split, pose_data, provenance
+from procedures.steps.identified import Found, held_out_split, provenance
+from procedures.steps.tracker.identification import fit_verdict, pose_data
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
 
 _NOISE_SCALE = 4.0
@@ -34,7 +35,7 @@ def registered_model(context: StepContext) -> Found:
     result = fit(measured.task, split)
     _refuse_another_state(context, read, float(result.identification.noise[0]))
     report = fit_report(measured, result)
-    source = {**provenance(context, data), "prior_sha256": sha256_of(read.text), "prior_run": read.run}
+    source = {**provenance(context, data.text()), "prior_sha256": sha256_of(read.text), "prior_run": read.run}
     base = result.identification.identified.state.model.chain.base_now
     file = _moved(ModelFile.of(robot, measured, result, source, prior), prior, base)
     verdict = fit_verdict(context, measured, result, report, ambiguous)

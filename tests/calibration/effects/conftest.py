@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from kr5_table import KR5_TABLE
 from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Link, SerialChain
@@ -14,10 +15,7 @@ TABLES = {  # theta, d, a, alpha in deg and mm; T = Rz(q + theta) Tz(d) Tx(a) Rx
     "one joint, level": (-90, [(0, 120, 500, 0)]),
     "one joint, leaning": (-50, [(20, 80, 400, 10)]),
     "pan and tilt": (0, [(0, 300, 50, -90), (10, 25, 350, 0)]),
-    "six joints": (
-        0,
-        [(0, 400, 180, -90), (0, 0, 600, 0), (-90, 0, 40, -90), (0, 620, 0, 90), (180, 0, 0, 90), (0, 80, 0, 0)],
-    ),
+    "six joints": (0, KR5_TABLE),
     "seven joints": (
         0,
         [

@@ -21,6 +21,13 @@ def steps_of(controller):
     return [math.dist(a, b) for a, b in itertools.pairwise(sent)]
 
 
+def event_in_cycle(controller, number):
+    """An event that is set in this cycle of the controller's next RSI session."""
+    reached, loop = asyncio.Event(), asyncio.get_running_loop()
+    controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(reached.set) if cycle == number else None
+    return reached
+
+
 def test_a_search_without_contact_ends_at_the_line_s_end_with_the_robot_held_there(controller, connected, run):
     async def search():
         async with connected() as robot:
@@ -431,9 +438,7 @@ def test_the_robot_holds_when_the_engine_s_heartbeat_stops(controller, connected
 def test_cancelling_a_search_stops_the_set_point_and_halts(controller, connected, run):
     async def search():
         async with connected() as robot:
-            reached = asyncio.Event()
-            loop = asyncio.get_running_loop()
-            controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(reached.set) if cycle == 80 else None
+            reached = event_in_cycle(controller, 80)
             task = asyncio.create_task(robot.search(TWO_DEG, 2.0))
             await reached.wait()
             task.cancel()
@@ -452,9 +457,7 @@ def test_cancelling_a_search_stops_the_set_point_and_halts(controller, connected
 def test_stop_ends_a_search_as_a_fault_not_as_contact(controller, connected, run):
     async def search():
         async with connected() as robot:
-            reached = asyncio.Event()
-            loop = asyncio.get_running_loop()
-            controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(reached.set) if cycle == 80 else None
+            reached = event_in_cycle(controller, 80)
             task = asyncio.create_task(robot.search(TWO_DEG, 2.0))
             await reached.wait()
             await robot.stop()
@@ -496,15 +499,13 @@ def test_a_robot_that_was_moved_since_is_not_searched_with(controller, connected
 def test_rsi_switched_on_by_hand_after_a_search_is_not_answered(controller, connected, run, cancelled):
     async def search():
         async with connected() as robot:
-            reached, ignored = asyncio.Event(), asyncio.Event()
-            loop = asyncio.get_running_loop()
-            controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(reached.set) if cycle == 150 else None
+            reached = event_in_cycle(controller, 150)
             task = asyncio.create_task(robot.search(TWO_DEG, 2.0))
             await reached.wait()
             if cancelled:
                 task.cancel()
             await asyncio.gather(task, return_exceptions=True)
-            controller.on_cycle = lambda cycle: loop.call_soon_threadsafe(ignored.set) if cycle == 20 else None
+            ignored = event_in_cycle(controller, 20)
             controller.waits_s = 0.005
             before = len(controller.answers)
             controller.switch_rsi_on_by_hand()

@@ -233,7 +233,7 @@ def test_axes_that_do_not_follow_while_the_program_stands_end_it(wrong):
         ({"online_correction_deg": 2.5}, "above the ceiling of 2"),
         ({"online_rate_deg_s": 0.0}, "must be a positive number"),
         ({"online_rate_deg_s": 2.0}, "stops within 0.4 deg only"),
-        ({"online_speed": 1.0}, "unknown limit"),
+        ({"online_speed": 1.0}, "unknown robot limit"),
     ],
 )
 def test_limits_that_do_not_hold_are_refused_with_the_reason(limits, named):

@@ -7,41 +7,26 @@ The program moves on its own, models are swapped, complete or torn, and the corr
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import os
 import random
-import sys
-from pathlib import Path
 
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
+from hypothesis.stateful import initialize, rule
 from online_models import wavy_model
+from rsi_line import CALM, HOME, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
 
-from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
 from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
-from drivers.kuka_rsi.cyclic.responder import Responder
-from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.cyclic.task import SearchOrder
-from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
-
-_SPEC = importlib.util.spec_from_file_location("searches_leaps", Path(__file__).with_name("test_kuka_leaps.py"))
-assert _SPEC
-assert _SPEC.loader
-searches = importlib.util.module_from_spec(_SPEC)
-sys.modules["searches_leaps"] = searches
-_SPEC.loader.exec_module(searches)
-Krc, Wire, Weather, FAULTS, CALM = searches.Krc, searches.Wire, searches.Weather, searches.FAULTS, searches.CALM
-CONTROLLER, TEMPLATE, TIMEOUT, HOME = searches.CONTROLLER, searches.TEMPLATE, searches.TIMEOUT, searches.HOME
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "12"))
 LIMITS = OnlineLimits()
-ROUNDING = 3e-6
 CYCLES = {cycle.milliseconds: cycle for cycle in InterpolationCycle}
 FASTEST_DEG_S = 100.0
 MODELS = [pack(wavy_model(size)) for size in (0.0, 1.0, 30.0)]
@@ -58,84 +43,43 @@ class Corrected(Krc):
         share = self.cycle_ms / 1000
         self.programmed = tuple(at + share * by for at, by in zip(self.programmed, self.velocity, strict=True))
         self.zero = self.programmed
-        return bool(super().cycle())
+        return super().cycle()
 
     def telegram(self, ipoc: int | None = None) -> bytes:
         axes = " ".join(f'A{i}="{value:.{self.precision}f}"' for i, value in enumerate(self.programmed, 1))
         return super().telegram(ipoc).replace(b"<IPOC>", f"<ASPos {axes}/><IPOC>".encode())
 
 
-class Online(RuleBasedStateMachine):
+class Online(FaultyLine):
     """The driver's responder with an on-line correction, and the controller that runs its own program."""
 
     @initialize(
         cycle_ms=st.sampled_from([4, 12]), counts=st.sampled_from(["total", "reset"]), precision=st.sampled_from([1, 4])
     )
     def begin(self, cycle_ms: int, counts: str, precision: int) -> None:
-        self.krc = Corrected(False, cycle_ms, counts, precision, ipoc=10**12)
-        self.wire = Wire()
-        self.block, fd = SharedBlock.create()
-        os.close(fd)
-        line = ControllerLine(self.wire, CONTROLLER)
-
-        def task_of(order: SearchOrder) -> OnlineCorrection:
-            return OnlineCorrection(order, LIMITS, self.block.online, TIMEOUT, CYCLES[cycle_ms])
-
-        self.now_ns = self.time = self.number = 0
-        self.responder = Responder(line, self.block, ReplyFormat(TEMPLATE), lambda: self.now_ns, task_of)
-        self.under_way: list[tuple[int, bytes, tuple[str, int]]] = []
-        self.answers_under_way: list[tuple[int, bytes]] = []
+        krc = Corrected(False, cycle_ms, counts, precision, ipoc=10**12)
+        cycle = CYCLES[cycle_ms]
+        self.connect(krc, lambda order: OnlineCorrection(order, LIMITS, self.block.online, TIMEOUT, cycle))
         self.block.online.place_model(MODELS[1])
         self.next_session()
 
     def next_session(self) -> None:
         """The last one is over; RSI is switched on anew where the program stands."""
-        self.block.release()
-        self.responder.answer()
-        self.krc.ipoc += 500
         self.krc.velocity = (0.0,) * 6
-        self.krc.switch_on()
-        self.step, self.calm = (0.0,) * 6, 0
-        self.number += 1
-        self.block.words[Slot.STOP] = 0
+        self.end_session()
         self.block.online.words[OnlineSlot.ORDER] = self.number
         self.block.place_order(SearchOrder(self.number, self.krc.joints, (0.0,) * 6, 1.0, (0,) * 8))
         self.block.announce_session(self.number)
         self.spell(75, Weather())
 
-    # what is checked
-
-    def cycle(self, weather: Weather) -> None:
-        before, step_before, krc = self.krc.offset, self.step, self.krc
-        self.time += 1
-        self.now_ns += krc.cycle_ms * 1_000_000
-        self.calm = self.calm + 1 if krc.cycle() else 0
-        self.step = tuple(a - b for a, b in zip(krc.offset, before, strict=True))
-        dt = krc.cycle_ms / 1000
-        assert max(map(abs, krc.offset)) <= LIMITS.online_correction_deg + ROUNDING
+    def check(self, step_before: tuple[float, ...]) -> None:
+        dt = self.krc.cycle_ms / 1000
+        assert max(map(abs, self.krc.offset)) <= LIMITS.online_correction_deg + ROUNDING
         assert math.hypot(*self.step) <= LIMITS.online_rate_deg_s * dt + ROUNDING
         if self.calm > 3:
             assert math.dist(self.step, step_before) <= LIMITS.online_acceleration_deg_s2 * dt**2 + 2 * ROUNDING
-        if krc.on:
-            self.send(krc.telegram(krc.ipoc + weather.count_off * krc.cycle_ms), weather)
-        if weather.foreign:
-            for place in (("10.0.0.9", 30_000), (CONTROLLER, 9)):
-                self.wire.inbox.append((krc.telegram(krc.ipoc + 400), place))
-        self.carry(weather)
-
-    send, carry = searches.Line.send, searches.Line.carry
 
     # what may happen
-
-    @rule(fault=st.sampled_from(FAULTS), cycles=st.sampled_from([1, 1, 2, 5]), then=CALM)
-    def a_fault(self, fault: Weather, cycles: int, then: int) -> None:
-        self.spell(cycles, fault)
-        self.spell(then, Weather())
-
-    @rule(cycles=st.sampled_from([30, 90]), asleep=st.booleans(), then=CALM)
-    def an_outage(self, cycles: int, asleep: bool, then: int) -> None:
-        self.spell(cycles, Weather(asleep=True) if asleep else Weather(answer_lost=True))
-        self.spell(then, Weather())
 
     @rule(seed=st.integers(0, 99), share=st.sampled_from([0.0, 0.1, 1.0]), then=st.sampled_from([5, 60, 200]))
     def the_program_goes_elsewhere(self, seed: int, share: float, then: int) -> None:
@@ -174,10 +118,6 @@ class Online(RuleBasedStateMachine):
             assert max(map(abs, self.krc.offset)) <= 1e-6
         assert not lost or self.krc.offset == held
         self.next_session()
-
-    def spell(self, cycles: int, weather: Weather) -> None:
-        for _ in range(cycles):
-            self.cycle(weather)
 
 
 Online.TestCase.settings = settings(

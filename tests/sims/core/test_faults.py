@@ -6,16 +6,8 @@ import pytest
 from simulated_devices import catalogue, read_fault
 
 from sims.faults import FaultError, Faults
-from sims.kernel import Kernel
 
 MS = 1_000_000
-
-
-@pytest.fixture
-def kernel():
-    kernel = Kernel("lockstep")
-    yield kernel
-    kernel.close()
 
 
 @pytest.fixture

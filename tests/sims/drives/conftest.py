@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import can
 import pytest
 from simulated_devices import catalogue, setup_of
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, read_cell
 from sims.drives.server import DriveServer
 from sims.faults import Faults
 from sims.kernel import Kernel
@@ -75,18 +75,12 @@ class Bench:
 
 
 @pytest.fixture
-def cell(request):
-    cell = read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
-    return replace(
-        cell,
-        addresses={"drives": "canopen+socketcan://can0?bitrate=1000000&nodes=1,2,3,4,5,6"},
-        simulate=replace(cell.simulate, errors=dict.fromkeys(ERRORS, 0.0)),
-    )
+def cell():
+    return replace(with_errors(), addresses={"drives": "canopen+socketcan://can0?bitrate=1000000&nodes=1,2,3,4,5,6"})
 
 
 @pytest.fixture
-def bench(cell):
-    kernel = Kernel("lockstep")
+def bench(cell, kernel):
     faults = Faults(kernel, catalogue())
     setup = setup_of(cell, "drives", kernel, faults)
     server = DriveServer(setup)
@@ -95,4 +89,3 @@ def bench(cell):
     yield Bench(server, kernel, faults, setup.scene, bus, setup.wire)
     bus.shutdown()
     server.close()
-    kernel.close()

@@ -8,7 +8,6 @@ from simulated_devices import catalogue, read_fault, setup_of
 
 from sims.drives.server import DriveServer
 from sims.faults import Faults
-from sims.kernel import Kernel
 from sims.simulator import CannotStart
 
 MAPPING = (0x60640020, 0x60780010, 0x60770010)
@@ -216,10 +215,8 @@ def test_the_wire_counts_the_drives_frames_and_the_masters_frames(bench):
         ("1,2,3,4,5,6", {"fault": "drives.emcy", "node": 9}, r"drives\.emcy: there is no node 9"),
     ],
 )
-def test_a_cell_file_that_does_not_fit_is_refused(cell, nodes, fault, what):
-    kernel = Kernel("lockstep")
+def test_a_cell_file_that_does_not_fit_is_refused(cell, kernel, nodes, fault, what):
     simulate = replace(cell.simulate, faults=(read_fault(fault),) if fault else ())
     cell = replace(cell, addresses={"drives": f"canopen+socketcan://can0?nodes={nodes}"}, simulate=simulate)
     with pytest.raises(CannotStart, match=what):
         DriveServer(setup_of(cell, "drives", kernel, Faults(kernel, catalogue())))
-    kernel.close()

@@ -3,15 +3,6 @@
 import pytest
 from laser_bench import Bench, Scene
 
-from sims.kernel import Kernel
-
-
-@pytest.fixture
-def kernel():
-    kernel = Kernel("lockstep")
-    yield kernel
-    kernel.close()
-
 
 @pytest.fixture
 def bench(kernel):

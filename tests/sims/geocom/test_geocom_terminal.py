@@ -219,13 +219,11 @@ def test_the_next_process_goes_on_with_the_next_reading(line_of, tmp_path):
     assert after == whole[2]
 
 
-def test_a_cell_without_a_station_cannot_have_a_laser_station(cell_of):
+def test_a_cell_without_a_station_cannot_have_a_laser_station(cell_of, kernel):
     cell = replace(cell_of(), station=None)
-    kernel = Kernel("lockstep")
     setup = setup_of(cell, "tracker", kernel, Faults(kernel, catalogue()))
     with pytest.raises(CannotStart, match="station:"):
         SIMULATOR.start(setup)
-    kernel.close()
 
 
 @pytest.mark.parametrize("query", ["baud=0", "baud=fast", "accuracy=best"])

@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import atan2, cos, degrees, dist, hypot, radians, sin
+from math import dist, hypot, radians
 
 import numpy as np
 import pytest
-
-HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
-STEP_DEG = 0.004  # a cycle: 1 deg/s
-
-
-def cell_with_sphere(bench, beside_deg):
-    """The cell with one sphere on the circle that the tool describes about A1, touched after so many degrees."""
-    cell = bench().cell
-    x, y, z = bench().world().true_tcp(HOME)
-    radius, heading = hypot(x, y), degrees(atan2(y, x))
-    touch = 61.4 / 2 + 0.6
-    chord_deg = 2 * degrees(np.arcsin(touch / (2 * radius)))
-    towards = radians(heading - beside_deg - chord_deg)  # A1 turns the other way round the base's z
-    sphere = replace(cell.artefact.spheres[0], centre=(radius * cos(towards), radius * sin(towards), z))
-    return replace(cell, artefact=replace(cell.artefact, spheres=(sphere,), distances=()))
+from a1_searches import HOME, STEP_DEG, TOUCH_MM, cell_with_sphere
 
 
 def search(pc, cycles, step=STEP_DEG, stop_after=None):
@@ -62,7 +47,7 @@ def test_the_truth_log_tells_where_the_tip_touched_and_how_far_it_ran_on(bench):
     assert line["search"] == 1
     assert line["sphere"] == "S1"
     assert line["tcp"] == pytest.approx(world.true_tcp(line["joints"]), abs=1e-9)
-    assert line["distance"] == pytest.approx(61.4 / 2 + 0.6, abs=1e-6)
+    assert line["distance"] == pytest.approx(TOUCH_MM, abs=1e-6)
     assert line["centre"] == pytest.approx(world.spheres[0].centre)
     assert line["time_ns"] == pc.changes[0][0] < line["stopped_ns"]
     resting = pc.command("HELLO")[2]

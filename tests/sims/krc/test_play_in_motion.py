@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from math import atan2, cos, degrees, dist, hypot, radians, sin
+from math import dist
 
-import numpy as np
 import pytest
+from a1_searches import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 from sims.conditions import Conditions
 from sims.memory import Memory
-
-HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
-STEP_DEG = 0.004
-TOUCH_MM = 61.4 / 2 + 0.6
 
 
 @pytest.fixture
@@ -27,16 +22,6 @@ def again(bench, tmp_path):
     return begin
 
 
-def cell_with_sphere(bench):
-    """The cell with one sphere on the circle that the tool describes about A1, touched after a quarter of a degree."""
-    cell = bench().cell
-    x, y, z = bench().world().true_tcp(HOME)
-    radius, heading = hypot(x, y), degrees(atan2(y, x))
-    towards = radians(heading - 0.25 - 2 * degrees(np.arcsin(TOUCH_MM / (2 * radius))))
-    sphere = replace(cell.artefact.spheres[0], centre=(radius * cos(towards), radius * sin(towards), z))
-    return replace(cell, artefact=replace(cell.artefact, spheres=(sphere,), distances=()))
-
-
 def come_from(pc, directions):
     """To HOME, every joint in its own direction, by more than any play."""
     assert pc.ptp(tuple(joint - 0.1 * way for joint, way in zip(HOME, directions, strict=True)), number=1)[1] == 0
@@ -45,12 +30,7 @@ def come_from(pc, directions):
 
 def contact(pc):
     """Search along A1 until it touches, and stop; the truth about it."""
-    pc.rsi_on()
-    for i in range(200):
-        pc.cycles(1, (STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
-        if pc.changes:
-            break
-    pc.finish((STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
+    search_until_contact(pc)
     return pc.truth_lines()[-1]
 
 

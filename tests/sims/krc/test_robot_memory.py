@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from math import atan2, cos, degrees, hypot, radians, sin
 
 import numpy as np
 import pytest
+from a1_searches import HOME, STEP_DEG, cell_with_sphere, search_until_contact
 
 from sims.memory import BadMemory, Memory
 
-HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 THERE = (10.0, -80.0, 90.0, 0.0, 45.0, 20.0)
-STEP_DEG = 0.004
-TOUCH_MM = 61.4 / 2 + 0.6
 
 
 @pytest.fixture
@@ -27,25 +23,6 @@ def again(bench, tmp_path):
     return begin
 
 
-def cell_with_sphere(bench, beside_deg=0.25):
-    """The cell with one sphere on the circle that the tool describes about A1, touched after so many degrees."""
-    cell = bench().cell
-    x, y, z = bench().world().true_tcp(HOME)
-    radius, heading = hypot(x, y), degrees(atan2(y, x))
-    towards = radians(heading - beside_deg - 2 * degrees(np.arcsin(TOUCH_MM / (2 * radius))))
-    sphere = replace(cell.artefact.spheres[0], centre=(radius * cos(towards), radius * sin(towards), z))
-    return replace(cell, artefact=replace(cell.artefact, spheres=(sphere,), distances=()))
-
-
-def search(pc):
-    pc.rsi_on()
-    for i in range(200):
-        pc.cycles(1, (STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
-        if pc.changes:
-            break
-    return pc.finish((STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
 def test_the_robot_stands_where_it_arrived(again):
     again().ptp(THERE)
     assert again().command("HELLO")[2] == THERE
@@ -55,7 +32,7 @@ def test_a_robot_that_stood_in_contact_is_still_in_contact(bench, again):
     cell = cell_with_sphere(bench)
     errors = {"servo": 1, "repeatability": 1}
     pc = again(cell=cell, errors=errors)
-    stood = search(pc)[2]
+    stood = search_until_contact(pc)[2]
     assert pc.loop.closed
     back = again(cell=cell, errors=errors)
     assert back.loop.closed
@@ -70,10 +47,10 @@ def test_the_count_of_a_poses_attempts_goes_on(bench, again):
     pc.ptp((-1.0, *HOME[1:]))
     pc.ptp(HOME)
     back = again(cell=cell, errors={"repeatability": 1})
-    search(back)
+    search_until_contact(back)
     back.ptp(HOME)
     back.changes.clear()
-    search(back)
+    search_until_contact(back)
     assert [line["attempt"] for line in back.truth_lines()] == [1, 2]
     world = back.world()
     for line in back.truth_lines():

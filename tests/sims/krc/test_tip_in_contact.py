@@ -2,36 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import atan2, cos, degrees, dist, hypot, radians, sin
+from math import dist
 
-import numpy as np
 import pytest
-
-HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
-STEP_DEG = 0.004
-TOUCH_MM = 61.4 / 2 + 0.6
-
-
-def cell_with_sphere(bench, beside_deg=0.25):
-    """The cell with one sphere on the circle that the tool describes about A1, touched after so many degrees."""
-    cell = bench().cell
-    x, y, z = bench().world().true_tcp(HOME)
-    radius, heading = hypot(x, y), degrees(atan2(y, x))
-    towards = radians(heading - beside_deg - 2 * degrees(np.arcsin(TOUCH_MM / (2 * radius))))
-    sphere = replace(cell.artefact.spheres[0], centre=(radius * cos(towards), radius * sin(towards), z))
-    return replace(cell, artefact=replace(cell.artefact, spheres=(sphere,), distances=()))
+from a1_searches import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 
 def touch(pc):
     """Search until the contact, and back."""
     pc.changes.clear()
-    pc.rsi_on()
-    for i in range(300):
-        pc.cycles(1, (STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
-        if pc.changes:
-            break
-    assert pc.finish((STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))[1] == 0
+    assert search_until_contact(pc)[1] == 0
     assert pc.ptp(HOME)[1] == 0
 
 
@@ -79,12 +59,7 @@ def test_a_jump_in_mid_search_moves_the_contact_of_that_search(bench):
 def test_a_tip_that_breaks_off_in_contact_opens_the_loop(bench):
     cell = cell_with_sphere(bench)
     pc = bench(cell=cell)
-    pc.rsi_on()
-    for i in range(100):
-        pc.cycles(1, (STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
-        if pc.changes:
-            break
-    assert pc.finish((STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))[1] == 0
+    assert search_until_contact(pc)[1] == 0
     assert pc.loop.closed
     pc.fault(fault="tip.jump", mm=200.0)
     assert not pc.loop.closed

@@ -2,19 +2,11 @@
 
 import pytest
 
-from sims.kernel import Kernel
 from sims.probe.lines import framed
 from sims.probe.outbox import Message
 from sims.probe.wire import Receiver, Transmitter
 
 MS = 1_000_000
-
-
-@pytest.fixture
-def kernel():
-    kernel = Kernel("lockstep")
-    yield kernel
-    kernel.close()
 
 
 def run(kernel, ms):

@@ -1,15 +1,13 @@
 """Joints that lag behind by their motor's whole torque, friction included, and joints that lag by the weight alone."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from simulated_devices import catalogue
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, read_cell
+from sims.cell import read_cell
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
-from sims.kernel import Kernel
 from sims.scene.scene import Scene
 from sims.world.world import World
 
@@ -21,10 +19,6 @@ SEED = 7
 @pytest.fixture(scope="module")
 def cell(request):
     return read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
-
-
-def with_errors(cell, **errors):
-    return replace(cell, simulate=replace(cell.simulate, errors=dict.fromkeys(ERRORS, 0.0) | errors))
 
 
 def lag_rad(cell, ways):
@@ -54,9 +48,8 @@ def test_stiff_drives_do_not_wind_up(cell):
     assert World(with_errors(cell, friction_torsion=1), SEED).wound_up == ()
 
 
-def test_an_arm_at_rest_lags_as_it_does_in_the_truth_for_its_way_of_approach(cell):
+def test_an_arm_at_rest_lags_as_it_does_in_the_truth_for_its_way_of_approach(cell, kernel):
     cell = with_errors(cell, compliance=3, friction_torsion=1, backlash=1)
-    kernel = Kernel("lockstep")
     arm = Scene(kernel, cell, Faults(kernel, catalogue())).arm
     for target in (tuple(p - 3.0 * way for p, way in zip(POSE, WAYS, strict=True)), POSE):
         arm.move(target, 50.0, lambda: None)
@@ -67,4 +60,3 @@ def test_an_arm_at_rest_lags_as_it_does_in_the_truth_for_its_way_of_approach(cel
     assert arm.links(kernel.now) == pytest.approx(world.links_after(POSE, WAYS), abs=1e-9)
     assert arm.tcp(kernel.now) == pytest.approx(world.true_tcp(POSE, Conditions(WAYS)), abs=1e-6)
     assert np.linalg.norm(np.subtract(arm.tcp(kernel.now), world.true_tcp(POSE))) > 0.05
-    kernel.close()

@@ -6,8 +6,8 @@ from math import atan2, degrees, dist
 import numpy as np
 import pytest
 from simulated_devices import catalogue, read_fault
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
@@ -38,14 +38,13 @@ TARGET = (10.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 
 
 @pytest.fixture
-def scene_of(request):
+def scene_of():
     """Makes scenes of the shipped robot with an instrument; without errors but for the given ones."""
-    base = read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
     kernels = []
 
     def make(seed=1, at=STATION, down=(0.0, 0.0, -1.0), memory=None, **errors):
-        simulate = replace(base.simulate, seed=seed, errors={**dict.fromkeys(ERRORS, 0.0), **errors})
-        robot = replace(base.robot, down=down)
+        base = with_errors(**errors)
+        robot, simulate = replace(base.robot, down=down), replace(base.simulate, seed=seed)
         cell = replace(base, robot=robot, simulate=simulate, station=at, reflectors=REFLECTORS)
         kernel = Kernel("lockstep")
         kernels.append(kernel)

@@ -1,11 +1,9 @@
 """The true motor currents of the arm as devices read them: direction of approach, brakes, and after a restart."""
 
-from dataclasses import replace
-
 import pytest
 from simulated_devices import catalogue
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
@@ -16,14 +14,12 @@ S = 1_000_000_000
 
 
 @pytest.fixture
-def make(request):
-    cell = read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
-    cell = replace(cell, simulate=replace(cell.simulate, errors=dict.fromkeys(ERRORS, 0.0)))
+def make():
     kernels = []
 
     def scene(memory=None):
         kernels.append(Kernel("lockstep"))
-        return Scene(kernels[-1], cell, Faults(kernels[-1], catalogue()), memory=memory), kernels[-1]
+        return Scene(kernels[-1], with_errors(), Faults(kernels[-1], catalogue()), memory=memory), kernels[-1]
 
     yield scene
     for kernel in kernels:

@@ -1,26 +1,22 @@
 """What the scene tells a device's simulator that has no robot controller: where the tool is, and what is in the way."""
 
-from dataclasses import replace
 from math import dist
 
 import pytest
 from simulated_devices import catalogue
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, Plate, read_cell
+from sims.cell import Plate
 from sims.faults import Faults
-from sims.kernel import Kernel
 from sims.scene.scene import Scene
 
 
 @pytest.fixture
-def scene(request):
+def scene(kernel):
     """The shipped cell without errors."""
-    cell = read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
-    simulate = replace(cell.simulate, errors=dict.fromkeys(ERRORS, 0.0))
+    cell = with_errors()
     assert cell.artefact.plate == Plate(100.0, 8.0)
-    kernel = Kernel("lockstep")
-    yield Scene(kernel, replace(cell, simulate=simulate), Faults(kernel, catalogue()))
-    kernel.close()
+    return Scene(kernel, cell, Faults(kernel, catalogue()))
 
 
 def across(place, way=(0.0, 100.0, 0.0)):

@@ -7,25 +7,17 @@ import subprocess
 import sys
 from dataclasses import replace
 from math import exp, hypot
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from true_worlds import BENT, CELL, world
 
-from sims.cell import ERRORS, read_cell
-from sims.world import World
+from sims.cell import ERRORS
 
-CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
 MINUTE_NS = 60_000_000_000
 # the link table stretched out, base to flange: d1 and a1, a2, a3, d4, d6
 STRETCHED_MM = hypot(180.0, 400.0) + 600.0 + 40.0 + 620.0 + 80.0
-
-
-def world(cell=CELL, **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    return World(replace(cell, simulate=replace(cell.simulate, errors=scales)), 1)
 
 
 def with_tool(xyz):
@@ -42,7 +34,7 @@ def test_each_touch_takes_half_a_micrometre_off_the_tip_along_the_flanges_z():
     before = np.array(worn.true_tcp(BENT))
     for _ in range(100):
         worn.ageing.touched()
-    z = np.subtract(world(AHEAD).true_tcp(BENT), world(FLANGE).true_tcp(BENT))
+    z = np.subtract(world(cell=AHEAD).true_tcp(BENT), world(cell=FLANGE).true_tcp(BENT))
     assert worn.ageing.worn_mm == pytest.approx(0.1)
     assert np.array(worn.true_tcp(BENT)) - before == pytest.approx(-0.1 * z, abs=1e-9)
 
@@ -57,7 +49,7 @@ def test_a_shortened_tip_is_as_a_shorter_tool():
     short = world(deflection=0)
     short.ageing.shorten(0.7)
     x, y, z = CELL.robot.tool.xyz
-    assert short.true_tcp(BENT) == pytest.approx(world(with_tool((x, y, z - 0.7))).true_tcp(BENT), abs=1e-9)
+    assert short.true_tcp(BENT) == pytest.approx(world(cell=with_tool((x, y, z - 0.7))).true_tcp(BENT), abs=1e-9)
 
 
 @pytest.mark.parametrize("minutes", [0.0, 1.0, 20.0, 200.0])
@@ -65,16 +57,16 @@ def test_a_shortened_tip_is_as_a_shorter_tool():
 def test_links_grow_as_an_exponential_of_time_and_the_tool_does_not(minutes, scale):
     warm = world(warm_up=scale)
     warm.ageing.warm(round(minutes * MINUTE_NS))
-    flange = np.array(world(FLANGE).true_tcp(BENT))
+    flange = np.array(world(cell=FLANGE).true_tcp(BENT))
     growth = scale * 0.08 / STRETCHED_MM * (1.0 - exp(-minutes / 20.0))
     assert np.subtract(warm.true_tcp(BENT), world().true_tcp(BENT)) == pytest.approx(growth * flange, abs=1e-9)
 
 
 def test_stretched_out_and_warm_the_flange_is_off_by_the_figure_of_the_document():
-    warm = world(FLANGE, warm_up=1)
+    warm = world(cell=FLANGE, warm_up=1)
     warm.ageing.warm(1000 * MINUTE_NS)
     furthest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    off = np.linalg.norm(np.subtract(warm.true_tcp(furthest), world(FLANGE).true_tcp(furthest)))
+    off = np.linalg.norm(np.subtract(warm.true_tcp(furthest), world(cell=FLANGE).true_tcp(furthest)))
     assert 0.8 * 0.08 < off <= 0.08
 
 

@@ -11,6 +11,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from true_worlds import BENT, CELL, with_errors
 
 from cellctl.formats import RobotFile
 from cellctl.formats.description import RobotDescription
@@ -22,14 +23,11 @@ from sims.section import Section
 from sims.world import World
 
 CELLS = Path(__file__).parents[3] / "procedures/cells"
-CELL = read_cell(CELLS / "sphere_cell.yaml")
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
 
 
 def world(robot, seed=1, **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    return World(replace(CELL, robot=robot, simulate=replace(CELL.simulate, errors=scales)), seed)
+    return World(with_errors(replace(CELL, robot=robot), **errors), seed)
 
 
 def step(axis="z", degrees=0.0, along=(0.0, 0.0, 0.0)):

@@ -4,35 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import cos, radians, sin
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
+from true_worlds import BENT, CELL, world
 
-from sims.cell import ERRORS, read_cell
+from sims.cell import ERRORS
 from sims.conditions import Conditions
-from sims.world import World
 from sims.world.compliance import Compliance, Falls
 from sims.world.masses import Body
 from sims.world.screws import Axis
 from sims.world.statics import Mass
 
-CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
 G = 9.80665
 
 LEVEL = Axis(point=(0.0, 0.0, 100.0), direction=(0.0, 1.0, 0.0))
-
-
-def world(seed=1, cell=CELL, down=(0.0, 0.0, -1.0), **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    robot = replace(cell.robot, down=down)
-    return World(replace(cell, robot=robot, simulate=replace(cell.simulate, errors=scales)), seed)
 
 
 def frames(model_angles):
@@ -78,7 +69,7 @@ def test_drives_that_cannot_hold_their_arm_are_said_to_fall():
 @given(READINGS, st.integers(1, 20), st.sampled_from([(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.48, -0.6, 0.64)]))
 @settings(max_examples=40)
 def test_the_sagged_arm_has_the_least_energy_of_weight_and_springs(readings, seed, down):
-    soft = world(seed, down=down, compliance=1)._compliance
+    soft = world(seed, replace(CELL, robot=replace(CELL.robot, down=down)), compliance=1)._compliance
     drives = np.radians([joint.sign * reading for joint, reading in zip(CELL.robot.joints, readings, strict=True)])
     homes = [np.linalg.inv(T) @ [*mass.centre, 1.0] for T, mass in zip(frames((0.0,) * 6), soft._links, strict=True)]
 

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import atan2, degrees
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from true_worlds import BENT, world
 
-from sims.cell import ERRORS, read_cell
+from sims.cell import ERRORS
 from sims.conditions import Conditions
-from sims.world import World
 from sims.world.drives import Backlash
 
-CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
 ANGLE = st.floats(-180.0, 180.0)
-
-
-def world(seed=1, **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    return World(replace(CELL, simulate=replace(CELL.simulate, errors=scales)), seed)
 
 
 def turned_by(one, a1, conditions=None):

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from true_worlds import BENT, CELL, world
 
-from sims.cell import ERRORS, read_cell
 from sims.conditions import Conditions
-from sims.world import World
 from sims.world.expansion import expansions
 
-CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
-
-
-def world(seed=1, cell=CELL, **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    return World(replace(cell, simulate=replace(cell.simulate, errors=scales)), seed)
 
 
 @given(READINGS, st.floats(-10.0, 60.0))

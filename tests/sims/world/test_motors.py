@@ -1,12 +1,10 @@
 """The motors of the true arm: torque from the weight's height, friction by the direction of motion."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from own_kinematics import turn
+from true_worlds import with_errors
 
-from sims.cell import ERRORS, read_cell
 from sims.conditions import Payload
 from sims.world.masses import drawn_body
 from sims.world.motors import PRESLIDING_DEG, slid
@@ -19,9 +17,8 @@ SEED = 7
 
 
 @pytest.fixture(scope="module")
-def cell(request):
-    cell = read_cell(request.config.rootpath / "procedures/cells/sphere_cell.yaml")
-    return replace(cell, simulate=replace(cell.simulate, errors=dict.fromkeys(ERRORS, 0.0)))
+def cell():
+    return with_errors()
 
 
 def potential_j(robot, links, axes, readings):

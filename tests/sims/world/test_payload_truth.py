@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from simulated_devices import catalogue
+from true_worlds import BENT, CELL, with_errors
 
-from sims.cell import ERRORS, read_cell
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
-from sims.kernel import Kernel
 from sims.scene.scene import Scene
 from sims.world import World
 
-CELL = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 LEVEL = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)  # the flange's z is level: 5 kg at the tip of the tool bend it most
-BENT = (10.0, -80.0, 85.0, 20.0, 40.0, 30.0)
 G = 9.80665
 
 
 def cell(payload=None, load=None, **errors):
-    scales = {kind: float(errors.get(kind, 0.0)) for kind in ERRORS}
-    return replace(CELL, load=load, simulate=replace(CELL.simulate, errors=scales, payload=payload))
+    erring = with_errors(**errors)
+    return replace(erring, load=load, simulate=replace(erring.simulate, payload=payload))
 
 
 def world(payload=None, **errors):
@@ -75,9 +71,8 @@ def test_a_robot_carries_what_simulate_says_else_the_cell_files_load():
     assert World(cell(), 1).payload == Payload()
 
 
-def test_the_moving_arm_carries_its_payload_and_truth_without_a_column_is_the_same():
+def test_the_moving_arm_carries_its_payload_and_truth_without_a_column_is_the_same(kernel):
     payload = Payload(6.0, (20.0, 0.0, 90.0))
-    kernel = Kernel("lockstep")
     loaded = cell(payload, compliance=1, deflection=1)
     scene = Scene(kernel, loaded, Faults(kernel, catalogue()))
     joints = scene.arm.joints()
@@ -85,7 +80,6 @@ def test_the_moving_arm_carries_its_payload_and_truth_without_a_column_is_the_sa
     assert scene.tcp() == pytest.approx(world(compliance=1, deflection=1).true_tcp(joints, stated), abs=1e-9)
     assert scene.tcp() == pytest.approx(scene.world.true_tcp(joints), abs=1e-9)
     assert scene.tcp() != pytest.approx(world(compliance=1, deflection=1).true_tcp(joints), abs=0.1)
-    kernel.close()
 
 
 def test_the_motors_hold_the_payload_too():
