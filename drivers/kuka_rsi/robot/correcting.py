@@ -31,7 +31,12 @@ _POLL_S = 0.02
 _BEGINS_S = 2.0
 _LOOK_S = 0.005
 _PREPARED_S = 120.0
-"""Wall time. A computer's first model on a computer is compiled: some 10 s; later ones take 1 s."""
+"""Wall time. A computer's first model is compiled: some 10 s; later ones take 1 s."""
+
+_ENDED = (
+    "Connect again. If it ends once more, delete the compiler's files (online_kernel*.nbi, online_kernel*.nbc) in "
+    "drivers/kuka_rsi/cyclic/__pycache__."
+)
 
 _SETTLED_S = 0.5
 """Samples older than this are complete, also while telegrams are under way."""
@@ -83,8 +88,8 @@ class Correcting:
         block.online.words[OnlineSlot.ORDER] = order.number
         block.keep_stop(order.number)
         block.place_order(order)
-        await self._order_taken(order.number)
         self._holding.correcting = True
+        await self._order_taken(order.number)
         reply = await eki.ask("CORRON")
         if reply.code:
             self._released()
@@ -150,15 +155,17 @@ class Correcting:
         process, deadline = self._lines.process, time.monotonic() + _PREPARED_S
         try:
             with self._clock.standing():
-                while process.block.status().number != number:
+                while process.block.status().number != number and not process.block.words[Slot.STOP]:
                     if not process.alive():
-                        raise DeviceLost(self._device, f"the RSI process ended: {process.last_error_line()}")
+                        raise DeviceLost(self._device, f"the RSI process ended: {process.last_error_line()}", _ENDED)
                     if time.monotonic() > deadline:
                         what = f"the RSI process did not prepare the model within {_PREPARED_S:g} s; RSI is off"
                         raise DeviceLost(self._device, what, "Look at what else runs on this computer.")
                     await asyncio.sleep(_LOOK_S)
+            if process.block.words[Slot.STOP]:
+                raise DeviceRefused(self._device, "a stop is set: RSI stays off", "Clear the stop, then try again.")
         except BaseException:
-            process.block.release()
+            self._released()
             raise
 
     def _released(self) -> None:
