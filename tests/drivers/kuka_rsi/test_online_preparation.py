@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
+from cell_runs import ROOT
 from online_models import wavy_model
 
 from cellctl.clock import WallClock
@@ -99,3 +102,12 @@ def test_a_stop_during_the_preparation_leaves_rsi_off():
         assert robot.the_next_search_is_none_of_the_correction()
 
     asyncio.run(go())
+
+
+def test_the_step_is_compiled_also_where_no_folder_can_keep_it():
+    """numba's locator of packages in an archive finds no place for ours, as in folders that cannot be written."""
+    program = "import numpy; from drivers.kuka_rsi.cyclic.online_kernel import _cross; axes = numpy.eye(3)\n"
+    program += "print(*_cross(axes[0], axes[1]))"
+    environment = os.environ | {"NUMBA_CACHE_LOCATOR_CLASSES": "_ZipCacheLocator", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("0.0 0.0 1.0\n", "")
