@@ -18,6 +18,7 @@ from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
 from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, within
+from drivers.kuka_rsi.cyclic.real_time import beside_other_processes
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Session
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
@@ -66,7 +67,8 @@ class OnlineCorrection:
         self._sent: Correction = _ZERO
         self._version = -1
         self._model: OnlineModel | None = None
-        self._take_newest_model()
+        with beside_other_processes():
+            self._take_newest_model()
 
     @property
     def timing(self) -> CycleTiming:

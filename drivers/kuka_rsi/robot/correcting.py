@@ -30,8 +30,8 @@ from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
 _POLL_S = 0.02
 _BEGINS_S = 2.0
 _LOOK_S = 0.005
-_PREPARED_S = 120.0
-"""Wall time. A computer's first model is compiled: some 10 s; later ones take 1 s."""
+_PREPARED_S = 300.0
+"""Wall time. A computer's first model is compiled: some 10 s, minutes beside much other work; later ones take 1 s."""
 
 _ENDED = (
     "Connect again. If it ends once more, delete the compiler's files (online_kernel*.nbi, online_kernel*.nbc) in "

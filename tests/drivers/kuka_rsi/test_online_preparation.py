@@ -15,7 +15,9 @@ from online_models import wavy_model
 from cellctl.clock import WallClock
 from cellctl.devices import CorrectionModel, DeviceLost, DeviceRefused
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
+from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
 from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
 from drivers.kuka_rsi.cyclic.task import SearchOrder
@@ -111,3 +113,16 @@ def test_the_step_is_compiled_also_where_no_folder_can_keep_it():
     environment = os.environ | {"NUMBA_CACHE_LOCATOR_CLASSES": "_ZipCacheLocator", "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("0.0 0.0 1.0\n", "")
+
+
+def test_the_model_is_prepared_without_priority_and_answers_have_it_again(monkeypatch):
+    """With it, a compiler at work for 10 s would keep another robot's process from a processor they share."""
+    policy, at_work = [os.SCHED_FIFO], []
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy[-1])
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, new, parameter: policy.append(new))
+    monkeypatch.setattr(OnlineCorrection, "_take_newest_model", lambda self: at_work.append(policy[-1]))
+    block, fd = SharedBlock.create()
+    os.close(fd)
+    block.online.place_model(pack(MODEL.arrays))
+    OnlineCorrection(SearchOrder(1, (0.0,) * 6, (0.0,) * 6, 1.0, (0,) * 8), OnlineLimits(), block.online)
+    assert (at_work, policy[-1]) == ([os.SCHED_OTHER], os.SCHED_FIFO)
