@@ -38,6 +38,7 @@ _ENDED = (
     "drivers/kuka_rsi/cyclic/__pycache__."
 )
 
+_SILENCE_S = 1.0
 _SETTLED_S = 0.5
 """Samples older than this are complete, also while telegrams are under way."""
 
@@ -148,6 +149,9 @@ class Correcting:
         if status.cause in _CAUSES:
             what, cure = _CAUSES[status.cause]
             return DeviceFault(self._device, f"{what}; the on-line correction was ramped out", cure)
+        if status.telegrams and (silent_s := self._silent_s()) > _SILENCE_S:
+            what = f"RSI is off: no telegram came for {silent_s:.1f} s; nothing is corrected any more"
+            return DeviceLost(self._device, what, "Look at the controller's messages, then switch it on again.")
         return None
 
     async def _order_taken(self, number: int) -> None:
@@ -167,6 +171,12 @@ class Correcting:
         except BaseException:
             self._released()
             raise
+
+    def _silent_s(self) -> float:
+        """Since the newest telegram of the process."""
+        block = self._lines.process.block
+        (newest,), _ = block.samples(block.words[Slot.HEAD] - 1)
+        return self._clock.now() - newest.arrival_ns * 1e-9
 
     def _released(self) -> None:
         """RSI is off: nothing is answered any more."""
