@@ -61,6 +61,8 @@ class OnlineCorrection:
         self._limits = limits
         self._online = online
         self._session = Session(tolerance_cycles)
+        self._tolerance = tolerance_cycles
+        self._not_taken = 0
         self._cycle = cycle
         self._began_ns: int | None = None
         self._log_due_ns = 0
@@ -147,8 +149,11 @@ class OnlineCorrection:
 
     def _move(self, telegram: Telegram, taken: bool, now_ns: int) -> None:
         """One step; none until the last answer is known to be taken: the controller holds one of two corrections."""
+        self._not_taken = 0 if taken else self._not_taken + 1
         if not taken:
             self._motion.stood()
+            if self._not_taken > self._tolerance and self.cause is Cause.NONE:
+                self._fade(Cause.NOT_TAKEN)
             return
         if self.phase is Phase.MOVING and self._followed.look(telegram, self._sent):
             self._fade(Cause.BEHIND)

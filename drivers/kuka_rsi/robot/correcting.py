@@ -50,6 +50,10 @@ _CAUSES = {
         "a telegram had no programmed joints (ASPos) or no count of late answers (Delay)",
         "Load the RSI Ethernet configuration that the robot's address names on the controller.",
     ),
+    Cause.NOT_TAKEN: (
+        "for longer than the controller tolerates, no answer was known to be taken",
+        "Look at the network and at what else runs on this computer.",
+    ),
     Cause.MODEL: ("the model did not arrive complete", "Begin again; it is written anew."),
     Cause.LIMIT: ("the next correction would have passed a limit", "Report this: it is checked before."),
     Cause.BEHIND: (

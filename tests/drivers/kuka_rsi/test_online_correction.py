@@ -21,7 +21,7 @@ from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
 from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, online_limit_errors
-from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
@@ -51,14 +51,15 @@ class Controller:
         self.ipoc = self.now_ns = self.late = 0
         self.engine_alive = self.engine_was_alive_ns = True
         self.stopped = self.leave = False
+        self.cycles_apart = 1
 
     def place(self, size):
         return self.block.online.place_model(pack(wavy_model(size, **self.region)))
 
     def run(self, seconds, answers_lost=False, **without):
         for _ in range(round(seconds / CYCLE_S)):
-            self.now_ns += 4_000_000
-            self.ipoc += 4
+            self.now_ns += self.cycles_apart * 4_000_000
+            self.ipoc += self.cycles_apart * 4
             self.late += answers_lost
             moved = zip(self.programmed, self.velocity, strict=True)
             self.programmed = tuple(at + CYCLE_S * by for at, by in moved)
@@ -152,6 +153,20 @@ def test_lost_answers_are_repeated_and_it_goes_on_from_standstill():
     krc.run(2 * CYCLE_S)
     assert math.dist(krc.last, held) <= LIMITS.online_rate_deg_s * CYCLE_S
     assert krc.run(2).never_leapt()
+
+
+def test_answers_that_are_never_known_to_be_taken_hold_it_and_end_it_as_soon_as_they_are_again():
+    krc = Controller().run(0.5)
+    krc.cycles_apart = 3
+    krc.run(DEFAULT_TOLERANCE * CYCLE_S)
+    held = krc.last
+    assert (krc.task.cause, krc.sent[-DEFAULT_TOLERANCE]) == (Cause.NONE, held)
+    krc.run(2 * CYCLE_S)
+    assert (krc.task.cause, krc.last) == (Cause.NOT_TAKEN, held)
+    krc.cycles_apart = 1
+    krc.run(2)
+    assert krc.last == (0.0,) * 6 != held
+    assert krc.never_leapt()
 
 
 def test_a_new_model_takes_over_without_a_leap():
