@@ -155,6 +155,7 @@ class Program:
 
     def _reset(self, command: Command) -> None:
         if self.acknowledge():
+            self._end_path()
             self._reply(command.id, Code.DONE)
         else:
             self._reply(command.id, Code.NOT_READY, self._open_chain())
@@ -251,10 +252,14 @@ class Program:
 
     def _leave_path(self) -> None:
         """RSI_OFF, and `PTP $AXIS_ACT_MEAS`."""
+        self._end_path()
+        self._robot.brake(self._left_path)
+
+    def _end_path(self) -> None:
+        """RSI off: by command, by a stop, or with the program that is selected anew."""
         if self._path:
             self._path.abort()
             self._path = None
-        self._robot.brake(self._left_path)
 
     def _left_path(self) -> None:
         self._robot.take_measured()
@@ -295,9 +300,7 @@ class Program:
             self._rsi_on.cancel()
         if self._session:
             self._session.abort()
-        if self._path:
-            self._path.abort()
-            self._path = None
+        self._end_path()
         if not self._braking:
             self._braking = True
             self._robot.brake(self._stands)

@@ -176,3 +176,23 @@ def test_a_stop_holds_the_robot_and_rsi_is_off(tmp_path):
     before, held, after = asyncio.run(go())
     assert held == pytest.approx(before, abs=NEAR_DEG)
     assert after == pytest.approx(HERE, abs=NEAR_DEG)
+
+
+def test_a_correction_that_ended_at_the_pendant_is_not_taken_for_one_that_is_on(tmp_path):
+    async def go():
+        async with simulated_robot(heavy_with(tmp_path)) as bench:
+            robot = bench.robot
+            await robot.move(HERE, 50)
+            await robot.correction_on(MODEL)
+            await bench.clock.sleep(1)
+            await robot.reset()
+            await bench.clock.sleep(2)
+            with pytest.raises(DeviceLost, match="RSI is off: no telegram came for"):
+                await robot.move(THERE, 50)
+            assert robot.correction_id() == ""
+            robot.clear_stop()
+            await robot.correction_on(MODEL)
+            await robot.move(THERE, 50)
+            return await robot.correction_off()
+
+    assert asyncio.run(go()).cycles > 0

@@ -18,6 +18,7 @@ from drivers.kuka_rsi.cyclic.limits import Correction, Limit
 from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
 from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, within
+from drivers.kuka_rsi.cyclic.real_time import beside_other_processes
 from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
 from drivers.kuka_rsi.cyclic.session_task import SessionTask
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
@@ -53,10 +54,13 @@ class OnlineCorrection(SessionTask):
         super().__init__(order, tolerance_cycles, cycle)
         self._limits = limits
         self._online = online
+        self._tolerance = tolerance_cycles
+        self._not_taken = 0
         self._log_due_ns = 0
         self._version = -1
         self._model: OnlineModel | None = None
-        self._take_newest_model()
+        with beside_other_processes():
+            self._take_newest_model()
 
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False
@@ -115,8 +119,11 @@ class OnlineCorrection(SessionTask):
 
     def _move(self, telegram: Telegram, taken: bool, now_ns: int) -> None:
         """One step; none until the last answer is known to be taken: the controller holds one of two corrections."""
+        self._not_taken = 0 if taken else self._not_taken + 1
         if not taken:
             self._motion.stood()
+            if self._not_taken > self._tolerance and self.cause is Cause.NONE:
+                self._fade(Cause.NOT_TAKEN)
             return
         if self.phase is Phase.MOVING and self._followed.look(telegram, self._sent):
             self._fade(Cause.BEHIND)

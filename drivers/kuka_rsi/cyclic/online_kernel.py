@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import os
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable
+from typing import NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 from drivers.kuka_rsi.axes import AXES
 
 Floats: TypeAlias = NDArray[np.float64]
+_Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
 
 _DAMPING_MM = 10.0
 """Of the least squares step: a singular direction is left alone. Elsewhere one step leaves 1 % more at most."""
@@ -61,7 +64,15 @@ class Effects(NamedTuple):
     node_weight: Floats
 
 
-@numba.njit(cache=True)
+def _compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
+    """`function` as machine code; where no folder can be written to keep it, each process compiles it anew."""
+    try:
+        return numba.njit(cache=True)(function)
+    except RuntimeError:
+        return numba.njit(cache=False)(function)
+
+
+@_compiled
 def newton_step(chains: Chains, effects: Effects, q: Floats, last: Floats) -> Floats:
     """δ (6,) from `last`: one step of δ ← δ + J⁺(q)(f(q) − f*(q + δ)) at model angles q (6,)."""
     frames = _frames(chains.nominal, q)
@@ -78,7 +89,7 @@ def newton_step(chains: Chains, effects: Effects, q: Floats, last: Floats) -> Fl
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _true_pose(chains: Chains, effects: Effects, q: Floats) -> Floats:
     """The identified robot's TCP (3, 4)."""
     frames = _frames(chains.nominal, q)
@@ -90,7 +101,7 @@ def _true_pose(chains: Chains, effects: Effects, q: Floats) -> Floats:
     return end
 
 
-@numba.njit(cache=True)
+@_compiled
 def _turns(effects: Effects, q: Floats, frames: Floats) -> Floats:
     """What the joints (6,) turn by: weight and load on their springs, and the waves of their gears."""
     found = np.empty(AXES)
@@ -110,7 +121,7 @@ def _turns(effects: Effects, q: Floats, frames: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _wave(waves: NDArray[np.complex128], angle: float) -> float:
     """Σ s sin mq + c (cos mq − 1): the real part of Σ (c − is)(zᵐ − 1) with z = e^iq, by Horner's rule."""
     z = complex(math.cos(angle), math.sin(angle))
@@ -121,7 +132,7 @@ def _wave(waves: NDArray[np.complex128], angle: float) -> float:
     return total.real - constant
 
 
-@numba.njit(cache=True)
+@_compiled
 def _shift(effects: Effects, q: Floats, frames: Floats) -> Floats:
     """Shift (3,) of the TCP along the robot's base: bending, expansion, field."""
     found = np.zeros(3)
@@ -144,7 +155,7 @@ def _shift(effects: Effects, q: Floats, frames: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _frames(constants: Floats, q: Floats) -> Floats:
     """The frames behind the joints and the end (7, 3, 4), of C0 Rz(q1) C1 … Rz(q6) C6."""
     found = np.empty((AXES + 1, 3, 4))
@@ -160,7 +171,7 @@ def _frames(constants: Floats, q: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _product(a: Floats, b: Floats) -> Floats:
     """The frame b seen from where a is."""
     found = np.empty((3, 4))
@@ -171,12 +182,12 @@ def _product(a: Floats, b: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _cross(a: Floats, b: Floats) -> tuple[float, float, float]:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True)
+@_compiled
 def _difference(goal: Floats, actual: Floats) -> Floats:
     """Shift, mm, and small rotation vector, rad times the lever, from frame `actual` to `goal`: (6,)."""
     found = np.zeros(6)
@@ -188,7 +199,7 @@ def _difference(goal: Floats, actual: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _jacobian(frames: Floats, end: Floats) -> Floats:
     """The TCP's motion by each joint: mm, and rad times the lever, per rad (6, 6)."""
     found = np.empty((6, AXES))
@@ -200,7 +211,7 @@ def _jacobian(frames: Floats, end: Floats) -> Floats:
     return found
 
 
-@numba.njit(cache=True)
+@_compiled
 def _solved(jacobian: Floats, rest: Floats) -> Floats:
     """y (6,) of (J Jᵀ + λ²) y = rest (6,), by elimination: the matrix is positive definite."""
     matrix, found = np.zeros((6, 6)), rest.copy()

@@ -11,6 +11,7 @@ from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.limits import Correction, Limit, ceiling_errors
 
 _SLACK = 1e-6
+_LONGEST_CYCLE_S = 0.012
 _DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
 ONLINE_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
 """Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default."""
@@ -43,8 +44,8 @@ class OnlineLimits:
 
     def asked_deg(self, cycle_s: float) -> float:
         """The largest correction that is asked for: less than the limit by what a change of direction may overshoot."""
-        rate = self.online_rate_deg_s
-        return self.online_correction_deg - rate * rate / (2 * self.online_acceleration_deg_s2) - 2 * rate * cycle_s
+        overshoot = _overshoot_deg(self.online_rate_deg_s, self.online_acceleration_deg_s2, cycle_s)
+        return self.online_correction_deg - overshoot
 
 
 def of_each(settings: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
@@ -55,16 +56,18 @@ def of_each(settings: Mapping[str, float]) -> tuple[dict[str, float], dict[str, 
 
 def online_limit_errors(settings: dict[str, float]) -> dict[str, str]:
     """The error of each of these limits, by its name; empty without errors."""
-    found = ceiling_errors(settings, ONLINE_CEILINGS)
+    if wrong := ceiling_errors(settings, ONLINE_CEILINGS):
+        return wrong
     values = _DEFAULTS | settings
-    if not found and _stops_within(values) > values["online_correction_deg"] / 4:
-        what = f"the correction stops within {_stops_within(values):.3g} deg only, over a quarter of its limit"
-        found[next(iter(settings))] = f"{what}: give a lower online_rate_deg_s or a higher acceleration"
-    return found
+    overshoot = _overshoot_deg(values["online_rate_deg_s"], values["online_acceleration_deg_s2"], _LONGEST_CYCLE_S)
+    if overshoot <= values["online_correction_deg"] / 4:
+        return {}
+    what = f"the correction stops within {overshoot:.3g} deg only, over a quarter of its limit"
+    return {next(iter(settings)): f"{what}: give a lower online_rate_deg_s or a higher acceleration"}
 
 
-def _stops_within(values: Mapping[str, float]) -> float:
-    return values["online_rate_deg_s"] ** 2 / (2 * values["online_acceleration_deg_s2"])
+def _overshoot_deg(rate: float, acceleration: float, cycle_s: float) -> float:
+    return rate * rate / (2 * acceleration) + 2 * rate * cycle_s
 
 
 @final
@@ -107,9 +110,9 @@ class CorrectionMotion:
         """The step to `wanted`, not longer than the rate allows, and than it can brake before it gets there."""
         away = tuple(to - at for to, at in zip(wanted, self.sent, strict=True))
         distance = math.hypot(*away)
-        if distance <= self._bend_most / 2:
+        if not distance:
             return away
-        brakes = math.sqrt(2 * self._bend_most * distance) - self._bend_most / 2
+        brakes = max(math.sqrt(2 * self._bend_most * distance) - self._bend_most / 2, self._bend_most / 2)
         share = min(distance, self._step_most, brakes) / distance
         return tuple(share * axis for axis in away)
 

@@ -18,9 +18,6 @@ from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.model_arrays import unpack
 from drivers.kuka_rsi.cyclic.online_kernel import Chains, Effects, Floats, newton_step
 
-_HIGHEST_ORDER = 1000
-"""Of a wave, per turn of its joint."""
-
 
 @final
 class OnlineModel:
@@ -32,7 +29,7 @@ class OnlineModel:
     def __init__(self, values: Sequence[float], last_rad: Sequence[float] | None = None) -> None:
         arrays = {name: list(part) for name, part in unpack(values).items()}
         self._lower, self._upper = arrays["lower"], arrays["upper"]
-        self._fade_deg = max(arrays["fade"][0], 1e-6)
+        self._fade_deg = arrays["fade"][0]
         self._sign, self._offset = arrays["sign"], arrays["offset"]
         self._chains, self._effects = _chains(arrays), _effects(arrays)
         self._q, self._last = np.zeros(AXES), np.array([0.0] * AXES if last_rad is None else last_rad)
@@ -71,8 +68,6 @@ def _chains(arrays: Mapping[str, list[float]]) -> Chains:
 
 def _effects(arrays: Mapping[str, list[float]]) -> Effects:
     joints, orders = (np.array(arrays[f"wave_{each}"], dtype=int) for each in ("joint", "order"))
-    if not (np.isin(joints, range(AXES)).all() and np.isin(orders, range(1, _HIGHEST_ORDER + 1)).all()):
-        raise ValueError(f"a correction model with a wave of no joint, or of no order up to {_HIGHEST_ORDER}")
     waves = np.zeros((AXES, orders.max(initial=0)), dtype=complex)
     factors = np.array(arrays["wave_cosine"]) - 1j * np.array(arrays["wave_sine"])
     np.add.at(waves, (joints, waves.shape[1] - orders), factors)

@@ -6,6 +6,8 @@ import ctypes
 import gc
 import os
 import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
@@ -22,6 +24,19 @@ def become_real_time() -> dict[str, bool]:
     gc.freeze()
     gc.disable()
     return {"fifo": _take_priority(), "mlock": _lock_memory(), "affinity": _move_to_isolated_processor()}
+
+
+@contextmanager
+def beside_other_processes() -> Iterator[None]:
+    """For seconds of work: with priority, it would keep the engine, or another robot's process, from a processor."""
+    had_priority = os.sched_getscheduler(0) == os.SCHED_FIFO
+    if had_priority:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        if had_priority:
+            _take_priority()
 
 
 def _take_priority() -> bool:

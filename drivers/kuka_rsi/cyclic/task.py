@@ -43,6 +43,8 @@ class Cause(IntEnum):
     """On-line correction: a telegram without the programmed joints or the count of late answers."""
     MODEL = 12
     """On-line correction: no valid model."""
+    NOT_TAKEN = 13
+    """On-line correction: for as many telegrams as the controller tolerates, no answer was known to be taken."""
 
 
 @final

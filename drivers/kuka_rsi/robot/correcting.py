@@ -30,9 +30,15 @@ from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
 _POLL_S = 0.02
 _BEGINS_S = 2.0
 _LOOK_S = 0.005
-_PREPARED_S = 120.0
-"""Wall time. A computer's first model on a computer is compiled: some 10 s; later ones take 1 s."""
+_PREPARED_S = 300.0
+"""Wall time. A computer's first model is compiled: some 10 s, minutes beside much other work; later ones take 1 s."""
 
+_ENDED = (
+    "Connect again. If it ends once more, delete the compiler's files (online_kernel*.nbi, online_kernel*.nbc) in "
+    "drivers/kuka_rsi/cyclic/__pycache__."
+)
+
+_SILENCE_S = 1.0
 _SETTLED_S = 0.5
 """Samples older than this are complete, also while telegrams are under way."""
 
@@ -43,6 +49,10 @@ _CAUSES = {
     Cause.UNKNOWN: (
         "a telegram had no programmed joints (ASPos) or no count of late answers (Delay)",
         "Load the RSI Ethernet configuration that the robot's address names on the controller.",
+    ),
+    Cause.NOT_TAKEN: (
+        "for longer than the controller tolerates, no answer was known to be taken",
+        "Look at the network and at what else runs on this computer.",
     ),
     Cause.MODEL: ("the model did not arrive complete", "Begin again; it is written anew."),
     Cause.LIMIT: ("the next correction would have passed a limit", "Report this: it is checked before."),
@@ -83,8 +93,8 @@ class Correcting:
         block.online.words[OnlineSlot.ORDER] = order.number
         block.keep_stop(order.number)
         block.place_order(order)
-        await self._order_taken(order.number)
         self._holding.correcting = True
+        await self._order_taken(order.number)
         reply = await eki.ask("CORRON")
         if reply.code:
             self._released()
@@ -149,6 +159,9 @@ class Correcting:
         if status.cause in _CAUSES:
             what, cure = _CAUSES[status.cause]
             return DeviceFault(self._device, f"{what}; the on-line correction was ramped out", cure)
+        if status.telegrams and (silent_s := self._silent_s()) > _SILENCE_S:
+            what = f"RSI is off: no telegram came for {silent_s:.1f} s; nothing is corrected any more"
+            return DeviceLost(self._device, what, "Look at the controller's messages, then switch it on again.")
         return None
 
     async def _order_taken(self, number: int) -> None:
@@ -156,16 +169,24 @@ class Correcting:
         process, deadline = self._lines.process, time.monotonic() + _PREPARED_S
         try:
             with self._clock.standing():
-                while process.block.status().number != number:
+                while process.block.status().number != number and not process.block.words[Slot.STOP]:
                     if not process.alive():
-                        raise DeviceLost(self._device, f"the RSI process ended: {process.last_error_line()}")
+                        raise DeviceLost(self._device, f"the RSI process ended: {process.last_error_line()}", _ENDED)
                     if time.monotonic() > deadline:
                         what = f"the RSI process did not prepare the model within {_PREPARED_S:g} s; RSI is off"
                         raise DeviceLost(self._device, what, "Look at what else runs on this computer.")
                     await asyncio.sleep(_LOOK_S)
+            if process.block.words[Slot.STOP]:
+                raise DeviceRefused(self._device, "a stop is set: RSI stays off", "Clear the stop, then try again.")
         except BaseException:
-            process.block.release()
+            self._released()
             raise
+
+    def _silent_s(self) -> float:
+        """Since the newest telegram of the process."""
+        block = self._lines.process.block
+        (newest,), _ = block.samples(block.words[Slot.HEAD] - 1)
+        return self._clock.now() - newest.arrival_ns * 1e-9
 
     def _released(self) -> None:
         """RSI is off: nothing is answered any more."""

@@ -499,6 +499,38 @@ def test_halt_and_a_lost_connection_end_the_correction_of_a_robot_that_stands(co
     assert end_job(controller, corrected=False) == []
 
 
+class Resumed(Exception):
+    """The interrupt's RESUME: the job is given up where it is."""
+
+
+def test_a_halt_right_behind_rsi_on_switches_rsi_off(made: dict[str, str]) -> None:
+    called = []
+
+    def rsi_on(*mode_and_cycle: str) -> int:
+        called.append("on")
+        raise Resumed
+
+    builtins = {"RSI_CREATE": lambda *_: 0, "RSI_ON": rsi_on, "RSI_DELETE": lambda *_: 0}
+    builtins["RSI_OFF"] = lambda: called.append("off") or 0
+    krl = Krl([made["cellctl.src"], made["cellctl.dat"]], builtins)
+    krl.variables |= {"RSIOK": 0, "$FLAG": {(404,): False}}
+    with pytest.raises(Resumed):
+        krl.call("CC_BEGIN_RSI")
+    krl.call("CC_CLEAR")
+    assert called == ["on", "off"]
+
+
+@pytest.mark.parametrize("operation", ["PTP", "HALT"])
+def test_a_command_that_ended_with_a_message_is_not_begun_after_reset(controller: Controller, operation: str) -> None:
+    variables = controller.krl.variables
+    variables["CC_CORR"] = operation == "HALT"
+    assert job_begun(controller, 8, operation, point_to_point((10.0,) * 6, 5.0) if operation == "PTP" else "")
+    variables["$STOPMESS"], variables["$PRO_STATE1"] = True, "#P_STOP"
+    assert [said.code for said in controller.cycle() if isinstance(said, Reply)] == [31]
+    assert controller.reply(write_command(9, "RESET")).code == 0
+    assert not variables["$FLAG"][402,]
+
+
 def test_a_lost_connection_halts_what_moves(controller: Controller) -> None:
     controller.take(write_command(8, "PTP", point_to_point((0.0,) * 6, 10.0)))
     controller.krl.variables["$FLAG"][401,] = False

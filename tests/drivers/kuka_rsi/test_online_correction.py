@@ -5,19 +5,23 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import random
 from dataclasses import replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from online_models import wavy_model
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
+from drivers.kuka_rsi.cyclic.limits import Limit
 from drivers.kuka_rsi.cyclic.model_arrays import pack
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits, online_limit_errors
-from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, online_limit_errors
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
@@ -47,14 +51,15 @@ class Controller:
         self.ipoc = self.now_ns = self.late = 0
         self.engine_alive = self.engine_was_alive_ns = True
         self.stopped = self.leave = False
+        self.cycles_apart = 1
 
     def place(self, size):
         return self.block.online.place_model(pack(wavy_model(size, **self.region)))
 
     def run(self, seconds, answers_lost=False, **without):
         for _ in range(round(seconds / CYCLE_S)):
-            self.now_ns += 4_000_000
-            self.ipoc += 4
+            self.now_ns += self.cycles_apart * 4_000_000
+            self.ipoc += self.cycles_apart * 4
             self.late += answers_lost
             moved = zip(self.programmed, self.velocity, strict=True)
             self.programmed = tuple(at + CYCLE_S * by for at, by in moved)
@@ -150,6 +155,20 @@ def test_lost_answers_are_repeated_and_it_goes_on_from_standstill():
     assert krc.run(2).never_leapt()
 
 
+def test_answers_that_are_never_known_to_be_taken_hold_it_and_end_it_as_soon_as_they_are_again():
+    krc = Controller().run(0.5)
+    krc.cycles_apart = 3
+    krc.run(DEFAULT_TOLERANCE * CYCLE_S)
+    held = krc.last
+    assert (krc.task.cause, krc.sent[-DEFAULT_TOLERANCE]) == (Cause.NONE, held)
+    krc.run(2 * CYCLE_S)
+    assert (krc.task.cause, krc.last) == (Cause.NOT_TAKEN, held)
+    krc.cycles_apart = 1
+    krc.run(2)
+    assert krc.last == (0.0,) * 6 != held
+    assert krc.never_leapt()
+
+
 def test_a_new_model_takes_over_without_a_leap():
     krc = Controller(model=0.5).run(2)
     before, version = krc.last, krc.place(1.0)
@@ -232,7 +251,8 @@ def test_axes_that_do_not_follow_while_the_program_stands_end_it(wrong):
     [
         ({"online_correction_deg": 2.5}, "above the ceiling of 2"),
         ({"online_rate_deg_s": 0.0}, "must be a positive number"),
-        ({"online_rate_deg_s": 2.0}, "stops within 0.4 deg only"),
+        ({"online_rate_deg_s": 2.0}, "stops within 0.448 deg only"),
+        ({"online_correction_deg": 2e-4, "online_rate_deg_s": 0.04, "online_acceleration_deg_s2": 20}, "stops within"),
         ({"online_speed": 1.0}, "unknown robot limit"),
     ],
 )
@@ -241,6 +261,40 @@ def test_limits_that_do_not_hold_are_refused_with_the_reason(limits, named):
     assert named in found
     with pytest.raises(ValueError, match=named):
         OnlineLimits.from_settings(limits)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    rate=st.floats(1e-4, 2.0),
+    acceleration=st.floats(0.01, 20.0),
+    most=st.floats(1e-4, 2.0),
+    cycle_s=st.sampled_from([0.004, 0.012]),
+    seed=st.integers(0, 99),
+)
+def test_whatever_the_limits_are_no_step_passes_one_and_zero_is_reached(rate, acceleration, most, cycle_s, seed):
+    try:
+        limits = OnlineLimits(most, rate, acceleration)
+    except ValueError:
+        return
+    draw, motion, asked = random.Random(seed), CorrectionMotion(limits, cycle_s), limits.asked_deg(cycle_s)
+    for _ in range(60):
+        wanted = tuple(draw.choice([-asked, 0.0, draw.uniform(-asked, asked), asked]) for _ in range(6))
+        for _ in range(draw.choice([1, 3, 40])):
+            assert motion.follow(wanted) is Limit.NONE
+        if draw.random() < 0.1:
+            motion.stood()
+    distance = math.hypot(*motion.sent)
+    cycles = (distance / rate + 2 * rate / acceleration + math.sqrt(2 * distance / acceleration)) / cycle_s
+    for _ in range(2 * math.ceil(cycles) + 10):
+        assert motion.follow((0.0,) * 6) is Limit.NONE
+    assert max(map(abs, motion.sent)) <= 1e-6
+
+
+def test_a_rate_that_is_reached_within_a_cycle_is_kept():
+    krc = Controller(model=0.05, limits=OnlineLimits(online_rate_deg_s=0.008)).run(8)
+    assert (krc.task.cause, krc.task.phase) == (Cause.NONE, Phase.MOVING)
+    assert krc.sent[-100] == krc.last != (0.0,) * 6
+    assert krc.never_leapt()
 
 
 def test_a_correction_beyond_what_axiscorr_lets_through_is_found_before_anything_is_opened(tmp_path):

@@ -32,12 +32,21 @@ FASTEST_DEG_S = 100.0
 MODELS = [pack(wavy_model(size)) for size in (0.0, 1.0, 30.0)]
 """Without an error; of a calibrated robot; and one that asks for far more than the limit."""
 
+PLACES = [
+    (30.0, *HOME[1:]),
+    (*HOME[:4], 0.0, 0.0),
+    (0.0, 0.0, 2.3, 0.0, 0.0, 0.0),
+    (0.0, -90.0, 90.0, 180.0, 1e-3, 90.0),
+]
+
 
 class Corrected(Krc):
     """The controller while it runs its own program: `joints` are its program's, with the correction."""
 
     programmed: tuple[float, ...] = HOME
     velocity: tuple[float, ...] = (0.0,) * 6
+    axis_text: str | None = None
+    """Of all programmed joints, in place of their numbers; empty: a telegram without them."""
 
     def cycle(self) -> bool:
         share = self.cycle_ms / 1000
@@ -46,7 +55,10 @@ class Corrected(Krc):
         return super().cycle()
 
     def telegram(self, ipoc: int | None = None) -> bytes:
-        axes = " ".join(f'A{i}="{value:.{self.precision}f}"' for i, value in enumerate(self.programmed, 1))
+        if self.axis_text == "":
+            return super().telegram(ipoc)
+        texts = [self.axis_text or f"{value:.{self.precision}f}" for value in self.programmed]
+        axes = " ".join(f'A{i}="{text}"' for i, text in enumerate(texts, 1))
         return super().telegram(ipoc).replace(b"<IPOC>", f"<ASPos {axes}/><IPOC>".encode())
 
 
@@ -97,14 +109,42 @@ class Online(FaultyLine):
         self.spell(then, Weather())
         assert not torn or online.status().taken <= taken
 
-    @rule(what=st.sampled_from(["ramp out", "stop", "stall", "leap of the count"]))
-    def an_end(self, what: str) -> None:
+    @rule(cycles=st.sampled_from([3, 30]), then=CALM)
+    def another_model_in_every_cycle(self, cycles: int, then: int) -> None:
+        for number in range(cycles):
+            self.block.online.place_model(MODELS[number % 3])
+            self.spell(1, Weather())
+        self.spell(then, Weather())
+
+    @rule(place=st.sampled_from(PLACES), then=st.sampled_from([1, 60]))
+    def the_program_leaps(self, place: tuple[float, ...], then: int) -> None:
+        """From one telegram to the next, also to where the wrist or the arm is singular: the correction does not."""
+        self.krc.programmed, self.krc.velocity = place, (0.0,) * 6
+        self.spell(then, Weather())
+
+    @rule(text=st.sampled_from(["", "nan", "inf", "1e999", "4000.0"]), cycles=st.sampled_from([1, 40]))
+    def no_programmed_joints(self, text: str, cycles: int) -> None:
+        self.krc.axis_text = text
+        self.spell(cycles, Weather())
+        self.krc.axis_text = None
+        self.spell(5, Weather())
+
+    @rule(
+        what=st.sampled_from(["ramp out", "stop", "ramp out and stop", "stall", "leap of the count"]),
+        fading=st.sampled_from([0, 0, 1, 20]),
+    )
+    def an_end(self, what: str, fading: int) -> None:
         self.krc.velocity = (0.0,) * 6
+        if fading:
+            self.block.online.words[OnlineSlot.RAMP_OUT] = self.number
+            self.spell(fading, Weather())
         match what:
             case "ramp out":
                 self.block.online.words[OnlineSlot.RAMP_OUT] = self.number
             case "stop":
                 self.block.words[Slot.STOP] = self.number
+            case "ramp out and stop":
+                self.block.online.words[OnlineSlot.RAMP_OUT] = self.block.words[Slot.STOP] = self.number
             case "stall":
                 self.spell(TIMEOUT + 50, Weather(asleep=True))
             case _:

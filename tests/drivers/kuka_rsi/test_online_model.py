@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import random
+
 import numpy as np
 import pytest
 from cell_runs import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from online_models import wavy_model
 
 from cellctl.calibration import (
     Backlash,
@@ -22,7 +28,8 @@ from cellctl.compensation import compensate
 from cellctl.compensation.online import online_arrays
 from cellctl.formats import RobotFile
 from cellctl.kinematics import inverse_pose
-from drivers.kuka_rsi.cyclic.model_arrays import pack
+from drivers.kuka_rsi.cyclic.model_arrays import pack, unpack
+from drivers.kuka_rsi.cyclic.online_kernel import newton_step
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 
 ROBOT = RobotFile.load(ROOT / "procedures" / "papers" / "robots" / "kr300_with_end_effector.yaml")
@@ -157,3 +164,82 @@ def test_arrays_that_are_no_model_are_refused(wrong):
     arrays = dict(online_arrays(robot_with(()), JOINTS, LOWER, UPPER, 2.0).arrays)
     with pytest.raises(ValueError, match="correction model"):
         pack(arrays | wrong)
+
+
+TURNED_WRONG = [-1.0, *wavy_model(1.0)["tool"][1:]]
+FAR = [*wavy_model(1.0)["tool"][:3], 2e5, *wavy_model(1.0)["tool"][4:]]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("sign", [0.0] * 6),
+        ("sign", [2.0] * 6),
+        ("base", [0.0] * 16),
+        ("links", [0.0] * 112),
+        ("links", [1e9] * 112),
+        ("tool", TURNED_WRONG),
+        ("tool", FAR),
+        ("identified", [1.0] * 112),
+        ("identified_base", [0.0] * 9),
+        ("wave_joint", [0.0, 1.0, 6.0]),
+        ("wave_joint", [0.0, 1.0, -1.0]),
+        ("wave_joint", [0.0, 1.0, 0.5]),
+        ("wave_order", [1.0, 2.0, 0.0]),
+        ("wave_order", [1.0, 2.0, -3.0]),
+        ("wave_order", [1.0, 2.0, 2.5]),
+        ("wave_order", [1.0, 2.0, 1001.0]),
+        ("fade", [0.0]),
+        ("region", []),
+    ],
+)
+def test_arrays_of_no_robot_are_refused_by_name_before_they_reach_the_robots_process(name, values):
+    wrong = {"lower": [10.0] * 6, "upper": [-10.0] * 6} if name == "region" else {name: values}
+    with pytest.raises(ValueError, match=f"impossible {name}"):
+        pack(wavy_model(1.0) | wrong)
+
+
+@pytest.mark.parametrize(("waves", "nodes"), [(-15.0, 4.0), (15.0, -4.0), (3.5, 1.0), (2e9, 1.0)])
+def test_counts_that_do_not_fit_the_numbers_are_refused(waves, nodes):
+    values = list(pack(wavy_model(1.0)))
+    without = values[:3] + values[3 : -15 - 13 - 12] + values[-13:]
+    for of in (values, without):
+        with pytest.raises(ValueError, match="correction model"):
+            unpack([of[0], waves, nodes, *of[3:]])
+
+
+ANY_NUMBER = ("offset", "down", "weight", "load", "load_place", "bend", "stretch", "wave_sine", "wave_cosine")
+OF_NODES = ("node_place", "node_scale", "node_weight")
+SINGULAR = [(0.0, -90.0, 90.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (10.0, -90.0, 2.3, 0.0, 1e-9, 0.0)]
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    names=st.lists(st.sampled_from(ANY_NUMBER + OF_NODES), min_size=1, max_size=4),
+    seed=st.integers(0, 999),
+    exponent=st.integers(-3, 8),
+    longest_mm=st.sampled_from([0.0, 1.0, 1e5]),
+)
+def test_every_model_that_is_taken_gives_a_finite_correction_at_any_joints(names, seed, exponent, longest_mm):
+    draw = random.Random(seed)
+    arrays = {name: list(values) for name, values in wavy_model(1.0).items()}
+    arrays["wave_order"] = [1.0, 999.0, 1000.0]
+    for name in names:
+        arrays[name] = [draw.uniform(-1, 1) * 10**exponent for _ in arrays[name]]
+    for name in ("links", "identified"):
+        for place in range(3, len(arrays[name]), 16):
+            arrays[name][place] = longest_mm
+    model = OnlineModel(pack(arrays))
+    anywhere = [tuple(draw.uniform(-3600, 3600) for _ in range(6)) for _ in range(3)]
+    for readings in [*anywhere, *SINGULAR]:
+        for _ in range(3):
+            assert all(abs(axis) <= 5.0 + 1e-9 for axis in model.correction(readings))
+
+
+def test_the_step_is_compiled_once_whatever_the_model_has():
+    OnlineModel(pack(wavy_model(1.0)))
+    without = {name: [] for name in ("wave_joint", "wave_order", "wave_sine", "wave_cosine", *OF_NODES)}
+    assert max(map(abs, OnlineModel(pack(wavy_model(1.0) | without)).correction((0.0, -90.0, 90.0, 0.0, 45.0, 0.0))))
+    whole_numbers = {name: [round(v) for v in values] for name, values in wavy_model(0.0).items()}
+    assert all(map(math.isfinite, OnlineModel(pack(whole_numbers)).correction(SINGULAR[0])))
+    assert len(newton_step.signatures) == 1

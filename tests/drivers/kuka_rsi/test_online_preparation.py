@@ -1,0 +1,128 @@
+"""Before RSI is on, the process prepares the model: whatever ends that, RSI stays off and no search is affected."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from cell_runs import ROOT
+from online_models import wavy_model
+
+from cellctl.clock import WallClock
+from cellctl.devices import CorrectionModel, DeviceLost, DeviceRefused
+from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
+from drivers.kuka_rsi.cyclic.model_arrays import pack
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
+from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
+from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
+from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.eki.documents import Reply
+from drivers.kuka_rsi.robot.correcting import Correcting
+from drivers.kuka_rsi.robot.holding import Holding
+
+MODEL = CorrectionModel("m1", {name: tuple(values) for name, values in wavy_model(1.0).items()})
+
+
+class Preparing:
+    """The engine's side, whose RSI process prepares the model for as long as the test lasts."""
+
+    def __init__(self):
+        self.block, fd = SharedBlock.create()
+        os.close(fd)
+        self.asked, self.alive = [], True
+        process = SimpleNamespace(block=self.block, alive=lambda: self.alive, last_error_line=lambda: "killed")
+        stat = SimpleNamespace(program="READY", message="")
+        lines = SimpleNamespace(
+            process=process,
+            block=self.block,
+            connected=True,
+            sends_programmed=True,
+            eki=SimpleNamespace(ask=self.ask, stat=stat),
+        )
+        self.holding = Holding("robot", lines)
+        self.correcting = Correcting("robot", WallClock(), lines, self.holding, OnlineLimits())
+
+    async def ask(self, operation, timeout_s=0.0):
+        self.asked.append(operation)
+        return Reply(1, 0, "", None, {})
+
+    async def correction_on(self):
+        async with self.holding.held_in_trouble():
+            order = SearchOrder(self.holding.search, (0.0,) * 6, (0.0,) * 6, 1.0, (0,) * 8)
+            await self.correcting.begin(order, MODEL, CorrectionMode.ABSOLUTE)
+
+    def the_next_search_is_none_of_the_correction(self):
+        assert "CORRON" not in self.asked
+        assert not self.holding.correcting
+        assert self.block.words[Slot.ORDER] == 0
+        return self.block.online.words[OnlineSlot.ORDER] != self.holding.search
+
+
+async def under_way(robot):
+    beginning = asyncio.create_task(robot.correction_on())
+    await asyncio.sleep(0.05)
+    assert not beginning.done()
+    return beginning
+
+
+def test_a_cancelled_preparation_leaves_no_correction_to_the_next_search():
+    async def go():
+        robot = Preparing()
+        beginning = await under_way(robot)
+        beginning.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await beginning
+        assert robot.the_next_search_is_none_of_the_correction()
+
+    asyncio.run(go())
+
+
+def test_an_rsi_process_that_ends_while_it_prepares_leaves_rsi_off():
+    async def go():
+        robot = Preparing()
+        beginning = await under_way(robot)
+        robot.alive = False
+        with pytest.raises(DeviceLost, match="the RSI process ended: killed"):
+            await beginning
+        assert robot.the_next_search_is_none_of_the_correction()
+
+    asyncio.run(go())
+
+
+def test_a_stop_during_the_preparation_leaves_rsi_off():
+    async def go():
+        robot = Preparing()
+        beginning = await under_way(robot)
+        await robot.holding.stop()
+        with pytest.raises(DeviceRefused, match="a stop is set"):
+            await asyncio.wait_for(beginning, 5)
+        assert robot.the_next_search_is_none_of_the_correction()
+
+    asyncio.run(go())
+
+
+def test_the_step_is_compiled_also_where_no_folder_can_keep_it():
+    """numba's locator of packages in an archive finds no place for ours, as in folders that cannot be written."""
+    program = "import numpy; from drivers.kuka_rsi.cyclic.online_kernel import _cross; axes = numpy.eye(3)\n"
+    program += "print(*_cross(axes[0], axes[1]))"
+    environment = os.environ | {"NUMBA_CACHE_LOCATOR_CLASSES": "_ZipCacheLocator", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("0.0 0.0 1.0\n", "")
+
+
+def test_the_model_is_prepared_without_priority_and_answers_have_it_again(monkeypatch):
+    """With it, a compiler at work for 10 s would keep another robot's process from a processor they share."""
+    policy, at_work = [os.SCHED_FIFO], []
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy[-1])
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, new, parameter: policy.append(new))
+    monkeypatch.setattr(OnlineCorrection, "_take_newest_model", lambda self: at_work.append(policy[-1]))
+    block, fd = SharedBlock.create()
+    os.close(fd)
+    block.online.place_model(pack(MODEL.arrays))
+    OnlineCorrection(SearchOrder(1, (0.0,) * 6, (0.0,) * 6, 1.0, (0,) * 8), OnlineLimits(), block.online)
+    assert (at_work, policy[-1]) == ([os.SCHED_OTHER], os.SCHED_FIFO)
