@@ -61,6 +61,7 @@ from cellctl.calibration.verdict.judgement import (
     compared_errors,
     judge,
     paired_verdict,
+    rows_for_better,
     verdict_sentence,
 )
 from cellctl.calibration.verdict.split import Split
@@ -134,6 +135,7 @@ __all__ = [
     "paired_verdict",
     "plane_estimates",
     "predict",
+    "rows_for_better",
     "settings_of",
     "shape_sigma",
     "sigma_among",

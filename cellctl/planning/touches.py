@@ -51,7 +51,8 @@ class TouchOptions:
     the tool's shaft and the normal; `clear`: distance from the surface at which the tool turns; `clearance`: the least
     distance of the robot's surface, of this `thickness`, from anything on the way; `search_joints`: the longest search,
     as norm of the joint vector; `wrist_bend`: the least angle of the last joint but one (the wrist is singular at 0);
-    `turn`: the most that a joint turns between guard distance and clear.
+    `turn`: the most that a joint turns between guard distance and clear; `tried`: feasible touches for each one that is
+    planned; of more than one, those with normals farthest apart are planned.
     """
 
     guard: float = 10.0
@@ -64,6 +65,7 @@ class TouchOptions:
     search_joints: float = 4.5
     wrist_bend: float = 12.0
     turn: float = 60.0
+    tried: int = 1
 
 
 @final
@@ -107,13 +109,14 @@ def plan_touches(
     ways = Ways(body, reach, Obstacles(around, plate or Plate.assumed(around)), options.clearance)
     chosen: list[Candidate] = []
     for index, count in enumerate(counts):
-        found = _candidates(chain, joints, ways, postures, spheres[index], index, count, seed, options) if count else []
+        most = count * options.tried
+        found = _candidates(chain, joints, ways, postures, spheres[index], index, most, seed, options) if most else []
         if len(found) < count:
             raise OutOfReach(
                 f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
                 f"limits and clear of spheres, stems and plate"
             )
-        chosen += found
+        chosen += _farthest_apart(found, body, count) if most > count else found
     home = np.array(postures.home)
     tour = ordered(chosen, ways, home)
     if reference_every:
@@ -151,6 +154,17 @@ def _candidates(
                 if len(found) == count:
                     return found
     return found
+
+
+def _farthest_apart(found: list[Candidate], body: Body, count: int) -> list[Candidate]:
+    """The first of `found`, then always the one whose contact normal is farthest from those of all chosen ones."""
+    searches = np.array([body.tip(np.array([each.end, each.start])) for each in found])
+    normals = _unit(searches[:, 1] - searches[:, 0])
+    cosines = normals @ normals.T
+    chosen = [0]
+    while len(chosen) < count:
+        chosen.append(int(cosines[:, chosen].max(axis=1).argmin()))
+    return [found[index] for index in chosen]
 
 
 def _wishes(samples: Array, chain: SerialChain, options: TouchOptions) -> tuple[Array, Array]:

@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellctl.calibration import ErrorFigures, HeldOut, Split, judge, paired_verdict, verdict_sentence
+from cellctl.calibration import (
+    ErrorFigures,
+    HeldOut,
+    Split,
+    judge,
+    paired_verdict,
+    rows_for_better,
+    verdict_sentence,
+)
 
 
 def test_a_gain_beyond_its_own_scatter_is_better_and_a_loss_is_worse():
@@ -31,6 +39,25 @@ def test_two_rows_prove_nothing(rows):
 
 def test_no_difference_at_all_is_no_better():
     assert paired_verdict(np.ones(10), np.ones(10)) == "no better"
+
+
+def alternating(rows: int, mean: float, deviation: float) -> np.ndarray:
+    """Values (rows,), an even number, with this mean and standard deviation."""
+    signs = np.tile([-1.0, 1.0], rows // 2)
+    return mean + deviation * signs / signs.std(ddof=1)
+
+
+def test_the_stated_number_of_rows_is_the_least_that_proves_such_a_gain():
+    few = alternating(6, 1.0, 1.5)
+    assert paired_verdict(few, np.zeros(6)) == "no better"
+    assert rows_for_better(few, np.zeros(6)) == 12  # t(0.975, 11)·1.5/√12 = 0.95, with eleven 1.01
+    assert paired_verdict(alternating(12, 1.0, 1.5), np.zeros(12)) == "better"
+    assert paired_verdict(alternating(10, 1.0, 1.5), np.zeros(10)) == "no better"
+
+
+@pytest.mark.parametrize(("mean", "deviation"), [(-0.5, 1.0), (0.01, 1.0)])
+def test_a_loss_or_a_tiny_gain_has_no_number_of_rows_that_proves_it(mean, deviation):
+    assert rows_for_better(alternating(6, mean, deviation), np.zeros(6)) is None
 
 
 @pytest.mark.parametrize(("verdict", "word"), [("better", "Better"), ("worse", "Worse"), ("no better", "No better")])

@@ -54,7 +54,7 @@ def test_a_shipped_procedure_is_checked_by_its_name(installed: Path, folder: Pat
 @pytest.mark.long
 @pytest.mark.campaign
 def test_the_shipped_campaign_runs_by_its_name_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
-    few = ("touches_fit=20", "touches_test=6", "touches_locate=4", "standoff_targets=4", "reference_every=10")
+    few = ("touches_fit=24", "touches_test=8", "standoff_targets=12", "reference_every=12")
     settings = [word for setting in few for word in ("--set", setting)]
     done = ended(tmp_path, installed / "bin" / "cellctl", "run", "sphere_selfcal", *settings)
     assert done.returncode == 0, done.stderr

@@ -79,6 +79,28 @@ def test_stand_offs_that_are_worse_make_the_verdict_worse() -> None:
     assert "Worse than nominal: the table was rolled back." in found.sentence
 
 
+FEW = ([2.05, 0.97, -2.86, 0.64, 0.07, -0.52], [0.14, 0.25, 0.05, 0.47, -0.38, 0.77])
+"""Stand-offs of a simulated robot, mm: six are too few for this gain, though it is real."""
+
+
+def test_an_unproved_gain_states_how_many_targets_prove_it() -> None:
+    found = judged(*FEW)
+    assert found.sentence == (
+        "Stand-off error at sphere P1 (not used for calibration): 1.185 mm before, 0.343 mm after (mean of 6; "
+        "max 2.860, 0.770 mm). No better than nominal, the difference is within its own scatter: the table was rolled "
+        "back. A gain of this size and scatter needs at least 12 targets: measure more."
+    )
+    assert judged(*(2 * errors for errors in FEW)).verdict == "better"
+
+
+def test_where_there_is_no_gain_no_number_of_targets_is_stated() -> None:
+    found = judged(list(reversed(FEW[1])), FEW[0])
+    assert found.verdict == "no better"
+    assert found.sentence.endswith(
+        "No better than nominal, the difference is within its own scatter: the table was rolled back."
+    )
+
+
 class Tables:
     """A controller's tables, by id: active and previous."""
 

@@ -18,7 +18,7 @@ from cellctl.journal import JournalError, RunResumed, fold, read_journal
 
 pytestmark = pytest.mark.campaign
 
-FEW = ("touches_fit=20", "touches_test=6", "touches_locate=4", "standoff_targets=4", "reference_every=10")
+FEW = ("touches_fit=24", "touches_test=8", "standoff_targets=12", "reference_every=12")
 FILES = ["dataset.csv", "model.json", "table.json"]
 
 
@@ -67,14 +67,14 @@ def touches(runs: Path) -> int:
 def test_after_kill_and_resume_the_model_is_better_on_held_out_touches_and_its_pushed_joints_on_another_sphere(run):
     """The short sibling of the campaigns in `test_self_calibration`, whose bounds are those of all touches."""
     result = json.loads((run.parent / "result.json").read_text())
-    assert (result["verdict"], result["state"], result["points"]) == ("better", "finished", 26)
-    assert result["model"]["n_fit"] + len(result["model"]["outliers"]) == 20
+    assert (result["verdict"], result["state"], result["points"]) == ("better", "finished", 32)
+    assert result["model"]["n_fit"] + len(result["model"]["outliers"]) == 24
     assert result["held_out"]["before"]["mean"] >= 0.5
     assert result["held_out"]["after"]["mean"] <= 0.3
-    assert (result["standoff"]["n"], result["standoff"]["sphere"]) == (4, "P1")
+    assert (result["standoff"]["n"], result["standoff"]["sphere"]) == (12, "P1")
     assert result["after"]["mean"] <= 0.5 * result["before"]["mean"]
     table = result["table"]
-    assert (table["rows"], table["pushed"], table["verified"], table["active"]) == (4, True, True, True)
+    assert (table["rows"], table["pushed"], table["verified"], table["active"]) == (12, True, True, True)
 
 
 def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypeAlias, final
+from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 
@@ -25,6 +25,9 @@ NOTHING_MM = 1e-6
 
 WORTH = 0.01
 """A gain of less than this share of the mean distance has no practical effect."""
+
+MANY = 250
+"""Nobody measures more rows than this to prove a gain."""
 
 SLIGHT = 0.1
 """A loss of less than this share of a prior model's mean distance is the cost of unnecessary free parameters on the
@@ -189,16 +192,30 @@ def paired_verdict(nominal: Floats, identified: Floats, *, count: float | None =
     three rows prove nothing. count: effective number of rows, if fewer: four touches that find their own sphere count
     as one.
     """
-    from scipy.stats import t
-
     gain = nominal - identified
     rows = gain.size if count is None else count
     if rows < 3 or float(np.abs(gain).max()) < NOTHING_MM:
         return "no better"
-    bound = float(t.ppf(0.975, rows - 1)) * float(gain.std(ddof=1)) / np.sqrt(rows)
+    bound = float(_bound(gain, rows))
     if gain.mean() > bound:
         return "better"
     return "worse" if gain.mean() < -bound else "no better"
+
+
+def rows_for_better(nominal: Floats, identified: Floats) -> int | None:
+    """The least number of rows, up to `MANY`, on which errors (N,), mm, with this mean and scatter of their difference
+    would be `better` in `paired_verdict`; None where there is no such number.
+    """
+    gain, rows = nominal - identified, np.arange(3, MANY + 1)
+    enough = rows[gain.mean() > _bound(gain, rows)]
+    return int(enough[0]) if enough.size else None
+
+
+def _bound(gain: Floats, rows: Any) -> Any:
+    """A mean of `rows` differences with the scatter of `gain` (N,), mm, is significant beyond this, mm."""
+    from scipy.stats import t
+
+    return t.ppf(0.975, np.asarray(rows) - 1) * gain.std(ddof=1) / np.sqrt(rows)
 
 
 def verdict_sentence(

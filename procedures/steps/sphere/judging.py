@@ -18,7 +18,7 @@ def verdict_of(context: StepContext) -> SphereVerdict:
     """
     import numpy as np
 
-    from cellctl.calibration import ErrorFigures, paired_verdict
+    from cellctl.calibration import ErrorFigures, paired_verdict, rows_for_better
 
     held_out = context.recorded(SphereVerdict)[-1]
     rows = context.recorded(StandOffRow)
@@ -39,7 +39,7 @@ def verdict_of(context: StepContext) -> SphereVerdict:
     return replace(
         held_out,
         verdict=verdict,
-        sentence=_sentence(verdict, standoff),
+        sentence=_sentence(verdict, standoff, rows_for_better(*errors)),
         lines=(held_out.sentence, *held_out.lines),
         before=before,
         after=after,
@@ -57,11 +57,14 @@ def _rms(values: Sequence[float]) -> float:
     return float((sum(value * value for value in values) / len(values)) ** 0.5)
 
 
-def _sentence(verdict: str, standoff: StandOffFigures) -> str:
+def _sentence(verdict: str, standoff: StandOffFigures, enough: int | None) -> str:
+    """enough: number of targets that would prove such a gain, if any."""
     from cellctl.calibration import ErrorFigures, compared_errors
 
     errors = [ErrorFigures(**asdict(each)) for each in (standoff.before, standoff.after)]
     figures = compared_errors(("before", "after"), errors, standoff.n)
+    proof = f" A gain of this size and scatter needs at least {enough} targets: measure more." if enough else ""
     ends = {"better": "Better than nominal.", "worse": "Worse than nominal: the table was rolled back."}
-    end = ends.get(verdict, "No better than nominal: the table was rolled back.")
+    unproved = f"No better than nominal, the difference is within its own scatter: the table was rolled back.{proof}"
+    end = ends.get(verdict, unproved)
     return f"Stand-off error at sphere {standoff.sphere} (not used for calibration): {figures}. {end}"

@@ -21,10 +21,14 @@ def worth_proving(context: StepContext) -> bool:
     return bool(verdicts) and verdicts[-1].better
 
 
-def locating_touches(context: StepContext, sphere: str, count: int) -> list[TouchPlan]:
-    """The touches, with numbers after those already made. Raises InputError."""
+def locating_touches(context: StepContext, sphere: str, count: int, tried: int) -> list[TouchPlan]:
+    """The touches, with numbers after those already made. Raises InputError.
+
+    tried: see `TouchOptions`. With few touches on one side, the nominal robot's errors there would shift the centre.
+    """
     sphere_called(context, artefact_of(context.cell, ("artefact",)), sphere)
-    touches = plan_on(context, {sphere: count}, seed_for(context, "locate"), reach=_seen(context))
+    options = TouchOptions(tried=tried)
+    touches = plan_on(context, {sphere: count}, seed_for(context, "locate"), reach=_seen(context), options=options)
     first = 1 + last_number(context, TouchRow, ReferenceRow)
     return [as_plan(first + index, touch, "locate") for index, touch in enumerate(touches)]
 

@@ -17,10 +17,14 @@ from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 
 class PlanProofInputs(StepInputs):
-    """The proof sphere, and the number of touches that locate it."""
+    """The proof sphere, the number of touches that locate it, and from how many times as many they are chosen.
+
+    `tried`: 1, as in older procedures, plans the first touches in reach, which may all be on one side.
+    """
 
     sphere: str
     touches: Annotated[int, Field(ge=4)] = 8
+    tried: Annotated[int, Field(ge=1, le=16)] = 1
 
 
 class ProofPlan(StepResult):
@@ -48,7 +52,7 @@ async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan
     if not worth_proving(context):
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
         return ProofPlan(touches=[])
-    touches = await context.clock.compute(locating_touches, context, inputs.sphere, inputs.touches)
+    touches = await context.clock.compute(locating_touches, context, inputs.sphere, inputs.touches, inputs.tried)
     return ProofPlan(touches=touches)
 
 
