@@ -72,7 +72,7 @@ def _measured(robot: Path, data: Any, check: bool) -> Measurements:
     from cellctl.files import load_yaml
     from cellctl.formats import RobotFile
     from cellctl.formats.robot_errors import rows_with_positions
-    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
+    from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
     document = load_yaml(robot)
     measured = rows_with_positions(RobotFile.from_document(document), data)

@@ -113,8 +113,8 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
     from cellctl.calibration import fit
     from cellctl.formats import fit_report
     from cellctl.formats.measurements import refuse_alike
-    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
     from cellctl.operations.fit_split import split_of
+    from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
     measured = measured_rows(given, asked)
     refuse_alike(measured)

@@ -13,6 +13,7 @@ from cellctl.operations.understanding import joints_of
 
 if TYPE_CHECKING:
     from cellctl.formats import Artefact, RobotFile
+    from cellctl.formats.robot import Tool
 
 Certainty: TypeAlias = Literal["clear", "several", "none"]
 
@@ -21,6 +22,10 @@ ROWS = 80
 
 CLEARLY = 3.0
 """The best robot is clear if the next one is this many times further from the rows."""
+
+
+NEARER = 2.0
+"""A robot of the library is recommended in place of a wrong one if it is this many times nearer to the rows."""
 
 
 @final
@@ -71,13 +76,24 @@ class Suggestions:
         return {"robots": [asdict(each) for each in self.robots], "certainty": self.certainty, "sentence": self.words}
 
 
-def suggest_robots(data: DataSet, artefact: Artefact | None = None) -> Suggestions:
-    """The robots of the library, ranked by how well they agree with a sample of the rows."""
+def suggest_robots(data: DataSet, artefact: Artefact | None = None, tool: Tool | None = None) -> Suggestions:
+    """The robots of the library, ranked by how well they agree with a sample of the rows; tool: what they carry."""
     joints, _ = joints_of(data)
     sample = _sample(data)
-    tried = [_tried(each.name, each.robot, sample, artefact) for each in robots() if each.robot.n == joints]
+    carried = {"tool": tool} if tool else {}
+    alike = [(each.name, each.robot.model_copy(update=carried)) for each in robots() if each.robot.n == joints]
+    tried = [_tried(name, robot, sample, artefact) for name, robot in alike]
     found = sorted(filter(None, tried), key=lambda each: (not each.plausible, round(each.outside, 1), _size(each)))
     return Suggestions(found, _certainty(found))
+
+
+def nearer_robots(robot: RobotFile, data: DataSet, artefact: Artefact | None = None) -> Suggestions | None:
+    """The robots of the library with the tool of `robot`; None where the best of them is not clearly nearer."""
+    given = _tried("", robot, _sample(data), artefact)
+    found = suggest_robots(data, artefact, robot.tool)
+    if given is None or found.certainty == "none" or _size(given) < NEARER * _size(found.robots[0]):
+        return None
+    return found
 
 
 def doubt_of(robot: RobotFile, data: DataSet, artefact: Artefact | None = None) -> str:

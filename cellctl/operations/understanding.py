@@ -175,8 +175,8 @@ def _plain(given: DataFile) -> Understood:
 
 def _of_fit(plain: Understood, given: Any, asked: Asked, progress: Progress) -> Understood:
     """What a fit would use, and what its set-up check finds."""
-    from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
     from cellctl.operations.fitting import NO_CHECK, measured_rows
+    from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
     measured = measured_rows(given, asked)
     rejected = [{"line": row.line, "reason": row.reason} for row in measured.rejected]

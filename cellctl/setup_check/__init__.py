@@ -3,9 +3,10 @@
 from cellctl.setup_check.check import SetupCheck, SetupError, check_setup
 from cellctl.setup_check.hypothesis import Change, Source
 from cellctl.setup_check.spacing_errors import ScaleError, SpacingError, find_spacing_errors
-from cellctl.setup_check.wide_fit import WideFit
+from cellctl.setup_check.wide_fit import OFF_MM, WideFit, WrongLength
 
 __all__ = [
+    "OFF_MM",
     "Change",
     "ScaleError",
     "SetupCheck",
@@ -13,6 +14,7 @@ __all__ = [
     "Source",
     "SpacingError",
     "WideFit",
+    "WrongLength",
     "check_setup",
     "find_spacing_errors",
 ]

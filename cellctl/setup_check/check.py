@@ -22,7 +22,6 @@ from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
 from cellctl.setup_check.misfit import (
     CORE,
     EXPLAINED,
-    IMPLAUSIBLE,
     LEAST_MM,
     SAMPLE,
     SUSPICIOUS,
@@ -85,8 +84,8 @@ class SetupError:
 class SetupCheck:
     """What was found. errors: alternative explanations, the best first; each alone is sufficient.
 
-    implausible: whether nominal is too far from the rows for any robot of its kind. wide_fit: if no set-up error
-    explains that, the result of a fit within wide tolerances.
+    implausible: whether nominal is too far from the rows for any robot of its kind. wide_fit: if nominal is suspicious
+    and no set-up error explains that, the result of a fit within wide tolerances.
     """
 
     implausible: bool = False
@@ -121,7 +120,7 @@ def _checked(setup: Setup, progress: Progress) -> SetupCheck:
         found = _of_some_rows(setup, put_in_step(setup, nominal))
     found = found or list(_misplaced(sample, nominal))
     wide_fit = None
-    if not found and nominal.far_mm(IMPLAUSIBLE):
+    if not found and nominal.far_mm(SUSPICIOUS):
         progress("whether robot file and data belong together", 0.9)
         wide_fit = WideFit.of(sample)
     return SetupCheck(nominal.implausible, tuple(found), wide_fit)

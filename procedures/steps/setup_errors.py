@@ -8,7 +8,7 @@ from typing import final
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import Measurements
-from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
+from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.procedure import StepContext
 
 

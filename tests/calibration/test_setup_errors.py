@@ -454,6 +454,18 @@ def test_the_file_of_another_robot_does_not_belong_to_the_rows():
     assert fit.left_mm > 5.0
 
 
+def test_another_robot_of_the_same_family_is_recognised_by_its_lengths():
+    data = Measured(13, 60, robot=UR10)
+    for name, wrong in {"ur5": {"a2": -187.0, "a3": -180.05}, "ur16e": {"a2": -133.6, "a3": -212.3}}.items():
+        robot = RobotFile.load(ROOT / "procedures" / "robots" / f"{name}.yaml")
+        setup = check_setup(positions(robot, data.readings, data.xyz), robot.joint_map(), data.readings)
+        assert setup.errors == ()
+        assert setup.wide_fit.impossible
+        found = {each.parameter.label: each for each in setup.wide_fit.wrong_lengths}
+        for label, deviation in wrong.items():
+            assert abs(found[label].deviation_mm - deviation) < 2.0 + 3.0 * found[label].sigma_mm
+
+
 def test_measurements_shuffled_against_their_joints_do_not_belong_to_the_robot():
     data = Measured(52, 60)
     fit = wide_fit(positions(KR5, data.readings, data.xyz[::-1]), KR5, data.readings)
@@ -468,6 +480,7 @@ def test_a_bad_robot_is_this_robot_all_the_same():
     noisy = data.xyz + np.random.default_rng(53).normal(0, 1.0, data.xyz.shape)
     fit = wide_fit(positions(KR5, readings, noisy), KR5, readings)
     assert not fit.unrelated
+    assert not fit.impossible
     assert fit.left_mm < 3.0
 
 
@@ -481,14 +494,18 @@ def test_touches_with_a_tool_off_by_a_decimetre_are_this_robot_all_the_same(touc
 
 @pytest.mark.long
 def test_healthy_bad_and_noisy_robots_belong_to_their_rows():
-    """40 robots, each as it is and 15 times as wrong as tolerances allow; with lost mastering; in 10 mm of noise."""
+    """40 robots, each as it is; 5 and 15 times as wrong as tolerances; with lost mastering; in 10 mm of noise."""
     for seed in range(40):
         usual, bad = Measured(seed, 60, outliers=seed % 20), Measured(seed, 40, wrong=15.0, robot=UR10)
         lost = usual.readings + np.random.default_rng(seed).uniform(-10, 10, 6)
         noisy = usual.xyz + np.random.default_rng(seed).normal(0, 10.0, usual.xyz.shape)
         assert not wide_fit(positions(KR5, usual.readings, usual.xyz), KR5, usual.readings).unrelated
         assert not wide_fit(positions(UR10, bad.readings, bad.xyz), UR10, bad.readings).unrelated
-        assert not wide_fit(positions(KR5, lost, usual.xyz), KR5, lost).unrelated
+        worst = Measured(seed, 40, wrong=5.0, robot=UR10)
+        assert not wide_fit(positions(UR10, worst.readings, worst.xyz), UR10, worst.readings).impossible
+        of_lost = wide_fit(positions(KR5, lost, usual.xyz), KR5, lost)
+        assert not of_lost.unrelated
+        assert not of_lost.wrong_lengths
         assert not wide_fit(positions(KR5, usual.readings, noisy), KR5, usual.readings).unrelated
 
 

@@ -8,7 +8,9 @@ import pytest
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet, RobotFile, load_artefact, measurements
-from cellctl.formats.setup_refusals import SetupFiles, refuse_setup_errors
+from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "inputs"
 
 
 def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):
@@ -80,6 +82,34 @@ def test_a_key_that_is_not_there_yet_is_reported_at_its_joint(files):
     lines = (files / "robot.yaml").read_text().splitlines()
     assert problem.line == 1 + [number for number, text in enumerate(lines) if "max_speed" in text][2]
     assert "sign: -1 for joint 3" in problem.cure
+
+
+def test_a_length_that_no_such_robot_has_is_refused_with_the_length_that_the_rows_need(files):
+    text = (files / "robot.yaml").read_text()
+    (files / "robot.yaml").write_text(text.replace("a: 500", "a: 312"))
+    (problem,) = problems(files)
+    line = 1 + next(number for number, row in enumerate(text.splitlines()) if "a: 500" in row)
+    assert (problem.file, problem.line) == (str(files / "robot.yaml"), line)
+    assert problem.what.startswith("this is not the robot that was measured: its rows need other lengths, a2 +189 mm (")
+    assert problem.cure.startswith("give the file of the robot that was measured (`cellctl robots` lists the library)")
+
+
+def test_lengths_known_only_roughly_are_let_through_once_the_file_states_so(files):
+    text = (files / "robot.yaml").read_text().replace("a: 500", "a: 475")
+    (files / "robot.yaml").write_text(text)
+    (problem,) = problems(files)
+    assert problem.what.startswith("this is not the robot that was measured: ")
+    (files / "robot.yaml").write_text(text + "tolerances: {link_mm: 20}\n")
+    assert problems(files) == []
+
+
+def test_the_file_of_a_sister_is_refused_with_the_robot_of_the_library_that_was_measured(cellctl, capsys):
+    """Rows of a KR5 R1400, written by another program; the elbow of the KR5 arc is 80 mm wider."""
+    assert cellctl("fit", "kr5_arc", GOLDEN / "poses.csv", "--model", "geometry") == 2
+    told = capsys.readouterr().err
+    assert "kr5_arc.yaml:" in told
+    assert abs(float(told.partition("its rows need other lengths, a3 ")[2].partition(" mm")[0]) + 80.0) < 1.0
+    assert "kr5_r1400 of the library. This is a KUKA KR5 R1400: " in told
 
 
 def test_units_are_reported_at_the_header_of_the_data_set(files):

@@ -53,6 +53,15 @@ def test_identified_geometry_halves_the_error_at_points_never_seen(result):
     assert result["verdict"] == "better"
 
 
+@pytest.mark.parametrize("sister", ["ur5", "ur16e"])
+def test_the_file_of_a_sister_is_refused_with_the_lengths_and_the_robot_that_was_measured(folder, capsys, sister):
+    assert cellctl("fit", sister, folder / "ur10.csv", "--measure", "position", "--model", "geometry") == 2
+    told = capsys.readouterr().err
+    assert f"{sister}.yaml:" in told
+    assert "this is not the robot that was measured: its rows need other lengths, a" in told
+    assert "give the file of the robot that was measured: ur10 of the library." in told
+
+
 @pytest.mark.long
 def test_auto_is_no_worse_and_says_what_it_kept(folder, result):
     robot = ROOT / "procedures" / "robots" / "ur10.yaml"

@@ -10,6 +10,7 @@ from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml
 
 if TYPE_CHECKING:
+    from cellctl.formats import Artefact
     from cellctl.formats.measurements import Measurements
     from cellctl.setup_check import Change, ScaleError, SetupError, SpacingError, WideFit
 
@@ -28,13 +29,23 @@ class SetupFiles:
         names = {"robot": self.robot.file, "data": str(self.data), "artefact": str(self.artefact or self.data)}
         return names[change.source]
 
+    def points(self) -> Artefact | None:
+        """The artefact; None where the file has none, as a cell file of a campaign without spheres."""
+        from cellctl.formats import load_artefact
+
+        try:
+            return load_artefact(self.artefact) if self.artefact else None
+        except InputError:
+            return None
+
 
 def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, progress: Progress = silent) -> None:
     """Return where `measured` agrees with the robot file. Else raise InputError with `note`.
 
     Each set-up error is one Problem at its place, with the evidence ("A3 reversed: RMS 214 → 0.9 mm") and the cure.
     Where the rows do not show which of several is right, all are reported. If no set-up error is found, the certified
-    distances are checked; if none explains the misfit, robot file and data may not belong together.
+    distances are checked; if none explains the misfit, robot file and data may not belong together, or the file may be
+    that of another robot of the same family.
     """
     from cellctl.setup_check import check_setup, find_spacing_errors
 
@@ -44,8 +55,8 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
         for error in found.errors
         for change in error.changes
     ]
-    if found.wide_fit and found.wide_fit.unrelated:
-        problems = [_unrelated(files, found.wide_fit)]
+    if found.wide_fit:
+        problems = _another_robot(files, measured, found.wide_fit)
     if not problems:
         spacings = find_spacing_errors(measured.task)
         problems = [_spacing(each, files.artefact, _cure(each, several=len(spacings) > 1)) for each in spacings]
@@ -53,7 +64,38 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
         raise InputError(problems, note)
 
 
-def _unrelated(files: SetupFiles, fit: WideFit) -> Problem:
+def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> list[Problem]:
+    """The problem that the rows are of another robot than the file; none where they can be of this one."""
+    from cellctl.operations.robot_suggestion import nearer_robots
+
+    if not fit.unrelated and not fit.wrong_lengths:
+        return []
+    nearer = nearer_robots(measured.robot, measured.data, files.points())
+    library = f": {nearer.robots[0].name} of the library. {nearer.words}" if nearer else ""
+    if fit.unrelated:
+        return [_unrelated(files, fit, library)]
+    return [_wrong_lengths(files, fit, library)] if nearer or fit.impossible else []
+
+
+def _wrong_lengths(files: SetupFiles, fit: WideFit, library: str) -> Problem:
+    """The problem that links have other lengths than the robot file, at the one that is furthest off."""
+    from cellctl.setup_check import OFF_MM
+
+    lengths = ", ".join(f"{each.parameter.label} {each.deviation_mm:+.3g} mm" for each in fit.wrong_lengths)
+    what = (
+        f"this is not the robot that was measured: its rows need other lengths, {lengths} (RMS {fit.nominal_mm:.3g} → "
+        f"{fit.left_mm:.2g} mm); a robot's lengths are within {fit.tolerance_mm:g} mm (1 σ), and the worst robots are "
+        f"{OFF_MM:g} mm off"
+    )
+    unknown = (
+        " (`cellctl robots` lists the library); if its lengths are only roughly known, state so: link_mm in tolerances"
+    )
+    longest = fit.wrong_lengths[0].parameter
+    key = ("links", longest.joint - 1, longest.column) if longest.column else ()
+    return files.robot.problem(key, what, f"give the file of the robot that was measured{library or unknown}")
+
+
+def _unrelated(files: SetupFiles, fit: WideFit, library: str) -> Problem:
     """The problem that robot file and data do not belong together, with figures and possible reasons."""
     what = (
         f"robot file and data do not belong together: RMS {fit.left_mm:.3g} mm after a fit with wide tolerances, where "
@@ -61,6 +103,7 @@ def _unrelated(files: SetupFiles, fit: WideFit) -> Problem:
         f"joints {fit.shuffled_mm:.3g} mm after it"
     )
     cure = f"is {files.robot.file} the robot that was measured? does each row have the joints of its own measurement?"
+    cure += f" give the file of that robot{library}" if library else ""
     return Problem(str(files.data), 0, 0, what, cure)
 
 
