@@ -41,7 +41,7 @@ async def pushed_row(context: StepContext, robot: TableStore, table_id: str) -> 
     Raises InputError if the file is not table `table_id` or must not go to this controller, DeviceFault if the
     controller has another table, and the device's errors.
     """
-    file = context.artefact("table.json")
+    file = context.run_folder / "table.json"
     table, identity = TableFile.load(file), context.identity("robot")
     limit = table_correction_deg(context.cell)
     refuse_table(table, file, identity, RobotFile.load(context.robot_file), limit, made=table_id)

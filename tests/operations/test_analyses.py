@@ -141,7 +141,7 @@ def test_a_program_is_compensated_with_its_deviations_and_the_original_is_kept(w
 def test_another_robot_is_doubted_with_figures_before_the_fit(tmp_path: Path) -> None:
     folder, record = analyses.new_analysis(tmp_path, "Ada", "positions.csv")
     shutil.copy(INPUTS / "positions.csv", folder / record.data)
-    longer = (INPUTS / "robot.yaml").read_text().replace("a: 500", "a: 620")
+    longer = (INPUTS / "robot.yaml").read_text().replace("a: 500", "a: 520")
     (folder / "arm.yaml").write_text(longer)
     analyses.set_robot(folder, file="arm.yaml")
     found = analyses.understand_analysis(folder)
