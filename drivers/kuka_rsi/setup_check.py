@@ -29,7 +29,9 @@ def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
 
 def _cure(name: str, reach_mm: float | None) -> str:
     highest = ceilings(reach_mm) | ONLINE_CEILINGS
-    return f"give a number above 0 and up to {highest[name]:g}" if name in highest else "remove it"
+    if name in highest:
+        return f"give a number above 0 and up to {highest[name]:g}"
+    return f"remove it; a robot's limits are {', '.join(highest)}"
 
 
 def _about_telegrams(address: Address) -> list[Finding]:

@@ -13,6 +13,7 @@ from cellctl.files import Problem
     [
         ("--angles deg or --angles rad", "‘Unit of the joints’ deg or ‘Unit of the joints’ rad"),
         ("name the columns: --columns X=…,Y=…", "name the columns: ‘Columns of the file’ X=…,Y=…"),
+        ("give it: --repeatability MM (1 σ, 3-D)", "give it: ‘Repeatability of a URDF's robot, mm’ (1 σ, 3-D)"),
         ("correct the names", "correct the names"),
     ],
 )

@@ -26,7 +26,7 @@ _COLUMNS = "Columns of the file"
 REPEATABILITY = "Repeatability of a URDF's robot, mm"
 _LABELS = {**{name: label for name, (label, _) in _CHOICES.items()}, "robot": _ROBOT, "columns": _COLUMNS}
 _LABELS["repeatability"] = REPEATABILITY
-_OPTION = re.compile(rf"--({'|'.join(_LABELS)})\b *")
+_OPTION = re.compile(rf"--({'|'.join(_LABELS)})\b(?: MM\b)? *")
 
 
 @final

@@ -142,7 +142,7 @@ def ceiling_errors(
 
 def _limit_error(name: str, value: float, highest: Mapping[str, float], reason: Callable[[str], str]) -> str:
     if name not in highest:
-        return f"unknown robot limit {name} (known: {', '.join(highest)})"
+        return f"unknown robot limit {name}"
     if not (math.isfinite(value) and value > 0):
         return f"a robot limit must be a positive number ({name}: {value})"
     if value <= highest[name]:
