@@ -146,15 +146,20 @@ class Polling:
         if self._readings is None or self._polls % _REGISTERS_EVERY == 0:
             self._read(time_ns, await self._registers(line))
         if self._polls % _BEAT_EVERY == 0:
-            self._beat ^= 1
-            beat = self._beat
-            await line.ask("write the heartbeat", lambda c: c.write_register(PC_HEARTBEAT, beat, device_id=unit))
+            await self._change_heartbeat(line)
+        if self._polls == 0:  # the PLC may have held the first value already, from an earlier connection
+            await self._change_heartbeat(line)
         self._polls += 1
         inputs = named_inputs(bits.bits)
         if self._poll is None or inputs["clamped"] or inputs["unclamped"]:
             self._between_ns = time_ns
         assert self._readings is not None
         self._poll = Poll(time_ns, inputs, self._readings)
+
+    async def _change_heartbeat(self, line: ModbusLine) -> None:
+        self._beat ^= 1
+        beat, unit = self._beat, line.unit
+        await line.ask("write the heartbeat", lambda c: c.write_register(PC_HEARTBEAT, beat, device_id=unit))
 
     async def _registers(self, line: ModbusLine) -> Readings:
         unit = line.unit

@@ -39,6 +39,21 @@ def test_a_healthy_plc_reports_identity_inputs_temperatures_and_weather(on_wire)
     assert 5.0 <= health.figures["latency_ms"] <= 40.0
 
 
+def test_whatever_heartbeat_the_plc_holds_from_before_a_new_connection_has_its_enable_at_once(on_wire):
+    async def work(wire):
+        enabled = []
+        for stayed_s in (0.05, 0.45):
+            await wire.let_pass(stayed_s)
+            await wire.plc.close()
+            await wire.let_pass(3.0)
+            await wire.plc.connect()
+            await wire.let_pass(0.15)
+            enabled.append((await wire.plc.inputs())["drives_on"])
+        return enabled
+
+    assert on_wire(work) == [True, True]
+
+
 def test_every_condition_can_be_asked_and_an_unknown_one_is_an_error(on_wire):
     async def work(wire):
         held = {name: await wire.plc.holds(name) for name in wire.plc.conditions()}
