@@ -22,6 +22,9 @@ from cellctl.procedure import StepRegistry
 _SLICE = 500
 """Number of events that one look reads at most: a few milliseconds of work for the event loop."""
 
+_RARELY = 64
+"""Of a written run, an unchanged journal is read at least once in this number of looks."""
+
 Stamp = tuple[int, int, int] | None
 """Inode, size in bytes and time of the last change (ns) of a file; None: there is none."""
 
@@ -59,7 +62,11 @@ class Found:
 
 @final
 class JournalTail:
-    """Looks at one run, again and again; an unchanged one costs three file stamps. Use it from one thread at a time."""
+    """Looks at one run, again and again; an unchanged one costs three file stamps. Use it from one thread at a time.
+
+    A commit changes the stamps when it is written, and can be read only when it is on the disk, which a busy disk
+    delays. So an unchanged journal is read again after 1, 2, 4 … looks, as long as a process writes it.
+    """
 
     def __init__(self, run_folder: Path, registry: Callable[[], StepRegistry]) -> None:
         self._folder, self._registry = run_folder, registry
@@ -67,17 +74,16 @@ class JournalTail:
         self._lock_stamp: Stamp = None
         self._writer: Writer | None = None
         self._problem: Problem | None = None
-        self._seq = 0
-        self._again = self._more = False
+        self._seq = self._unchanged = 0
+        self._more = False
 
     def look(self) -> Found | None:
         """What was added since the last look; None if nothing changed. Raises nothing: see `Found.problem`."""
         writer_before, self._writer = self._writer, self._writer_now()
         now, before = stamps(self._folder), self._stamps
-        if now == before and not self._again:
+        self._unchanged = self._unchanged + 1 if now == before else 0
+        if self._unchanged and not self._more and not self._due():
             return Found((), self._writer, self._problem) if self._writer != writer_before else None
-        # a commit in the same tick of the file's clock leaves the stamp as it is: the next look reads once more
-        self._again = now != before
         self._stamps = now
         replaced = bool(before and before[0] and (now[0] is None or now[0][0] != before[0][0]))
         if replaced:
@@ -88,8 +94,12 @@ class JournalTail:
         if unchanged and not entries and not more_before:
             return None
         self._more = len(entries) == _SLICE
-        self._again = self._again or self._more
         return Found(tuple(entries), self._writer, self._problem, self._known(entries), replaced, self._more)
+
+    def _due(self) -> bool:
+        """Whether to read an unchanged journal: once, as two commits may have one stamp; often if it is written."""
+        looks = self._unchanged
+        return looks == 1 or (self._writer is not None and (looks & (looks - 1) == 0 or looks % _RARELY == 0))
 
     def _read(self) -> list[Entry]:
         entries: list[Entry] = []

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from live_journals import WrittenRun, registry
 
-from cellctl.console.live import LiveRun, Snapshot, whole_log
+from cellctl.console.live import LiveRun, Snapshot, tail, whole_log
 from cellctl.engine.status import status_of
 from cellctl.engine.tree_node import Node
 from cellctl.journal import InterlockChanged, Outcome, RunResumed, StepEnded, StepFailure, StepStarted, read_journal
@@ -34,6 +34,21 @@ def shown(live: LiveRun) -> Snapshot:
     for _ in range(PATIENCE):
         live.look()
     return live.snapshot
+
+
+def test_a_commit_that_can_be_read_some_time_after_its_last_write_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = WrittenRun(tmp_path / "run")
+    live = followed(run.folder)
+    shown(live)
+    written = tail.stamps(run.folder)
+    monkeypatch.setattr(tail, "stamps", lambda _: written)
+    for looks in (0, 1, 5, 30, 100):
+        for _ in range(looks):
+            live.look()
+        run.say(f"on the disk after {looks} looks")
+        assert shown(live).status.message == f"on the disk after {looks} looks"
 
 
 def loop_of(snapshot: Snapshot) -> Node:
