@@ -84,7 +84,7 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
     if result.unpredicted:
         lines = [str(line) for line in sorted(measured.lines[row] for row in result.unpredicted)]
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
-        sentences.append(f"{len(lines)} of the held-out {kind} are outliers by the predicted error (line {where})")
+        sentences.append(f"Outliers by the predicted error among the held-out {kind}: {len(lines)} (line {where})")
     return sentences
 
 

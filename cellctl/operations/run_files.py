@@ -18,6 +18,7 @@ _WORDS = {
     "dataset.csv": "measurements of the fit and the held-out ones",
     FILE_NAME: "the record of the run",
     "model.json": "the identified robot",
+    "output.txt": "what the run printed",
     "report.html": "calibration report",
     "simulated_cell.json": "memory of the simulated controller",
     "table.json": "compensated joints",

@@ -108,7 +108,7 @@ confidence {{ share_below }} of such targets are below the greatest error after.
 <figure>{{ bars | safe }}</figure>
 <figure>{{ arrows | safe }}</figure>
 {% if left_out %}
-<p>{{ left_out | length }} targets were left out:</p>
+<p>Targets left out: {{ left_out | length }}</p>
 <ul>
 {% for each in left_out %}
 <li>{{ each }}</li>

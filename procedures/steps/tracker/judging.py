@@ -134,7 +134,7 @@ def _lines(held_out: TrackerVerdict, found: TargetFigures, how: str, left_out: i
     model = f", with the model of {held_out.model_from}" if held_out.model_from else ""
     yield f"{how}{model}."
     if left_out:
-        yield f"{left_out} targets were left out; the report names them, with the reasons."
+        yield f"Targets left out: {left_out}; the report names them, with the reasons."
     yield held_out.sentence
 
 
