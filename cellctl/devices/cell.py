@@ -155,14 +155,17 @@ def _kind(value: Any) -> str:
 
 def table_correction_deg(document: Document) -> float:
     """The largest correction of a joint by a compensation table, deg, from the cell file: `limits: {table: …}`."""
-    stated = (document.data.get("limits") or {}).get(TABLE) or {}
-    return float(stated.get("correction_deg", TABLE_CORRECTION_DEG))
+    return _limit(document, TABLE, "correction_deg", TABLE_CORRECTION_DEG)
 
 
 def online_correction_deg(document: Document) -> float:
     """The largest on-line correction of a joint, deg, from the cell file: `limits: {robot: …}`."""
-    stated = (document.data.get("limits") or {}).get("robot") or {}
-    return float(stated.get("online_correction_deg", ONLINE_CORRECTION_DEG))
+    return _limit(document, "robot", "online_correction_deg", ONLINE_CORRECTION_DEG)
+
+
+def _limit(document: Document, of: str, name: str, default: float) -> float:
+    stated = (document.data.get("limits") or {}).get(of) or {}
+    return float(stated.get(name, default))
 
 
 def _table_limits(document: Document, model: _CellModel) -> list[Problem]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from cell_runs import ROOT
 from corrected_cells import HEAVY_CELL, simulated_robot
-from correcting_engine import HERE, MODEL, PERCENT, THERE, there_and_back
+from correcting_engine import HERE, MODEL, PERCENT, THERE, corrected_from_here, there_and_back
 from online_models import wavy_model
 from watched_cell import watched_cell, watched_robot
 
@@ -38,8 +38,7 @@ def test_moves_end_where_program_and_correction_put_them_and_without_it_where_th
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
             robot = bench.robot
-            await robot.move(HERE, 50)
-            await robot.correction_on(MODEL)
+            await corrected_from_here(robot)
             await robot.move(THERE, 50)
             await bench.clock.sleep(4)
             corrected, samples = await robot.joints(), robot.correction_samples()
@@ -63,8 +62,7 @@ def test_a_lost_rsi_or_controller_ends_the_correction_and_the_robot_is_held_with
     async def go():
         async with watched_robot(heavy_with(tmp_path, fault)) as (bench, watched):
             robot = bench.robot
-            await robot.move(HERE, 50)
-            await robot.correction_on(MODEL)
+            await corrected_from_here(robot)
             await bench.clock.sleep(0.5)
             watched.joints.clear()
             with pytest.raises(error):
@@ -89,8 +87,7 @@ def test_a_model_that_arrives_in_mid_motion_makes_no_leap(tmp_path, model):
     async def go():
         async with watched_robot(heavy_with(tmp_path)) as (bench, watched):
             robot = bench.robot
-            await robot.move(HERE, 50)
-            await robot.correction_on(MODEL)
+            await corrected_from_here(robot)
             await bench.clock.sleep(2)
             watched.joints.clear()
             moving = asyncio.create_task(robot.move(THERE, PERCENT))
@@ -121,13 +118,12 @@ sys.path[:0] = sys.argv[3:]
 from pathlib import Path
 from cellctl.operations.simulated import SimulatedCell
 from corrected_cells import robot_of
-from correcting_engine import HERE, MODEL, there_and_back
+from correcting_engine import corrected_from_here, there_and_back
 
 async def main():
     simulated = SimulatedCell(None, None, json.loads(sys.argv[2]))
     async with robot_of(Path(sys.argv[1]), simulated) as bench:
-        await bench.robot.move(HERE, 50)
-        await bench.robot.correction_on(MODEL)
+        await corrected_from_here(bench.robot)
         await bench.clock.sleep(2)
         print("corrected", flush=True)
         await there_and_back(bench.robot)
@@ -157,8 +153,7 @@ def test_a_stop_holds_the_robot_and_rsi_is_off(tmp_path):
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
             robot = bench.robot
-            await robot.move(HERE, 50)
-            await robot.correction_on(MODEL)
+            await corrected_from_here(robot)
             await bench.clock.sleep(2)
             before = await robot.joints()
             await robot.stop()
@@ -182,8 +177,7 @@ def test_a_correction_that_ended_at_the_pendant_is_not_taken_for_one_that_is_on(
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
             robot = bench.robot
-            await robot.move(HERE, 50)
-            await robot.correction_on(MODEL)
+            await corrected_from_here(robot)
             await bench.clock.sleep(1)
             await robot.reset()
             await bench.clock.sleep(2)

@@ -12,6 +12,12 @@ HERE, THERE = (5.0, -65.0, 95.0, 5.0, 65.0, 5.0), (15.0, -60.0, 90.0, 15.0, 75.0
 PERCENT = 4.0
 
 
+async def corrected_from_here(robot: KukaRobot) -> None:
+    """Bring it to HERE, and switch the correction on."""
+    await robot.move(HERE, 50)
+    await robot.correction_on(MODEL)
+
+
 async def there_and_back(robot: KukaRobot) -> None:
     """Until something stops it."""
     for target in (THERE, HERE) * 20:

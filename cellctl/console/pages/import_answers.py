@@ -24,8 +24,8 @@ _CHOICES = {
 _ROBOT = "Robot of the library"
 _COLUMNS = "Columns of the file"
 REPEATABILITY = "Repeatability of a URDF's robot, mm"
-_LABELS = {**{name: label for name, (label, _) in _CHOICES.items()}, "robot": _ROBOT, "columns": _COLUMNS}
-_LABELS["repeatability"] = REPEATABILITY
+_LABELS = {name: label for name, (label, _) in _CHOICES.items()}
+_LABELS |= {"robot": _ROBOT, "columns": _COLUMNS, "repeatability": REPEATABILITY}
 _OPTION = re.compile(rf"--({'|'.join(_LABELS)})\b(?: MM\b)? *")
 
 

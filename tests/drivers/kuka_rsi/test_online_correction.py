@@ -15,6 +15,7 @@ from online_models import wavy_model
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
+from cellctl.devices.cell import ONLINE_CORRECTION_DEG
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import Limit
 from drivers.kuka_rsi.cyclic.model_arrays import pack
@@ -261,6 +262,10 @@ def test_limits_that_do_not_hold_are_refused_with_the_reason(limits, named):
     assert named in found
     with pytest.raises(ValueError, match=named):
         OnlineLimits.from_settings(limits)
+
+
+def test_the_limit_that_a_campaign_reads_from_a_cell_file_without_it_is_the_drivers():
+    assert OnlineLimits().online_correction_deg == ONLINE_CORRECTION_DEG
 
 
 @settings(max_examples=300, deadline=None, derandomize=True)
