@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
+import socket
 from contextlib import suppress
 
 from cellctl.clock import Clock, Wire
@@ -25,7 +28,17 @@ async def connected(
                 reader, writer = await asyncio.open_connection(host, port)
             return reader, writer, clock.wire(device)
     except (OSError, TimeoutError) as error:
-        raise DeviceUnreachable(device, f"no {peer} at {host}:{port} ({error or 'no answer'})", cure) from error
+        raise DeviceUnreachable(device, f"no {peer} at {host}:{port} ({_reason(error)})", cure) from error
+
+
+def _reason(error: Exception) -> str:
+    """The system's words for a failed connection, without the numbers and tuples that asyncio adds."""
+    if isinstance(error, socket.gaierror):
+        return "no host of this name is known"
+    number = getattr(error, "errno", None)
+    if not number and "refused" in str(error):  # of a name with several addresses, asyncio joins the texts
+        number = errno.ECONNREFUSED
+    return os.strerror(number).lower() if number else "no answer"
 
 
 async def hang_up(writer: asyncio.StreamWriter, clock: Clock) -> None:

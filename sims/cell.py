@@ -45,9 +45,9 @@ ERRORS = {
 class CellError(Exception):
     """The cell cannot be simulated with its files; the text is one block that names every error."""
 
-    def __init__(self, path: Path, problems: list[str]) -> None:
+    def __init__(self, path: Path, problems: list[str], what: str = "this cell cannot be simulated") -> None:
         self.problems = problems
-        super().__init__("\n".join([f"{path}: this cell cannot be simulated", *(f"  {text}" for text in problems)]))
+        super().__init__("\n".join([f"{path}: {what}", *(f"  {text}" for text in problems)]))
 
 
 @final

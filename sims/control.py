@@ -17,6 +17,7 @@ from typing import Any, final
 
 from sims.faults import SEARCH, FaultError, Faults
 from sims.kernel import FOR_EVER_NS, Event, Hold, Kernel
+from sims.scene.safety import Safety
 from sims.simulator import Refused, Request
 from sims.wires import Wire
 
@@ -32,7 +33,8 @@ _LONGEST = 65_536
 class ControlPort:
     """Listens on a free port of the loopback.
 
-    `requests`: device → `op` → what it does for its device; `wires`: device → what went over its wire.
+    `requests`: device → `op` → what it does for its device; `safety`: the chain that `reset` closes; `wires`: device →
+    what went over its wire.
     """
 
     def __init__(
@@ -40,13 +42,14 @@ class ControlPort:
         kernel: Kernel,
         faults: Faults,
         requests: Mapping[str, Mapping[str, Request]],
+        safety: Safety,
         wires: dict[str, Wire] | None = None,
     ) -> None:
         self.kernel = kernel
         self.wires = wires or {}
         self.attached: Connection | None = None
         self._faults = faults
-        self._requests = requests
+        self._requests, self._safety = requests, safety
         self._connections: set[Connection] = set()
         self._awaited: Hold | None = None
         kernel.before_event = self._keep_in_step
@@ -93,13 +96,18 @@ class ControlPort:
                 return {"ok": True}
             case {"op": "status"}:
                 return self._status()
+            case {"op": "reset"}:
+                self._reset()
+                return {"ok": True}
             case {"op": "shutdown"}:
                 self.kernel.stop()
                 return {"ok": True}
             case {"op": str(op)}:
                 self._ask_device(op, request)
                 return {"ok": True}
-        raise Refused("what is asked is not understood; a message has an 'op', as attach, fault, status or shutdown")
+        raise Refused(
+            "what is asked is not understood; a message has an 'op', as attach, fault, reset, status or shutdown"
+        )
 
     def gone(self, connection: Connection) -> None:
         """A connection has ended."""
@@ -140,9 +148,17 @@ class ControlPort:
         if ask is None:
             raise Refused(
                 f"there is no '{op}' of that device; devices that have it: {', '.join(able) or 'none'}; "
-                "without a device: attach, fault, status, shutdown"
+                "without a device: attach, fault, reset, status, shutdown"
             )
         ask(request)
+
+    def _reset(self) -> None:
+        """As somebody who goes there: release the emergency stop, close the guard, acknowledge every message."""
+        self._safety.close_emergency_stop()
+        self._safety.close_guard()
+        for requests in self._requests.values():
+            if acknowledge := requests.get("acknowledge"):
+                acknowledge({})
 
     def _fault(self, entry: dict[str, Any]) -> None:
         try:

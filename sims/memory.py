@@ -124,6 +124,10 @@ def _load(path: Path, whose: Part) -> dict[str, Any]:
         raise BadMemory(f"{path} is damaged: {error}") from None
     if not isinstance(state, dict) or not isinstance(state.get("cell"), dict):
         raise BadMemory(f"{path} is not a simulated cell's memory")
+    seed = state["cell"].get("seed")
+    if state["cell"] != whose and {**whose, "seed": seed} == state["cell"]:
+        other = f"{path} is the memory of this cell with seed {seed}, not with seed {whose['seed']}"
+        raise BadMemory(f"{other}: leave --seed out, or give --seed {seed}")
     if state["cell"] != whose:
         raise BadMemory(
             f"{path} is the memory of another cell: {_described(state['cell'])}; this one is {_described(whose)}. "

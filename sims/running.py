@@ -86,7 +86,7 @@ class RunningCell:
         for fault in cell.simulate.faults:
             self.faults.schedule(fault)
         requests = {name: device.requests for name, device in devices.items()}
-        control = ControlPort(self.kernel, self.faults, requests, wires)
+        control = ControlPort(self.kernel, self.faults, requests, scene.safety, wires)
         closing.callback(control.close)
         self.ready: dict[str, Any] = {
             **{name: device.address for name, device in devices.items()},
@@ -154,7 +154,7 @@ def _memory(cell: SimCell, state: Path | None, closing: contextlib.ExitStack) ->
         closing.enter_context(sole_user(state))
         return Memory(state, {"name": cell.name, "robot": cell.robot.name, "seed": cell.simulate.seed})
     except BadMemory as error:
-        raise CellError(cell.path, [str(error)]) from None
+        raise CellError(cell.path, [str(error)], "the memory does not fit this cell") from None
 
 
 def _overridden(simulate: Simulate, settings: Settings) -> Simulate:

@@ -5,6 +5,7 @@ To look for examples that nobody has tried yet: `pytest --hypothesis-profile exp
 """
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -12,9 +13,21 @@ from hypothesis import HealthCheck, settings
 for library in ("OPENBLAS", "MKL", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
+# A shell starts background jobs with SIGINT ignored, nohup with SIGHUP. A child inherits that, and a test that
+# interrupts it would wait for ever. A handler is not inherited: pytest ignores the signal, its children do not.
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, lambda *_: None)
+
 settings.register_profile("explore", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("repeat", settings.get_profile("explore"), derandomize=True, database=None)
 settings.load_profile("repeat")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def locks_of_this_worker(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Tests that run side by side name the same devices in their cell files: each worker has locks of its own."""
+    os.environ["CELLCTL_LOCKS"] = str(tmp_path_factory.mktemp("locks"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -37,7 +37,14 @@ from cellctl.calibration.prediction.drift import Drift, linear_drift
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.prediction.planes import PlaneEstimate, plane_estimates
 from cellctl.calibration.prediction.predict import Prediction, predict
-from cellctl.calibration.prediction.shape import shape_sigma, sigma_among, sigma_over_region
+from cellctl.calibration.prediction.sigma import (
+    Frame,
+    Kind,
+    gauge_fixed,
+    prediction_sigma,
+    sigma_among,
+    sigma_over_region,
+)
 from cellctl.calibration.prediction.standoff import LocatedSphere, locate_sphere
 from cellctl.calibration.rows import (
     Measured,
@@ -83,6 +90,7 @@ __all__ = [
     "ErrorFigures",
     "Estimate",
     "FitResult",
+    "Frame",
     "Group",
     "Harmonics",
     "HeldOut",
@@ -91,6 +99,7 @@ __all__ = [
     "JointCompliance",
     "JointField",
     "Judgement",
+    "Kind",
     "LocatedSphere",
     "Measured",
     "MeasuredRegion",
@@ -126,6 +135,7 @@ __all__ = [
     "estimate",
     "fit",
     "functions",
+    "gauge_fixed",
     "identify",
     "judge",
     "kinds",
@@ -135,9 +145,9 @@ __all__ = [
     "paired_verdict",
     "plane_estimates",
     "predict",
+    "prediction_sigma",
     "rows_for_better",
     "settings_of",
-    "shape_sigma",
     "sigma_among",
     "sigma_over_region",
     "verdict_sentence",

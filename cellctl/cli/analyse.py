@@ -70,11 +70,12 @@ def _measured(robot: Path, data: Any, check: bool) -> Measurements:
     """The rows with positions. Raises InputError for set-up errors, if these are to be checked."""
     from cellctl.cli.fit_progress import shown_progress
     from cellctl.files import load_yaml
+    from cellctl.files.kinds import ROBOT
     from cellctl.formats import RobotFile
     from cellctl.formats.robot_errors import rows_with_positions
     from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
-    document = load_yaml(robot)
+    document = load_yaml(robot, ROBOT)
     measured = rows_with_positions(RobotFile.from_document(document), data)
     if check:
         with shown_progress("check") as progress:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -18,6 +19,7 @@ def check(
     procedure: arguments.Procedure,
     cell: arguments.OtherCell = None,
     set_: arguments.Settings = None,
+    runs: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
     """Check a procedure and its cell; nothing moves.
@@ -33,7 +35,7 @@ def check(
 
     refuse_outputs({"--json": json_}, [procedure, cell])
     try:
-        campaign = load_campaign(procedure, cell, set_ or [])
+        campaign = load_campaign(procedure, cell, set_ or [], runs=runs)
     except InputError as error:
         write_json({"procedure": str(procedure), "mistakes": _listed(error.problems)}, json_)
         raise

@@ -67,11 +67,12 @@ def compensate(
     `cellctl table push` sends the table to the controller.
 
     Targets lie in the model's frame. A target out of reach, near a singularity or outside the measured region is
-    refused with its line. `--method all` writes no targets: it compares the methods.
+    refused with its line; `--json` has all refused ones. Exit code 1: a program was written, and places in it are not
+    compensated. `--method all` writes no targets: it compares the methods.
 
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
-    from cellctl.cli.outputs import refuse_outputs, to_stdout, write_json
+    from cellctl.cli.outputs import refuse_outputs, refused_rows, to_stdout, write_json
     from cellctl.clock import calendar_time
     from cellctl.files import write_atomically
     from cellctl.formats import DataSet, ModelFile
@@ -99,7 +100,8 @@ def compensate(
         compare(identified, wanted, str(targets), limit, json_)
         return
     learnt = None if _is_csv(out) else learnt_on(model, identified, serial)
-    found = compensate_targets(identified, wanted, str(targets), method=method, passes=passes, correction_deg=limit)
+    with refused_rows(json_):
+        found = compensate_targets(identified, wanted, str(targets), method=method, passes=passes, correction_deg=limit)
     table = found.table(learnt, calendar_time()) if learnt else None
     figures = {**({"id": table.id, "serial": table.robot.serial} if table else {}), **_figures(found)}
     text = table.text() if table else found.csv()
@@ -146,11 +148,19 @@ def _refuse(method: str, passes: int | None, out: Path | None, json_: str | None
 
 
 def _figures(found: CompensatedTargets) -> dict[str, Any]:
-    """The targets in figures; the orientation predicted by the model, deg."""
+    """The targets in figures, in full precision; the orientation predicted by the model, deg. written: what the joints
+    as written leave, with their decimals.
+    """
+    from cellctl.formats.table import JOINT_DECIMALS
     from cellctl.formats.table_making import mean_rms_max, row_figures, sigma_among_rows
 
     return {
-        **row_figures(found.rows),
+        **row_figures(found.exact_rows),
+        "targets": [row.model_dump() for row in found.exact_rows],
+        "written": {
+            "joint_decimals": JOINT_DECIMALS,
+            "predicted_after_mm": mean_rms_max([row.predicted_after_mm for row in found.rows]),
+        },
         "sigma_among_rows_mm": sigma_among_rows(found.model, found.rows),
         "method": found.method,
         "passes": found.found.passes,
@@ -173,13 +183,14 @@ def _warn_large(found: CompensatedTargets, file: str) -> None:
 
 
 def _words(figures: dict[str, Any], out: Path) -> str:
-    before, after, sigma = (figures[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    before, sigma, written = (figures[name] for name in ("predicted_before_mm", "sigma_mm", "written"))
+    after, decimals = written["predicted_after_mm"], written["joint_decimals"]
     among = figures["sigma_among_rows_mm"]
     named = f"table {figures['id'][:12]} for controller {figures['serial']}" if "id" in figures else "targets"
     lines = [
         f"{out}: {named}, {figures['rows']} rows, joints corrected by up to {figures['max_correction_deg']:.3f}°.",
         f"Predicted error in the model's frame: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) "
-        f"with nominal joints, {after['mean']:.4f} mm with these.",
+        f"with nominal joints, {after['mean']:.4f} mm with these, written with {decimals} decimals.",
         f"1 σ of the model (RMS): {sigma['rms']:.3f} mm in its frame"
         + (f", {among:.3f} mm among the rows." if among is not None else "."),
     ]

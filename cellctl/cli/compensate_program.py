@@ -20,8 +20,11 @@ def compensate_program(
     json_: str | None,
     options: ProgramOptions,
 ) -> None:
-    """Compensate the points of `program` and write it to `out`. Raises InputError, also if no point can be changed."""
-    from cellctl.cli.outputs import refuse_outputs, write_json
+    """Compensate the points of `program` and write it to `out`. Raises InputError, also if no point can be changed;
+    ends with code 1 if some cannot.
+    """
+    from cellctl.cli.ends import Exit
+    from cellctl.cli.outputs import refuse_outputs, refused_rows, write_json
     from cellctl.cli.program_words import words_of
     from cellctl.files import write_atomically
     from cellctl.formats import ModelFile
@@ -36,7 +39,9 @@ def compensate_program(
     written = {} if new else {f"--out ({part})": path for part, path in outputs.items()}
     refuse_outputs({**written, "--json": json_}, [model, cell, *files.read])
     place = CellRobot.load(cell) if cell else None
-    found = compensate_files(ModelFile.load(model), str(model), files, method, options, place)
+    identified = ModelFile.load(model)
+    with refused_rows(json_):
+        found = compensate_files(identified, str(model), files, method, options, place)
     texts = found.texts()
     if new:
         new.mkdir(exist_ok=True)
@@ -47,3 +52,7 @@ def compensate_program(
         for line in words_of(found.program, found.paths, figures):
             typer.echo(line)
     write_json(figures, json_)
+    if left := len(found.program.left):
+        what = "1 place is not compensated: it stays" if left == 1 else f"{left} places are not compensated: they stay"
+        typer.echo(f"cellctl: {program}: {what} as in the program", err=True)
+        raise typer.Exit(Exit.NOT_BETTER)

@@ -39,16 +39,16 @@ class Interrupted(Exception):
 
 @contextmanager
 def adding(words: str) -> Iterator[None]:
-    """Add `words` ("nothing was moved") to an error, or an unreachable device, in a verb that can move.
+    """Add `words` ("nothing was moved") to an error, or an unreachable or occupied device, in a verb that can move.
 
     Verbs without motion add no words.
     """
-    from cellctl.devices.errors import DeviceUnreachable
+    from cellctl.devices.errors import DeviceBusy, DeviceUnreachable
     from cellctl.files.problems import InputError
 
     try:
         yield
-    except (InputError, DeviceUnreachable) as error:
+    except (InputError, DeviceUnreachable, DeviceBusy) as error:
         error.add_note(words)
         raise
 
@@ -71,7 +71,7 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 def _ended_by(error: Exception) -> int:
     """Print `error` by its kind. The kinds are imported here, so that `--help` does not wait for them."""
-    from cellctl.devices.errors import DeviceError, DeviceUncertain, DeviceUnreachable
+    from cellctl.devices.errors import DeviceBusy, DeviceError, DeviceUncertain, DeviceUnreachable
     from cellctl.files.problems import InputError
     from cellctl.journal.errors import JournalError
 
@@ -80,7 +80,7 @@ def _ended_by(error: Exception) -> int:
             return _ended(errors_text(error), Exit.BAD_INPUT)
         case DeviceUncertain():
             return _ended(str(error), Exit.UNCERTAIN)
-        case DeviceUnreachable():
+        case DeviceUnreachable() | DeviceBusy():
             return _ended("\n    ".join([str(error), *_notes(error)]), Exit.DEVICE_FAILED)
         case DeviceError():
             return _ended(str(error), Exit.DEVICE_FAILED)

@@ -12,7 +12,12 @@ from cellctl.cli.ends import SHOWN
 if TYPE_CHECKING:
     from rich.console import Console
 
-_COMPARED = {"nominal": "nominal", "prior": "prior model", "test": "identified"}
+_COMPARED = {
+    "nominal": "nominal",
+    "nominal_with_tool": "nominal with the tool registered",
+    "prior": "prior model",
+    "test": "identified",
+}
 _WIDTH = 80
 _CAUSES = 5
 _LETTERS = 160
@@ -64,11 +69,7 @@ def _model(report: dict[str, Any]) -> Iterator[str]:
     seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are observable"
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
     sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
-    yield (
-        f"Predicted over the measured region: {sure}."
-        if report["prior"]
-        else f"Predicted over the joints of the fit: {sure}."
-    )
+    yield f"Predicted over {report['predicted_over']}: {sure}."
     if report["prior"] and not report["informed"]:
         yield "The measured region is still that of the prior model: these rows determined places, not the robot."
     if not report["converged"]:

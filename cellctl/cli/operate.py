@@ -1,4 +1,4 @@
-"""`cellctl status`, `pause`, `continue`, `abort`, `confirm`: status and control of a running campaign."""
+"""`cellctl status`, `pause`, `continue`, `abort`, `confirm`, `acknowledge`: status and control of a running run."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ _DONE: dict[ActionName, str] = {
     "resume": "goes on",
     "abort": "is being aborted, with its clean-up",
     "confirm": "is confirmed and goes on",
+    "reset": "has its simulated cell reset; it goes on, after `cellctl continue` where an operator has to say so",
 }
 
 
@@ -34,15 +35,19 @@ def status(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: argumen
 
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.engine.status import status_of
+    from cellctl.journal import fold, read_journal
+    from cellctl.operations.run_end import RunEnd
     from cellctl.procedure import StepRegistry
 
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])
-    found = status_of(folder, StepRegistry.installed())
+    found, state = status_of(folder, StepRegistry.installed()), fold(read_journal(folder))
+    end = RunEnd.of(folder, state, running=bool(found.process))
     if json_:
-        write_json(asdict(found), json_)
+        said = {name: getattr(end, name) if end else "" for name in ("problem", "cure", "sentence")}
+        write_json({**asdict(found), **said}, json_)
         return
-    for line in _lines(found):
+    for line in [*_lines(found), *(end.lines(folder) if end else [])]:
         typer.echo(line)
 
 
@@ -78,6 +83,17 @@ def confirm(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: argume
     Example: cellctl confirm
     """
     _act("confirm", run, runs, json_)
+
+
+def acknowledge(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: arguments.Json = None) -> None:
+    """Press the reset of a run's simulated cell.
+
+    It releases the emergency stop, closes the guard, and acknowledges the robot's messages. A real cell refuses it:
+    there a person does this at the cell.
+
+    Example: cellctl acknowledge
+    """
+    _act("reset", run, runs, json_)
 
 
 def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> None:

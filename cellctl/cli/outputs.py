@@ -75,6 +75,17 @@ def write_json(result: dict[str, Any], target: str | None) -> None:
         write_atomically(Path(target), text)
 
 
+@contextmanager
+def refused_rows(target: str | None) -> Iterator[None]:
+    """Write what is refused inside this context as JSON too: on the terminal only the first of many are shown."""
+    try:
+        yield
+    except InputError as error:
+        rows = [{"file": p.file, "line": p.line, "reason": p.what, "cure": p.cure} for p in error.problems]
+        write_json({"refused": rows, "note": error.note}, target)
+        raise
+
+
 def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str | None:
     real = os.path.realpath(path)
     if str(path) == "-":

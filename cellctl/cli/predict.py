@@ -15,14 +15,16 @@ def predict(
     joints: Annotated[Path, typer.Argument(help="CSV with A1…An (deg) or q1…qn (rad); other columns do not matter.")],
     out: arguments.Out = None,
     json_: arguments.Json = None,
+    frame: Annotated[str, typer.Option(help="Frame of σ: base, or points (what was touched).")] = "base",
 ) -> None:
     """Predict the TCP at given joints: pose and 1 σ (3-D, mm).
 
     Output columns: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen. seen: 1 within the joints of the fit, 0 outside
     (extrapolated, with a larger σ). sigma: in the model's base frame; touches do not determine its heading and height.
-    sigma_among: of the rows relative to each other; empty for fewer than four rows. Optional columns temperature,
-    payload, payload_x…z and D1…Dn give the conditions of each row. A payload between those of the fit is interpolated;
-    one beyond them, or with another centre of gravity, is refused.
+    With `--frame points` it is relative to what was touched, as in `cellctl compensate`; for a model from an instrument
+    both are the same. sigma_among: of the rows relative to each other; empty for fewer than four rows. Optional columns
+    temperature, payload, payload_x…z and D1…Dn give the conditions of each row. A payload between those of the fit is
+    interpolated; one beyond them, or with another centre of gravity, is refused.
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
@@ -33,7 +35,7 @@ def predict(
 
     refuse_json_on_stdout(json_, out, "the CSV")
     refuse_outputs({"--out": out, "--json": json_}, [model, joints])
-    found = predict_rows(ModelFile.load(model), DataSet.load(joints))
+    found = predict_rows(ModelFile.load(model), DataSet.load(joints), frame=frame)
     rows, outside = len(found.readings), int((~found.inside).sum())
     if out:
         write_atomically(out, found.text())

@@ -1,4 +1,4 @@
-"""`cellctl replay`: repeats a run's computations from its journal and compares byte for byte."""
+"""`cellctl replay`: repeats a run's computations from its journal and compares them with the record."""
 
 from __future__ import annotations
 
@@ -27,13 +27,15 @@ def replay(
     runs: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """Compute a run's data set, model and table again from its journal alone; say which bytes differ, and why.
+    """Compute a run's data set, model and table again from its journal alone; say what differs, and why.
+
+    Another processor or library changes the last digits: that is stated, and is no failure.
 
     Example: cellctl replay sphere_selfcal-20261121T192433Z -o again
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import run_place
-    from cellctl.operations.replay import replay_run
+    from cellctl.operations.replay import Agreement, replay_run
 
     place = run_place(run, runs)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
@@ -45,7 +47,7 @@ def replay(
     if json_ != "-":
         for line in _lines(found):
             typer.echo(line)
-    raise typer.Exit(0 if found.equal else 1)
+    raise typer.Exit(1 if found.agreement is Agreement.DIFFERENT else 0)
 
 
 def _refuse_folder(out: Path | None, run: Path) -> None:
@@ -71,18 +73,26 @@ def _write(found: Replay, out: Path) -> None:
 
 
 def _lines(found: Replay) -> list[str]:
+    from cellctl.operations.replay import TOLERANCE, Agreement
+
     lines = [f"{found.run}: {len(found.steps)} computing steps, computed again from the journal"]
     lines += [f"  changed since the run: {text}" for text in found.changed]
     width = max((len(name) for name in (*(a.name for a in found.artefacts), *(s.step for s in found.steps))), default=0)
     lines += [line for each in found.artefacts for line in _artefact_lines(each, width)]
     lines += [line for each in found.steps for line in _step_lines(each, width)]
-    whole = "equal" if found.equal else "not equal: see above"
+    whole = {
+        Agreement.EXACT: "equal",
+        Agreement.WITHIN_TOLERANCE: f"{found.agreement}: {TOLERANCE}",
+        Agreement.DIFFERENT: "not equal: see above",
+    }[found.agreement]
     return [*lines, f"Data set, model, table and results: {whole}." if found.steps else "There is nothing to compare."]
 
 
 def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
-    from cellctl.operations.replay import FolderFile
+    from cellctl.operations.replay import Agreement, FolderFile
 
+    if each.agreement is Agreement.WITHIN_TOLERANCE:
+        return [f"{each.name:{width}}  equal within the tolerance"]
     if not each.replayed_equal:
         text = f"differs: {_hash(each.recorded)} → {_hash(each.replayed)}"
     elif each.folder is FolderFile.CHANGED:
@@ -97,10 +107,13 @@ def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
 
 
 def _step_lines(each: StepReplay, width: int) -> list[str]:
+    from cellctl.operations.replay import Agreement
+
     rows = f" and {each.rows} row{'s' * (each.rows > 1)}" if each.rows else ""
     attempt = f", attempt {each.attempt}" if each.attempt > 1 else ""
-    if each.equal:
-        return [f"{each.step:{width}}  result{rows} equal{attempt}"]
+    if each.agreement is not Agreement.DIFFERENT:
+        within = " within the tolerance" * (each.agreement is Agreement.WITHIN_TOLERANCE)
+        return [f"{each.step:{width}}  result{rows} equal{within}{attempt}"]
     more = len(each.differences) - _SHOWN
     shown = [*each.differences[:_SHOWN], *([f"and {more} more differences"] if more > 0 else [])]
     return [f"{each.step:{width}}  result{rows} differ{'s' * (not each.rows)}{attempt}:", *_details(shown, each.why)]

@@ -54,7 +54,9 @@ def run(
     with adding(NOTHING_MOVED):
         _refuse(resume, acknowledge, seed, clock)
         refuse_outputs({"--json": json_}, [procedure, cell])
-        campaign = load_campaign(procedure, cell, set_ or [], seed=seed, resumed=resume is not None)
+        campaign = load_campaign(
+            procedure, cell, set_ or [], seed=seed, resumed=resume is not None, runs=folder.parent if folder else runs
+        )
         refuse_outputs({"--json": json_}, [Path(campaign.cell.document.file), campaign.cell.robot_file])
         show_warnings(campaign.cell)
         extra, parent = tuple(simulator or ()), parent_of_run(detached=detached)

@@ -9,9 +9,9 @@ from cellctl.cli.ends import Exit, errors_text
 from cellctl.cli.outputs import write_json
 from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
-from cellctl.journal import JournalError, RunResult, RunState, fold, read_journal
-from cellctl.journal import Outcome as StepOutcome
+from cellctl.journal import JournalError, RunEnded, RunResult, fold, read_journal
 from cellctl.operations.results import table_line
+from cellctl.operations.run_end import RunEnd
 
 
 def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
@@ -61,23 +61,9 @@ def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) 
         if pushed := table_line(state, folder, only_unproved=True):
             print(f"cellctl: {pushed}", file=sys.stderr)
         return
-    error = errors_text(outcome.error) if isinstance(outcome.error, InputError) else outcome.error
-    lines = [f"cellctl: run {outcome.state.value}: {error or 'the clean-up did not succeed'}"]
-    lines += [f"    in step {step}" for step in _failed(state)]
-    lines += [f"    {trouble}" for trouble in outcome.troubles]
-    lines.append(f"    {_where_the_robot_is(outcome)}")
-    if pushed := table_line(state, folder):
-        lines.append(f"    {pushed}")
-    lines.append(f"    {result.points} measurements are recorded in {folder}")
-    print("\n".join(lines), file=sys.stderr)
-
-
-_FAILED = (StepOutcome.FAILED, StepOutcome.TIMED_OUT)
-
-
-def _failed(state: RunState) -> list[str]:
-    """The steps that ended the run or its clean-up: `rounds[0].poses[3].measure`."""
-    return [step.step for step in state.steps.values() if step.outcome in _FAILED]
+    error = errors_text(outcome.error) if isinstance(outcome.error, InputError) else str(outcome.error or "")
+    ended = RunEnded(outcome.state.value, "", error, troubles=outcome.troubles, robot=outcome.robot)
+    print("cellctl: " + "\n".join(RunEnd.of_event(folder, state, ended).lines(folder)), file=sys.stderr)
 
 
 _STYLES = {
@@ -96,13 +82,3 @@ def _print_verdict(verdict: str | None, sentence: str) -> None:
 
     style = _STYLES.get(verdict or "", "")
     Console(highlight=False, soft_wrap=True).print(sentence, style=style, markup=False)
-
-
-def _where_the_robot_is(outcome: Outcome) -> str:
-    """State of the robot at the end of a run; reported as held only if this run has a confirmation."""
-    if outcome.held:
-        held = "the robot is held: its controller confirmed that it stands still"
-        return held if outcome.moved else f"nothing was moved, and {held}"
-    if not outcome.moved:
-        return "nothing was moved"
-    return "it is not confirmed that the robot stands still: look at it before anything else moves"

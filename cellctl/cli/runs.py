@@ -117,11 +117,11 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
     ]
     attempts = f"attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
     lines.append(f"  points     {summary['points']} measured; {attempts}")
-    if summary["sentence"]:
+    if summary["verdict"]:
         lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
     if summary["table_words"]:
         lines.append(f"  table      {summary['table_words']}")
     lines += [f"  {line}" for line in summary["lines"]]
-    if summary["reason"]:
-        lines.append(f"  ended by   {summary['reason']}")
+    if summary["problem"]:
+        lines += [f"  ended by   {summary['problem']}", f"  cure       {summary['cure']}"]
     return lines

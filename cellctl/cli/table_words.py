@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cellctl.formats import TableFile
+from cellctl.formats.table import JOINT_DECIMALS
 from cellctl.formats.table_making import table_figures
 
 
@@ -34,6 +35,8 @@ def table_words(table: TableFile) -> str:
             f"  made       {table.created}, {table.source.method}, run {table.source.run or '-'}",
             f"  rows       {figures['rows']}, joints corrected by up to {figures['max_correction_deg']:.3f}°",
             f"  predicted  error {before['mean']:.3f} mm with nominal joints, {after['mean']:.4f} with these (mean)",
-            f"  σ          {sigma['rms']:.3f} mm (RMS), {sigma['max']:.3f} mm (max)",
+            f"  joints     with {JOINT_DECIMALS} decimals of a degree, as the controller takes them",
+            "  σ          "
+            + (f"{sigma['rms']:.3f} mm (RMS), {sigma['max']:.3f} mm (max)" if sigma else "none: of another predictor"),
         ]
     )

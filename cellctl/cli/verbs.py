@@ -22,7 +22,7 @@ from cellctl.cli.export import export
 from cellctl.cli.fit import fit
 from cellctl.cli.import_data import import_data
 from cellctl.cli.krl import krl
-from cellctl.cli.operate import abort, confirm, continue_, pause, status
+from cellctl.cli.operate import abort, acknowledge, confirm, continue_, pause, status
 from cellctl.cli.plan import plan
 from cellctl.cli.predict import predict
 from cellctl.cli.replay import replay
@@ -98,6 +98,7 @@ _VERBS: dict[str, Callable[..., None]] = {
     "pause": pause,
     "continue": continue_,
     "confirm": confirm,
+    "acknowledge": acknowledge,
     "abort": abort,
     "show": show,
     "runs": runs,

@@ -13,10 +13,28 @@ from typing import Protocol, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.calibration import RobotModel
+from cellctl.error_maps import ErrorMap
 from cellctl.kinematics import Floats, SerialChain
 
 PredictedErrors: TypeAlias = Callable[[Floats], Floats]
 """Errors of the TCP (N, 3), mm, actual − nominal, at model angles (N, n), rad: an error map's `errors`."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MappedErrors:
+    """`PredictedErrors` of an error map, with its own σ where it states one: the model's is not theirs."""
+
+    of: ErrorMap
+
+    def __call__(self, q: Floats) -> Floats:
+        """The map's errors (N, 3), mm."""
+        return self.of.errors(q)
+
+    def sigma(self, q: Floats) -> Floats | None:
+        """1 σ (N,), 3-D, mm; None: the map states none."""
+        stated = getattr(self.of, "sigma", None)
+        return np.asarray(np.linalg.norm(stated(q), axis=-1)) if callable(stated) else None
 
 
 class Predictor(Protocol):

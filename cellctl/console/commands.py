@@ -10,13 +10,14 @@ from cellctl.console.command_jobs import command_job
 from cellctl.console.jobs import Job
 from cellctl.console.live.subscribers import Subscribers
 from cellctl.console.shared import console
+from cellctl.devices import DeviceBusy
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import ActionName, Operator
 from cellctl.files import InputError, Problem
 from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.acting import act
-from cellctl.operations.cell_state import examine_cell, run_on
+from cellctl.operations.cell_state import examine_cell
 from cellctl.operations.detached import RunOrder, resume_detached, start_detached
 from cellctl.operations.run_files import run_named
 
@@ -39,7 +40,10 @@ def folder_of(run: str) -> Path:
 
 
 async def act_on(operator: Operator, run: Path, name: ActionName, text: str = "") -> OperatorAction:
-    """Pause, resume, abort or confirm a run (`text`: reason, or path of the confirmed step). Raises InputError."""
+    """Pause, resume, abort, confirm or reset a run (`text`: reason, or path of the confirmed step).
+
+    Raises InputError if it is refused.
+    """
 
     async def work() -> OperatorAction:
         done = await asyncio.to_thread(asyncio.run, act(run, name, operator, text))
@@ -51,7 +55,7 @@ async def act_on(operator: Operator, run: Path, name: ActionName, text: str = ""
 
 
 async def start(operator: Operator, order: RunOrder) -> str:
-    """Start a detached run; its name. Raises InputError with all errors of procedure, cell and settings."""
+    """Start a detached run; its name. Raises InputError with all errors, DeviceBusy if the cell is in use."""
 
     async def work() -> Path:
         await _refuse_second(order)
@@ -108,16 +112,12 @@ async def loaded_cell(file: Path) -> Cell:
 
 
 async def _refuse_second(order: RunOrder) -> None:
-    """Raise InputError if devices of a real cell are in use; each run on a simulated cell has simulators of its own."""
-    from cellctl.procedure import load_procedure
-
-    file = order.cell or load_procedure(order.procedure).cell
+    """Raise DeviceBusy if devices of a real cell are in use; each run on a simulated cell has simulators of its own."""
+    file = order.cell_file()
     if file is None or not file.is_file() or (await loaded_cell(file)).simulated:
         return
     if being_examined(file):
-        raise InputError(Problem(str(file), 0, 0, "its devices are being examined", "start when that has ended"))
+        raise DeviceBusy(str(file), "its devices are being examined", "start when that has ended")
     if any(job.operation in TABLE_JOBS and not job.ended_already for job in console().jobs.all()):
-        what = "a table of a controller is being looked at or changed"
-        raise InputError(Problem(str(file), 0, 0, what, "start when that has ended"))
-    if active := await asyncio.to_thread(run_on, file, console().runs):
-        raise InputError(Problem(str(file), 0, 0, f"run {active} is active on this cell", "wait for its end"))
+        raise DeviceBusy(str(file), "a controller's table is being looked at or changed", "start when that has ended")
+    await asyncio.to_thread(order.refuse_in_use)

@@ -5,13 +5,9 @@ from __future__ import annotations
 from cellctl.console.live import Snapshot
 from cellctl.console.look import State
 from cellctl.console.run_words import look_of_verdict
+from cellctl.operations.run_end import RunEnd
 
-_ENDS: dict[str, tuple[State, str]] = {
-    "finished": ("good", "Finished"),
-    "aborted": ("warning", "Aborted"),
-    "failed": ("bad", "Failed"),
-    "uncertain": ("bad", "Uncertain state, look at the cell"),
-}
+_ENDS: dict[str, State] = {"aborted": "warning"}
 _NOW: dict[str, tuple[State, str]] = {
     "idle": ("working", "Beginning"),
     "checking": ("working", "Checking"),
@@ -24,18 +20,15 @@ _NOW: dict[str, tuple[State, str]] = {
 
 def sentence_of(now: Snapshot) -> tuple[State, str]:
     """State and sentence of a run: its verdict once there is one, else what it does or how it ended."""
-    status = now.status
     if now.problem and not now.events:
         return "bad", now.problem.what
     if now.active:
         return _active(now)
-    if now.ended and now.state.ended:
-        state, word = _ENDS.get(now.state.ended.state, ("unknown", now.state.ended.state))
-        if now.sentence and state == "good":
-            return look_of_verdict(now.verdict, "good"), now.sentence
-        reason = now.state.ended.reason.partition("\n")[0]
-        return state, f"{word}: {reason}" if reason else f"{word}."
-    return "bad", f"{status.state.capitalize()}: its process ended without an end of the run."
+    if end := RunEnd.of(now.folder, now.state, running=False):
+        return _ENDS.get(end.state, "bad"), end.sentence
+    if now.sentence:
+        return look_of_verdict(now.verdict, "good"), now.sentence
+    return "good", "Finished."
 
 
 def _active(now: Snapshot) -> tuple[State, str]:

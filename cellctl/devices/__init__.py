@@ -1,7 +1,7 @@
 """Protocols, addresses and errors of devices: the interface between campaigns and drivers."""
 
-from cellctl.devices.addresses import Address
-from cellctl.devices.cell_io import CellIO, Temperatures
+from cellctl.devices.addresses import Address, impossible_host
+from cellctl.devices.cell_io import CellIO, CellReadings, Temperatures
 from cellctl.devices.conditions import Conditions
 from cellctl.devices.correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.devices.currents import CurrentSource, MotorCurrents
@@ -21,6 +21,7 @@ from cellctl.devices.errors import (
     ProbeNotOpen,
     TargetLost,
 )
+from cellctl.devices.places import host_places, path_places
 from cellctl.devices.points import (
     Lock,
     Matrix3,
@@ -39,13 +40,17 @@ from cellctl.devices.protocols import (
     Guard,
     Health,
     Identity,
+    JointReader,
     JointReadings,
     Listener,
     MovingRobot,
     SearchEnd,
     SearchingRobot,
     SearchResult,
+    StoppedUntilCleared,
     Surroundings,
+    acts,
+    observes,
 )
 from cellctl.devices.tables import (
     CompensatedRobot,
@@ -61,6 +66,7 @@ from cellctl.devices.variables import FileStore, VariableStore
 __all__ = [
     "Address",
     "CellIO",
+    "CellReadings",
     "CompensatedRobot",
     "Conditions",
     "Contact",
@@ -85,6 +91,7 @@ __all__ = [
     "Guard",
     "Health",
     "Identity",
+    "JointReader",
     "JointReadings",
     "LimitExceeded",
     "Listener",
@@ -102,6 +109,7 @@ __all__ = [
     "SearchEnd",
     "SearchResult",
     "SearchingRobot",
+    "StoppedUntilCleared",
     "Surroundings",
     "TableInfo",
     "TableRobot",
@@ -114,4 +122,9 @@ __all__ = [
     "VariableStore",
     "Vector3",
     "Weather",
+    "acts",
+    "host_places",
+    "impossible_host",
+    "observes",
+    "path_places",
 ]

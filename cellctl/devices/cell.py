@@ -11,10 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from cellctl.clock import Clock, WallClock
 from cellctl.devices.addresses import Address
 from cellctl.devices.protocols import Finding, Surroundings
-from cellctl.devices.reach import reach_of
+from cellctl.devices.reach import axes_of, reach_of
 from cellctl.devices.registry import DriverRegistry
 from cellctl.devices.report_facts import ReportFacts, unknown_instruments
 from cellctl.files import Document, InputError, Problem, load_yaml
+from cellctl.files.kinds import CELL
 from cellctl.files.validated import validated
 from cellctl.robots import near, robot_file
 
@@ -87,14 +88,15 @@ class Cell:
     @classmethod
     def load(cls, path: Path, drivers: DriverRegistry) -> Self:
         """Load and check a cell file; opens no device. Raises InputError with every error."""
-        document = load_yaml(path)
+        document = load_yaml(path, CELL)
         if not isinstance(document.data, dict):
             raise InputError(document.problem((), "is not a cell file", "it is a mapping: name, model, devices …"))
         model = _read(document, document.data)
         robot = robot_file(model.model, path.parent)
         reach_mm = reach_of(robot)
         addresses, problems = _addresses(document, model)
-        found, warnings = _findings(document, model, addresses, drivers, path.parent, reach_mm)
+        place = Surroundings(WallClock(), path.parent, {}, reach_mm, axes_of(robot))
+        found, warnings = _findings(document, model, addresses, drivers, place)
         problems += found
         if not robot.is_file():
             what = f"there is no robot file '{model.model}', nor a robot of this name"
@@ -205,14 +207,13 @@ def _findings(
     model: _CellModel,
     addresses: dict[str, Address],
     drivers: DriverRegistry,
-    folder: Path,
-    reach_mm: float | None,
+    place: Surroundings,
 ) -> tuple[list[Problem], list[Problem]]:
     """The drivers' errors and warnings about their devices' addresses and limits."""
     problems: list[Problem] = []
     warnings: list[Problem] = []
     for name, address in addresses.items():
-        surroundings = Surroundings(WallClock(), folder, model.limits.get(name, {}), reach_mm)
+        surroundings = replace(place, limits=model.limits.get(name, {}))
         for found in drivers.findings(name, address, surroundings):
             (warnings if found.warning else problems).append(_placed(document, name, found))
     return problems, warnings

@@ -64,7 +64,8 @@ class CorrectingRobot(MovingRobot, Protocol):
     async def correction_on(self, model: CorrectionModel) -> None:
         """Begin, at rest: from zero, the correction follows the model within its limits.
 
-        Raises DeviceRefused (another one is on, the controller's set-up does not allow it, arrays of another robot),
+        Raises DeviceRefused (another one is on, the controller's set-up does not allow it, arrays of another robot,
+        a correction over the limit in all of the measured region),
         DeviceFault, DeviceLost.
         """
 
@@ -72,7 +73,10 @@ class CorrectingRobot(MovingRobot, Protocol):
         """From now on correct by another model; the correction goes there within its limits. Raises DeviceRefused."""
 
     async def correction_off(self) -> CorrectionReport:
-        """Let the correction fade to zero, and end it. Raises DeviceFault, DeviceLost if it had ended, or does not."""
+        """Let the correction fade to zero, also during a motion, and end it behind that motion.
+
+        Raises DeviceFault, DeviceLost if it had ended, or does not end.
+        """
 
     def correction_id(self) -> str:
         """The id of the model in force; empty without an on-line correction."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
-from cellctl.devices.protocols import Device
+from cellctl.devices.protocols import Device, observes
 
 
 @final
@@ -22,6 +22,7 @@ class MotorCurrents:
     time_ns: int
 
 
+@observes
 @runtime_checkable
 class CurrentSource(Device, Protocol):
     """A device that reads the motor currents of the robot's axes."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -24,6 +24,8 @@ class DriverDescription:
     `check_setup(address, surroundings)`: findings about limits and address; `open` is then tried without the limits.
     `controller_files(cell, address, surroundings)`: file name → text of the files to load on the device's controller
     for the cell of that name; raises ValueError for errors in the address or the limits.
+    `places(address)`: what the device occupies for itself, by `host_places` and `path_places`: two processes never use
+    one place at once. Without it, the address's path, or its host and port.
     """
 
     open: Callable[[str, Address, Surroundings], Device]
@@ -31,3 +33,4 @@ class DriverDescription:
     check_address: Callable[[Address, Path], list[str]] | None = None
     check_setup: Callable[[Address, Surroundings], list[Finding]] | None = None
     controller_files: Callable[[str, Address, Surroundings], dict[str, str]] | None = None
+    places: Callable[[Address], Iterable[str]] | None = None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, final, runtime_checkable
 
-from cellctl.devices.protocols import Device
+from cellctl.devices.protocols import Device, observes
 
 Vector3 = tuple[float, float, float]
 """x, y, z in one frame: `(2500.0, -600.0, 900.0)`, mm unless stated."""
@@ -93,6 +93,7 @@ class TwoFaceError:
     v_mm: float
 
 
+@observes
 @runtime_checkable
 class PointSource(Device, Protocol):
     """An instrument that finds a reflector, follows it and measures it at rest.

@@ -10,9 +10,28 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol, final, runtime_checkable
+from typing import Protocol, TypeVar, final, runtime_checkable
 
 from cellctl.clock import Clock
+
+AnyProtocol = TypeVar("AnyProtocol", bound=type)
+
+_OBSERVING: set[type] = set()
+
+
+def observes(protocol: AnyProtocol) -> AnyProtocol:
+    """Declare that devices of this Protocol only read or stop: what is interrupted leaves nothing uncertain."""
+    _OBSERVING.add(protocol)
+    return protocol
+
+
+def acts(protocol: type) -> bool:
+    """Whether devices of this Protocol move or write: so does every one that is not declared by `observes`.
+
+    A Protocol derived from an observing one acts, until it is declared itself.
+    """
+    return protocol not in _OBSERVING
+
 
 JointReadings = tuple[float, ...]
 """A1…An in degrees, as the controller shows them: `(0.0, -90.0, 90.0, 0.0, 45.0, 0.0)`."""
@@ -44,6 +63,7 @@ class Health:
     mode: str = ""
 
 
+@observes
 @runtime_checkable
 class Device(Protocol):
     """The methods of every device."""
@@ -63,6 +83,7 @@ class Device(Protocol):
         """Stop, and close the line. Never raises."""
 
 
+@observes
 @runtime_checkable
 class Listener(Protocol):
     """A device whose driver binds a port and waits for the controller to connect."""
@@ -123,9 +144,10 @@ class Guard(Protocol):
         """The device was alive at `time_ns` of the cell's clock. Safe from any thread; never blocks."""
 
 
+@observes
 @runtime_checkable
-class MovingRobot(Device, Protocol):
-    """A robot that moves from point to point."""
+class JointReader(Device, Protocol):
+    """A robot whose joints are read; it is moved by somebody else, or not at all."""
 
     @property
     def axes(self) -> int:
@@ -133,6 +155,11 @@ class MovingRobot(Device, Protocol):
 
     async def joints(self) -> JointReadings:
         """Actual joint readings now. Raises DeviceLost."""
+
+
+@runtime_checkable
+class MovingRobot(JointReader, Protocol):
+    """A robot that moves from point to point."""
 
     async def move(self, target: JointReadings, speed_percent: float) -> JointReadings:
         """Point to point, planned by the controller; returns the actual joints on arrival.
@@ -143,7 +170,15 @@ class MovingRobot(Device, Protocol):
 
 
 @runtime_checkable
-class SearchingRobot(MovingRobot, Protocol):
+class StoppedUntilCleared(Protocol):
+    """A device whose stop stays set, and refuses every later motion, until it is cleared."""
+
+    def clear_stop(self) -> None:
+        """Clear any stop; call it *before* arming the device that may set the next one."""
+
+
+@runtime_checkable
+class SearchingRobot(MovingRobot, StoppedUntilCleared, Protocol):
     """A robot that moves from point to point and searches for contact."""
 
     async def search(
@@ -162,9 +197,6 @@ class SearchingRobot(MovingRobot, Protocol):
 
         Safe from any thread; never blocks. So a stop that was set before the search began is never lost.
         """
-
-    def clear_stop(self) -> None:
-        """Clear any stop; call it *before* arming the device that may set the next one."""
 
     def guard(self, name: str) -> Guard:
         """The slot that passes another device's proof of life to the cyclic process."""
@@ -187,6 +219,7 @@ class Contact:
     bounces: int
 
 
+@observes
 @runtime_checkable
 class ContactProbe(Device, Protocol):
     """A probe that closes a loop when its tip touches."""
@@ -219,13 +252,14 @@ class Surroundings:
 
     `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
     `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
-    defaults, which are low. `reach_mm`: the maximum reach of the cell's robot, None if unknown.
+    defaults, which are low. `reach_mm`: the maximum reach of the cell's robot, `axes`: their number; None if unknown.
     """
 
     clock: Clock
     folder: Path
     limits: dict[str, float] = field(default_factory=dict)
     reach_mm: float | None = None
+    axes: int | None = None
 
 
 @final

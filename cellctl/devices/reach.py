@@ -1,4 +1,4 @@
-"""A robot's reach from the lengths in its file; a driver derives its speed limit from it."""
+"""A robot's reach from the lengths in its file (a driver derives its speed limit from it), and its number of axes."""
 
 from __future__ import annotations
 
@@ -21,6 +21,15 @@ def reach_of(robot_file: Path) -> float | None:
         data = load_yaml(robot_file).data
         return sum(_lengths(data)) or None
     except (InputError, AttributeError, KeyError, TypeError, ValueError):
+        return None
+
+
+def axes_of(robot_file: Path) -> int | None:
+    """The number of the robot's axes; None if the file cannot be read or is no robot file."""
+    try:
+        data = load_yaml(robot_file).data
+        return len(data.get("links") or data["screws"])
+    except (InputError, AttributeError, KeyError, TypeError):
         return None
 
 

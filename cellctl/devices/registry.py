@@ -9,6 +9,7 @@ from typing import final
 
 from cellctl.devices.addresses import Address
 from cellctl.devices.driver import DriverDescription
+from cellctl.devices.places import places_of
 from cellctl.devices.protocols import Device, Finding, Surroundings
 
 
@@ -64,3 +65,8 @@ class DriverRegistry:
         """
         generate = self.driver(address.scheme).controller_files
         return generate(cell, address, surroundings) if generate else None
+
+    def places(self, address: Address) -> frozenset[str]:
+        """What the device at `address` occupies for itself. Resolves names of hosts. Raises ValueError."""
+        stated = self.driver(address.scheme).places
+        return frozenset(stated(address)) if stated else places_of(address)

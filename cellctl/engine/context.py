@@ -53,6 +53,11 @@ class Context:
         return self.run.clock
 
     @property
+    def runs(self) -> pathlib.Path:
+        """The folder of the runs."""
+        return self.run.run_folder.parent
+
+    @property
     def seed(self) -> int:
         """The run's seed."""
         return self.run.seed
@@ -66,6 +71,11 @@ class Context:
     def run_name(self) -> str:
         """The run's name at its start, also after its folder moved."""
         return self.journal.name or self.run.run_folder.name
+
+    @property
+    def operator(self) -> str:
+        """The person who started the run or resumed it last."""
+        return self.journal.operator
 
     @property
     def calendar(self) -> str:

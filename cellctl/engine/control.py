@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import final
 
 from cellctl.clock import calendar_time
+from cellctl.devices import DeviceError
 from cellctl.engine.interlocks import Interlocks
 from cellctl.engine.mailbox import Action, Mailbox, Operator
 from cellctl.engine.outcome import Aborted, AbortedByInterlock
 from cellctl.engine.recorder import Recorder
 from cellctl.journal import InterlockChanged, OperatorAction
 from cellctl.procedure import Interlock, OnBreak, Resume
+
+Reset = Callable[[], Awaitable[None]]
+"""Presses the reset of a simulated cell. Raises DeviceError."""
 
 BY_OPERATOR = "by the operator"
 """Reason for a pause or resumption that the operator requested."""
@@ -23,16 +27,18 @@ class Control:
     """Takes actions, records each with operator and time, and does it or reports why it is refused.
 
     `aborted`: why the run is aborted, else None. `cancel`: ends the work; None while no work is in progress.
-    `ending`: the steps are over and the run cleans up; it accepts no further action.
+    `ending`: the steps are over and the run cleans up; it accepts no further action. `reset`: of a simulated cell.
     """
 
-    def __init__(self, mailbox: Mailbox, recorder: Recorder) -> None:
+    def __init__(self, mailbox: Mailbox, recorder: Recorder, reset: Reset | None = None) -> None:
         self.aborted: Aborted | None = None
         self.cancel: Callable[[], object] | None = None
         self.ending = False
         self.interlocks: Interlocks | None = None
         self._mailbox = mailbox
         self._recorder = recorder
+        self._reset = reset
+        self._resetting: asyncio.Task[None] | None = None
         self._paused = ""
         self._asked: asyncio.Future[Operator] | None = None
         self._asked_step = ""
@@ -56,6 +62,10 @@ class Control:
         )
         self._recorder.append(event, final=True)
         if refused:
+            if (
+                action.name == "resume"
+            ):  # whoever acknowledged at the pendant says so: the conditions are looked at again
+                self._changed.set()
             return
         match action.name:
             case "pause":
@@ -66,6 +76,8 @@ class Control:
                 self.abort(Aborted(text or "aborted by the operator"))
             case "confirm" if self._asked:
                 self._asked.set_result(operator)
+            case "reset" if self._reset:
+                self._resetting = asyncio.create_task(self._press(self._reset), name="reset")
         self._changed.set()
 
     def abort(self, why: Aborted) -> None:
@@ -110,6 +122,13 @@ class Control:
         if interlock.on_break is OnBreak.STOP and self.interlocks:
             self.interlocks.stop_step()
 
+    async def _press(self, press: Reset) -> None:
+        try:
+            await press()
+        except DeviceError as error:
+            self._recorder.said("", f"the simulated cell was not reset: {error}")
+        self._changed.set()
+
     def _broken(self) -> str:
         return self.interlocks.holding() if self.interlocks else ""
 
@@ -129,5 +148,9 @@ class Control:
                 return "the run waits for no confirmation"
             case "confirm" if action.text not in ("", self._asked_step):
                 return f"the run waits for the confirmation of '{self._asked_step}', not of '{action.text}'"
+            case "reset" if self._reset is None:
+                return "the cell is real: its reset and its robot's messages are acknowledged there, by a person"
+            case "reset" if not self._broken():
+                return "the run waits for no reset"
             case _:
                 return ""

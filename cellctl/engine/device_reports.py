@@ -1,4 +1,4 @@
-"""Health of the devices for the journal: once they are connected, and the inputs of the cell between two steps."""
+"""Health of the devices for the journal: at the start and after a failure; inputs of the cell between two steps."""
 
 from __future__ import annotations
 
@@ -30,6 +30,11 @@ class DeviceReports:
                 self._inputs[device] = await device.inputs()
             self._record(device, health)
 
+    async def look_for_losses(self, devices: Iterable[Device]) -> None:
+        """Ask each device how it is: one that was lost after its last step is not passed over. Raises DeviceError."""
+        for device in devices:
+            await device.health()
+
     async def between_steps(self) -> None:
         """Record the health of each CellIO whose inputs have changed, or can no longer be read."""
         for device, before in self._inputs.items():
@@ -40,6 +45,18 @@ class DeviceReports:
             if now != before:
                 self._inputs[device] = now
                 self._record(device, health)
+
+    async def at_end(self, device: Device) -> None:
+        """Record what a device of a run that failed reports last: its emergency stop, its fault, or nothing."""
+        try:
+            health = await device.health()
+            if isinstance(device, CellIO):
+                self._inputs[device] = await device.inputs()
+        except DeviceError as error:
+            health = Health(False, error.what)
+            if isinstance(device, CellIO):
+                self._inputs[device] = {}
+        self._record(device, health)
 
     def _record(self, device: Device, health: Health) -> None:
         inputs = self._inputs.get(device, {}) if isinstance(device, CellIO) else {}

@@ -13,16 +13,24 @@ from typing import final
 from cellctl.clock import Clock
 from cellctl.devices import Conditions, Device, DeviceError
 from cellctl.files import InputError
-from cellctl.procedure import Interlock, OnBreak, Procedure
+from cellctl.procedure import Interlock, OnBreak, Procedure, Resume
 
 _LOOK_EVERY_S = 0.1
 """Longest delay until a break is detected while a step runs, in the cell's time."""
 
-_NOTICED_AFTER_S = 0.3
+NOTICED_AFTER_S = 0.3
 """Three polls of a PLC, in the cell's time."""
 
 _ANSWER_S = 2.0
 """In the cell's time: if a device does not answer within this limit, its condition counts as broken."""
+
+_READY = "ready"
+"""The condition of a robot that no message stops; after the safety chain stopped it, a person acknowledges one."""
+
+_TO_ACKNOWLEDGE = (
+    "a message stops it: acknowledge it at its pendant, after the reset of the cell (in a simulated cell: `cellctl "
+    "acknowledge`)"
+)
 
 
 class StoppedByInterlock(Exception):
@@ -45,7 +53,13 @@ class Interlocks:
     ) -> None:
         self.broken: dict[Interlock, str] = {}
         self._procedure, self._devices, self._clock, self._changed = procedure, devices, clock, changed
+        self._awaited: dict[str, Interlock] = {}
         self._step: asyncio.Timeout | None = None
+
+    @property
+    def awaits_only_a_person(self) -> bool:
+        """Whether nothing is broken but messages of robots that somebody has to acknowledge."""
+        return all(interlock in self._awaited.values() for interlock in self.broken)
 
     def install(self) -> None:
         """Raises InputError if the device does not have the condition."""
@@ -60,16 +74,31 @@ class Interlocks:
             raise InputError(problems)
 
     async def look(self) -> None:
-        """Check all conditions now."""
+        """Check all conditions now. What breaks one may stop a robot by a message: it is awaited ready, too."""
         for interlock in self._procedure.interlocks:
-            holds, text = await self._answer(interlock)
-            if holds is (interlock not in self.broken):
-                continue
-            if holds:
-                del self.broken[interlock]
-            else:
-                self.broken[interlock] = text
-            self._changed(interlock, holds, text)
+            await self._look_at(interlock)
+        if any(interlock in self.broken for interlock in self._procedure.interlocks):
+            self._await_ready()
+        for interlock in list(self._awaited.values()):
+            await self._look_at(interlock)
+        if not self.broken:
+            self._awaited.clear()
+
+    def _await_ready(self) -> None:
+        """The next step does not begin before every robot is ready to move."""
+        for name, device in self._devices.items():
+            if name not in self._awaited and isinstance(device, Conditions) and _READY in device.conditions():
+                self._awaited[name] = Interlock(f"{name} {_READY}", name, _READY, OnBreak.PAUSE, Resume.AUTO)
+
+    async def _look_at(self, interlock: Interlock) -> None:
+        holds, text = await self._answer(interlock)
+        if holds is (interlock not in self.broken):
+            return
+        if holds:
+            del self.broken[interlock]
+        else:
+            self.broken[interlock] = text
+        self._changed(interlock, holds, text)
 
     async def watch(self) -> None:
         """Check all conditions periodically, until cancelled."""
@@ -84,7 +113,7 @@ class Interlocks:
         """
         if not self._procedure.interlocks:
             return False
-        await self._clock.sleep(_NOTICED_AFTER_S)
+        await self._clock.sleep(NOTICED_AFTER_S)
         await self.look()
         return any(interlock.on_break is OnBreak.STOP for interlock in self.broken)
 
@@ -123,10 +152,14 @@ class Interlocks:
             async with self._clock.timeout(_ANSWER_S):
                 holds = await device.holds(interlock.condition)
         except DeviceError as error:
+            if interlock in self._awaited.values():
+                return True, ""  # nobody can acknowledge what is lost: the step finds it lost, and fails
             cure = f" ({error.cure})" if error.cure else ""
             return False, f"{name}: {error.device}: {error.what}{cure}"
         except TimeoutError:
             return False, f"{name}: {interlock.device} did not answer within {_ANSWER_S:g} s"
         except Exception as error:  # an error in a driver must not disable an interlock
             return False, f"{name}: {interlock.device} cannot answer: {type(error).__name__}: {error}"
+        if not holds and interlock in self._awaited.values():
+            return False, f"{interlock.device}: {_TO_ACKNOWLEDGE}"
         return holds, text if holds else f"{name} does not hold ({interlock.device}: {interlock.condition})"

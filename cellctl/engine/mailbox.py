@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Self, final
 
-ActionName = Literal["pause", "resume", "abort", "confirm"]
+ActionName = Literal["pause", "resume", "abort", "confirm", "reset"]
 
 
 @final

@@ -26,6 +26,16 @@ class Outcome:
     moved: bool
     held: bool
 
+    @property
+    def robot(self) -> str:
+        """State of the robot at the end of a run; reported as held only if this run has a confirmation."""
+        if self.held:
+            held = "the robot is held: its controller confirmed that it stands still"
+            return held if self.moved else f"nothing was moved, and {held}"
+        if not self.moved:
+            return "nothing was moved"
+        return "it is not confirmed that the robot stands still: look at it before anything else moves"
+
 
 class Aborted(Exception):
     """The operator ended the run, or its parent process ended; the text gives the reason."""

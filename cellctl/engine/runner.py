@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from typing import final
 
-from cellctl.clock import Clock
+from cellctl.clock import Clock, calendar_time
 from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, MovingRobot
 from cellctl.engine.cleaning import CLEANUP_SECONDS, stop_and_close
 from cellctl.engine.context import AfterConnect, Surround
-from cellctl.engine.control import Control
+from cellctl.engine.control import Control, Reset
 from cellctl.engine.device_reports import DeviceReports
 from cellctl.engine.interlocks import Interlocks
 from cellctl.engine.mailbox import Mailbox
@@ -31,7 +32,10 @@ from cellctl.records import VerdictRow
 class Engine:
     """Runs one procedure once, or continues it: `record` is the content of its journal so far.
 
-    Steps that are done in `record` are not repeated, unless they have `on_resume: always`.
+    Steps that are done in `record` are not repeated, unless they have `on_resume: always`. `meet`: called with the
+    identity of each connected device before anything is done with them; raises DeviceError for a device that another
+    process has, and then all are closed without clean-up: they are not this run's. `reset`: presses the
+    reset of a simulated cell; None: the cell is real.
     """
 
     def __init__(
@@ -42,14 +46,16 @@ class Engine:
         mailbox: Mailbox,
         watcher: Watcher | None = None,
         record: RunState | None = None,
+        meet: Callable[[Identity], None] | None = None,
+        reset: Reset | None = None,
     ) -> None:
-        self._plan = plan
+        self._plan, self._meet = plan, meet
         self._run = run
         self._clock: Clock = run.clock
         self._recorder = Recorder(journal, record or RunState(), watcher or NobodyWatching(), run.clock)
         self._record = self._recorder.state
         self._mailbox = mailbox
-        self._control = Control(mailbox, self._recorder)
+        self._control = Control(mailbox, self._recorder, reset)
         self._interlocks = Interlocks(plan.procedure, plan.devices, run.clock, self._control.interlock_changed)
         self._control.interlocks = self._interlocks
         self._connected: list[Device] = []
@@ -75,13 +81,14 @@ class Engine:
         end = self._end_state(error, troubles)
         self._enter(end, "; ".join([*([str(error)] if error else []), *troubles]))
         verdict = self._record.last(VerdictRow)
-        self._recorder.append(RunEnded(end.value, verdict.verdict if verdict else "", str(error or "")))
+        seconds, moved, held = self._clock.now() - began, self._steps.moved, self._held()
+        outcome = Outcome(end, error or self._recorder.error, tuple(troubles), verdict, seconds, moved, held)
+        ended = RunEnded(end.value, verdict.verdict if verdict else "", str(error or ""))
+        self._recorder.append(replace(ended, troubles=outcome.troubles, robot=outcome.robot, calendar=calendar_time()))
         self._mailbox.taken_by(lambda _: None)
-        seconds = self._clock.now() - began
         if cancelled:
             raise asyncio.CancelledError
-        error = error or self._recorder.error
-        return Outcome(end, error, tuple(troubles), verdict, seconds, self._steps.moved, self._held())
+        return replace(outcome, error=error or self._recorder.error)
 
     async def _worked(self, after_connect: AfterConnect | None) -> tuple[BaseException | None, list[str], bool]:
         """Work and clean-up; returns the work's error, the clean-up's failures, and if the caller was cancelled."""
@@ -110,6 +117,7 @@ class Engine:
         await self._interlocks.look()
         async with beside(self._interlocks.watch(), "interlocks"):
             await self._steps.actions(self._plan.procedure.steps, dict(self._plan.parameters), "")
+            await self._reports.look_for_losses(self._connected)
 
     async def _connect(self) -> tuple[Identity, ...]:
         """Connect all devices at once; one error names every one that failed."""
@@ -126,7 +134,17 @@ class Engine:
             raise failed[0]
         if failed:
             raise DeviceUnreachable("cell", "devices do not answer:\n" + "\n".join(str(f) for f in failed))
-        return tuple(result for result in results if isinstance(result, Identity))
+        identities = tuple(result for result in results if isinstance(result, Identity))
+        if self._meet:
+            try:
+                for identity in identities:
+                    self._meet(identity)
+            except (DeviceError, OSError):  # OSError: the folder of the locks cannot be written
+                self._connected = []
+                for device in devices:
+                    await device.close()
+                raise
+        return identities
 
     async def _clean_up(self, error: BaseException | None) -> list[str]:
         """Try every clean-up step, stop and close every device; returns the failures as text."""
@@ -136,7 +154,8 @@ class Engine:
         for step in self._plan.procedure.cleanup:
             if self._plan.registry.find(step.do).needs.keys() <= reached:
                 troubles += await self._clean_step(step)
-        troubles += await stop_and_close(self._connected, self._clock, self._stopped)
+        look = self._reports.at_end if error else None
+        troubles += await stop_and_close(self._connected, self._clock, self._stopped, look)
         return list(dict.fromkeys(troubles))
 
     async def _clean_step(self, step: Step) -> list[str]:

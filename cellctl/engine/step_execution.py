@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import asdict
 from functools import partial
 from typing import Any, final
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceError, DeviceUncertain
+from cellctl.devices import DeviceError, DeviceLost, DeviceUncertain, StoppedUntilCleared
+from cellctl.engine.cleaning import stopped_safely
 from cellctl.engine.context import Context, Surround
 from cellctl.engine.control import BY_OPERATOR, Control
 from cellctl.engine.device_reports import DeviceReports
-from cellctl.engine.interlocks import Interlocks, StoppedByInterlock
+from cellctl.engine.interlocks import NOTICED_AFTER_S, Interlocks, StoppedByInterlock
 from cellctl.engine.plan import Plan
 from cellctl.engine.recorder import Recorder
 from cellctl.engine.states import State
@@ -36,6 +37,8 @@ from cellctl.procedure import (
     step_path,
 )
 
+_MAKE_SURE = "Make sure that the robot stands, stop it at the pendant, then look at its line."
+
 
 @final
 class StepExecution:
@@ -55,6 +58,8 @@ class StepExecution:
         enter: Callable[[State, str], object],
     ) -> None:
         self.moved = False
+        self._to_clear: AnyStepKind | None = None
+        self._failure: DeviceError | None = None
         self._plan, self._run, self._recorder = plan, run, recorder
         self._control, self._interlocks, self._reports, self._enter = control, interlocks, reports, enter
         self._clock: Clock = run.clock
@@ -126,17 +131,51 @@ class StepExecution:
         failed = 0
         while True:
             await self._at_border()
+            self._clear_stops()
+            self._failure = None
             self.moved = self.moved or kind.moves
             try:
                 async with self._interlocks.stoppable():
                     return await self._attempt_or_interlock(kind, inputs, step, path)
-            except StoppedByInterlock:
+            except StoppedByInterlock as stopped:
+                await self._stop_devices(kind, stopped)
+                if isinstance(self._failure, DeviceUncertain):  # the interlock broke while it was looked at
+                    raise self._with_interlocks(self._failure) from stopped
                 self._recorder.said(path, "stopped by an interlock; it is done again when the run goes on")
+                await self._interlocks.look()
             except retryable as error:
                 failed += 1
                 if failed == step.retry.attempts or isinstance(error, DeviceUncertain):  # a person checks first
                     raise
+                if kind.moves and isinstance(error, TimeoutError | DeviceLost):  # what it commanded may be under way
+                    await self._stop_devices(kind, error)
                 self._recorder.said(path, f"attempt {failed} of {step.retry.attempts} failed, trying again: {error}")
+
+    async def _stop_devices(self, kind: AnyStepKind, why: Exception) -> None:
+        """Stop the devices of a step that an interlock cancelled, or that failed while one broke, or in a motion.
+
+        Raises DeviceUncertain, with all causes, if one does not confirm it: what broke the interlock may have taken the
+        device's line with it, and the robot may be moving.
+        """
+        self._to_clear = kind
+        for name in dict.fromkeys((*kind.needs, *kind.uses)):
+            device = self._run.devices.get(name)
+            if device and (failed := await stopped_safely(device, self._clock)):
+                causes = [*failed, *([str(self._failure)] if self._failure else [])]
+                raise self._with_interlocks(DeviceUncertain(name, _in_one_line(causes), _MAKE_SURE)) from why
+
+    def _with_interlocks(self, error: DeviceUncertain) -> DeviceUncertain:
+        """With the texts of the interlocks that are broken: the same cause may have broken them."""
+        broken = [text for text in self._interlocks.broken.values() if text not in error.what]
+        return DeviceUncertain(error.device, _in_one_line([error.what, *broken]), error.cure) if broken else error
+
+    def _clear_stops(self) -> None:
+        """The run goes on: a stop that was set for the pause would refuse the step that is done again."""
+        kind, self._to_clear = self._to_clear, None
+        for name in (*kind.needs, *kind.uses) if kind else ():
+            device = self._run.devices.get(name)
+            if isinstance(device, StoppedUntilCleared):
+                device.clear_stop()
 
     async def _attempt_or_interlock(
         self, kind: AnyStepKind, inputs: Any, step: Step, path: str
@@ -144,9 +183,12 @@ class StepExecution:
         """One attempt. Raises StoppedByInterlock if a device failed because an interlock broke."""
         try:
             return await self.attempt(kind, inputs, step, path, step.timeout_s)
-        except DeviceUncertain:
-            raise  # a person checks first
+        except DeviceUncertain as error:  # a person checks first, and is told what else broke by the same cause
+            self._failure = error
+            await self._interlocks.look_after_failure()
+            raise self._with_interlocks(error) from error.__cause__
         except DeviceError as error:
+            self._failure = error
             stopped = await self._interlocks.look_after_failure()
             if self._control.aborted:
                 await asyncio.sleep(0)  # the cancellation arrives here
@@ -186,11 +228,19 @@ class StepExecution:
         self._enter(State.PAUSED, reason)
         while self._control.held_by():
             # A simulated cell's time is stopped while only a person is awaited; broken interlocks need it to run.
-            with nullcontext() if self._interlocks.broken else self._clock.standing():
+            awaits_a_person = self._interlocks.awaits_only_a_person
+            with self._clock.standing() if awaits_a_person else nullcontext():
                 await self._control.change()
+            if awaits_a_person and self._interlocks.broken:  # then the robot has to report what the person did
+                await self._clock.sleep(NOTICED_AFTER_S)
             await self._interlocks.look()
             await self._reports.between_steps()
         self._enter(State.RUNNING, BY_OPERATOR if reason == BY_OPERATOR else "the interlocks hold again")
+
+
+def _in_one_line(causes: Iterable[str]) -> str:
+    """Causes without their cures, which stand on lines of their own."""
+    return "; ".join(cause.partition("\n")[0] for cause in causes)
 
 
 def _pass_begins(path: str, index: int, count: int, watcher: Watcher) -> None:

@@ -67,7 +67,7 @@ def fit(
         _name_of(prior),
         _joined(free) if free is not None else None,
     )
-    judging = Judging(holdout, folds, column, by, int(seed))
+    judging = Judging(holdout, folds, column, by, seed)
     asked.refuse(judging)
     from cellctl.operations.fitting import fit_rows
 

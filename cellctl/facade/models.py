@@ -16,6 +16,7 @@ from cellctl.formats import ModelFile
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from cellctl.error_maps import ErrorMap
     from cellctl.facade.predictions import Prediction
     from cellctl.facade.programs import CompensatedProgram
     from cellctl.facade.robots import Robot
@@ -65,16 +66,18 @@ class Model:
         """Deviations from nominal: name, unit, value, σ after (`sigma`) and before (`prior_sigma`) the measurement."""
         return [parameter.model_dump() for parameter in self.file.parameters]
 
-    def predict(self, q: Any) -> Prediction:
+    def predict(self, q: Any, *, frame: Literal["base", "points"] = "base") -> Prediction:
         """Predict the TCP at joint readings.
 
         q: array (N, n) or (n,), deg; or DataFrame, mapping of arrays or path of a CSV with `A1…An` (deg) or `q1…qn`
         (rad), and the conditions of each row (`temperature`, `payload`, `D1…Dn`) as in data sets. Raises InputError
-        with every row that cannot be used. Warns of conditions that the model needs and `q` does not state.
+        with every row that cannot be used. Warns of conditions that the model needs and `q` does not state. frame: σ
+        is of the TCP in the robot's `base`, or, for a model from touches, relative to the touched `points`, as in
+        `compensate`. Touches do not determine the base's heading and height.
         """
         from cellctl.facade.predictions import predicted
 
-        return predicted(self.file, q)
+        return predicted(self.file, q, frame)
 
     def nominal_poses(self, q: ArrayLike) -> Floats:
         """Poses (N, 4, 4), mm, in the model's frame, that the nominal robot would reach at controller readings `q`
@@ -93,7 +96,7 @@ class Model:
         method: str = "pseudo-target",
         passes: int | None = None,
         cell: str | Path | None = None,
-        errors: Callable[[Floats], Floats] | None = None,
+        errors: ErrorMap | Callable[[Floats], Floats] | None = None,
     ) -> Compensation:
         """Compute the joints that move the identified robot to targets, as `cellctl compensate` does.
 
@@ -102,7 +105,8 @@ class Model:
         same postures (N, n), deg, for an array. method, passes: docs/reference/compensation.md. cell: file or name of
         a cell; its robot and tool have to be the model's, and its limit of a correction holds. errors: another
         predictor for the method `cyclic-search`: a function from readings (N, n), deg, to the errors (N, 3), mm, of the
-        nominal robot's TCP in the model's frame.
+        nominal robot's TCP in the model's frame; or an error map over model angles (N, n), rad, whose own σ is stated
+        if it has one (docs/reference/error-maps.md).
 
         A target without usable joints has its reason in the result. Raises InputError for targets that cannot be read,
         and for a model that needs more data than a target has.

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 class Prediction:
     """Predicted TCPs of N postures, in the model's frame (the instrument's, or that of the touched spheres).
 
-    joints (N, n): controller readings, deg. poses (N, 4, 4), positions (N, 3): mm. sigma_mm (N,): 1 σ, 3-D.
+    joints (N, n): controller readings, deg. poses (N, 4, 4), positions (N, 3): mm. sigma_mm (N,): 1 σ, 3-D, in the
+    `frame` that was asked for; the same in both where an instrument measured.
     sigma_among_mm (N,): 1 σ relative to each other, without common rigid motions; NaN for fewer than four postures.
     inside (N,): within the measured region; outside it the model extrapolates, with a larger σ.
     """
@@ -66,14 +67,14 @@ class Prediction:
         return prediction_view(self)
 
 
-def predicted(model: ModelFile, q: Any) -> Prediction:
+def predicted(model: ModelFile, q: Any, frame: str) -> Prediction:
     """See `Model.predict`."""
     import numpy as np
 
     from cellctl.operations.predicting import predict_rows
 
     try:
-        found = predict_rows(model, _joints(model, q))
+        found = predict_rows(model, _joints(model, q), frame=frame)
     except InputError as error:
         if isinstance(q, str | Path):
             raise

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from cellctl.compensation import PredictedErrors
+    from cellctl.error_maps import ErrorMap
     from cellctl.formats.table import Row
     from cellctl.kinematics import Bools, Floats
     from cellctl.operations.compensating import CompensatedTargets
@@ -33,9 +34,10 @@ class Compensation:
     """Compensated joints of N targets.
 
     targets (N, 4, 4): mm, in the model's frame. nominal_joints, joints (N, n): readings that reach the target on the
-    nominal and on the identified robot, deg, rounded as the controller takes them. predicted_before_mm,
-    predicted_after_mm (N,): distance of the identified robot's TCP from the target at these. sigma_mm (N,): 1 σ of that
-    prediction, 3-D. All are NaN where `reasons` (N,) is not empty: that target has no joints that may be sent.
+    nominal and on the identified robot, deg, in full precision; tables and CSV files have six decimals.
+    predicted_before_mm, predicted_after_mm (N,): distance of the identified robot's TCP from the target at these.
+    sigma_mm (N,): 1 σ of that prediction, 3-D, in the frame of the targets; NaN with `errors` of a predictor that
+    states none. All are NaN where `reasons` (N,) is not empty: that target has no joints that may be sent.
     """
 
     targets: Floats
@@ -83,7 +85,7 @@ class Compensation:
         write_atomically(Path(path), self.asked.all_of_them().csv())
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
-        """The columns of that file, and `reason`; NaN where a target has no joints."""
+        """The columns of that file in full precision, and `reason`; NaN where a target has no joints."""
         from cellctl.formats.compensated_csv import columns, compensated_records
 
         records = compensated_records(self.asked.model, list(self._rows))
@@ -152,10 +154,10 @@ def asked_targets(
     *,
     method: str = "pseudo-target",
     passes: int | None = None,
-    errors: Callable[[Floats], Floats] | None = None,
+    errors: ErrorMap | Callable[[Floats], Floats] | None = None,
 ) -> AskedTargets:
-    """The targets, read. errors: takes readings (N, n), deg. Raises InputError for these, for the method, for another
-    robot or tool than the cell's, and for a model that needs more data than a target has.
+    """The targets, read. errors: an error map, or takes readings (N, n), deg. Raises InputError for these, for the
+    method, for another robot or tool than the cell's, and for a model that needs more data than a target has.
     """
     from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
     from cellctl.operations.shipped import shipped_file
@@ -189,7 +191,7 @@ def compensated(asked: AskedTargets) -> Compensation:
         correction_deg=asked.limit_deg,
     )
     reasons = tuple("; ".join(each) for each in tried.reasons)
-    rows = target_rows(asked.model, asked.wanted.poses, tried.found, asked.errors)
+    rows = target_rows(asked.model, asked.wanted.poses, tried.found, asked.errors, exact=True)
     bad = np.array([bool(reason) for reason in reasons])
 
     def column(name: str) -> Floats:
@@ -223,7 +225,11 @@ def _refuse_method(method: str, passes: int | None, *, other_predictor: bool) ->
         raise refused("--passes", f"{passes} is out of range", f"1 to {MOST_PASSES}, or leave it out")
 
 
-def _at_model_angles(errors: Callable[[Floats], Floats], model: ModelFile) -> PredictedErrors:
+def _at_model_angles(errors: ErrorMap | Callable[[Floats], Floats], model: ModelFile) -> PredictedErrors:
+    from cellctl.compensation import MappedErrors
+
+    if not callable(errors):
+        return MappedErrors(errors)
     joints = model.robot.joint_map()
 
     def at(q: Floats) -> Floats:

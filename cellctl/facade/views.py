@@ -75,9 +75,11 @@ def model_view(model: Model, fit: Fitted | None) -> str:
     report = model.report
     parts = [_verdict(model.sentence, model.verdict), _errors(fit_lines(report))]
     if fit is not None and fit.result.n_test:
-        parts.append(_before_and_after(fit.result.nominal_errors, fit.result.test_errors, "held-out error"))
+        result = fit.result
+        before = result.nominal_errors if result.nominal_with_tool_errors is None else result.nominal_with_tool_errors
+        parts.append(_before_and_after(before, result.test_errors, "held-out error"))
     elif report.get("n_test"):
-        parts.append(_bars(report["nominal"], report["test"]))
+        parts.append(_bars(report.get("nominal_with_tool") or report["nominal"], report["test"]))
     facts = [f"{report[key]} {words}" for key, words in _COUNTS.items() if report.get(key) is not None]
     return _view(f"{model.file.robot.name}: {model.file.model}", *parts, _soft(", ".join(facts)))
 
@@ -109,7 +111,8 @@ def compensation_view(found: Compensation) -> str:
         return _view(title, *reasons)
     pairs = {"nominal joints": found.predicted_before_mm, "compensated joints": found.predicted_after_mm}
     rows = [[name, *_figures(errors[reached])] for name, errors in pairs.items()]
-    rows.append(["1 σ of the model", *_figures(found.sigma_mm[reached])])
+    if np.isfinite(found.sigma_mm[reached]).all():
+        rows.append(["1 σ of the prediction", *_figures(found.sigma_mm[reached])])
     turned = float(np.abs(found.joints - found.nominal_joints)[reached].max())
     head = ["predicted error, mm", "mean", "RMS", "max"]
     words = _soft(f"Joints corrected by up to {turned:.3f}°. Errors below {_LEAST_MM:g} mm are drawn at that value.")

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from cellctl.files.kinds import kind_of_content, refuse_other_kind
 from cellctl.files.problems import InputError, Problem
 
 _MOST = 5
@@ -58,8 +59,11 @@ def read_json(path: Path, what: str, cure: str) -> Any:
     Raises InputError with `cure` if it cannot be read or is not JSON.
     """
     try:
-        return json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes())
+        refuse_other_kind(path, what, kind_of_content(content))
+        return content
     except OSError as error:
+        refuse_other_kind(path, what)
         raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
     except json.JSONDecodeError as error:
         why = f"it is no JSON from line {error.lineno}, column {error.colno} on"
@@ -67,6 +71,7 @@ def read_json(path: Path, what: str, cure: str) -> Any:
         why = "it is not UTF-8 text"
     except (ValueError, RecursionError):
         why = "it is no JSON that can be read"
+    refuse_other_kind(path, what)
     raise InputError(Problem(str(path), 0, 0, f"is no {what}: {why}", cure))
 
 

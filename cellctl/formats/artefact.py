@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files import Path as Place
+from cellctl.files.kinds import ARTEFACT, CELL, kind_of_content, refuse_other_kind
 from cellctl.files.validated import validated
 from cellctl.formats.robot import Positive, Triple
 
@@ -95,6 +96,8 @@ class Artefact(BaseModel):
 def load_artefact(path: Path) -> Artefact:
     """Read an artefact from its own file, or from a cell file's `artefact:` section. Raises InputError, all at once."""
     document = load_yaml(path)
+    if (found := kind_of_content(document.data)) != CELL:
+        refuse_other_kind(path, ARTEFACT, found)
     whole = document.data
     if not isinstance(whole, dict):
         raise InputError(document.problem((), "is no mapping", "write tip_radius, spheres and distances"))

@@ -15,7 +15,7 @@ def compensated_csv(model: ModelFile, rows: list[Row]) -> str:
     return text_of(compensated_records(model, rows))
 
 
-def compensated_records(model: ModelFile, rows: list[Row]) -> list[dict[str, float]]:
+def compensated_records(model: ModelFile, rows: list[Row]) -> list[dict[str, float | None]]:
     """The lines of the CSV, by column."""
     pseudo = _pseudo_targets(model, rows)
     names = columns(model.robot.n)
@@ -30,7 +30,7 @@ def columns(n: int) -> list[str]:
     return [*_POSE, *joints, *pseudo, *nominal, "predicted_before_mm", "predicted_after_mm", "sigma_mm"]
 
 
-def _cells(row: Row, pseudo: list[float]) -> list[float]:
+def _cells(row: Row, pseudo: list[float]) -> list[float | None]:
     figures = [row.predicted_before_mm, row.predicted_after_mm, row.sigma_mm]
     return [*row.target, *row.compensated, *pseudo, *row.nominal, *figures]
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Self, TypeAlias, final
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
+from cellctl.files.kinds import DATA_SET, kind_of, refuse_other_kind
 from cellctl.formats.plain_text import decoded
 from cellctl.formats.separated import named, separator, with_points
 
@@ -53,8 +54,11 @@ class DataSet:
         try:
             data = path.read_bytes()
         except OSError as error:
+            refuse_other_kind(path, DATA_SET)
             raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
-        return cls.parse(decoded(data, str(path)), str(path), sha256_of(data))
+        text = decoded(data, str(path))
+        refuse_other_kind(path, DATA_SET, kind_of(text))
+        return cls.parse(text, str(path), sha256_of(data))
 
     @classmethod
     def parse(cls, text: str, file: str, sha256: str = "") -> Self:

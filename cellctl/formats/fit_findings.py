@@ -40,7 +40,12 @@ def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, An
     of_rows, found = np.array(labels), {}
     for label in dict.fromkeys(labels):
         mine = of_rows == label
-        columns = {"nominal": result.nominal_errors, "prior": result.prior_errors, "test": result.test_errors}
+        columns = {
+            "nominal": result.nominal_errors,
+            "nominal_with_tool": result.nominal_with_tool_errors,
+            "prior": result.prior_errors,
+            "test": result.test_errors,
+        }
         figures = {
             name: None if errors is None else asdict(ErrorFigures.of(errors[mine])) for name, errors in columns.items()
         }

@@ -10,6 +10,7 @@ from cellctl.formats.measurements import Measurements
 
 if TYPE_CHECKING:
     from cellctl.calibration import FitResult
+    from cellctl.calibration.estimation.moved import Placing
 
 _LINES = 5
 
@@ -50,27 +51,28 @@ def sentence(measured: Measurements, result: FitResult) -> str:
     else:
         verdict = verdict_sentence(
             result.verdict,
-            result.nominal,
+            result.nominal_with_tool or result.nominal,
             result.test,
             result.n_test,
             kind,
             reason,
             prior=result.prior,
             against=result.against,
+            with_tool=result.nominal_with_tool is not None,
         )
     return " ".join([verdict, *(f"{each}." for each in _besides(measured, result))])
 
 
 def _besides(measured: Measurements, result: FitResult) -> list[str]:
     kind, noise = measured.noun, float(result.identification.noise.max())
-    over = "the joints of the fit" if measured.task.region is None else "the measured region"
-    sentences = [f"1 σ over {over}: {result.predicted_volumetric_rms:.3f} mm"]
+    sentences = [f"1 σ over {result.predicted_over}: {result.predicted_volumetric_rms:.3f} mm"]
     if result.sigma_ok is False:
         sentences.append(f"Do not rely on σ: {result.sigma_reason}")
     if result.placing and result.placing.moved:
-        sentences.append(
-            f"Instrument, robot or tool moved since the prior model ({result.placing.as_is_mm:.3f} mm RMS)"
-        )
+        sentences.append(_moved(result.placing))
+    if place := _tool_held(measured, result):
+        what = f"{place.with_both_mm:.3f} mm RMS in place of {place.with_base_mm:.3f}"
+        sentences.append(f"The tool changed too: --free base,tool explains the rows ({what})")
     if _base_held_elsewhere(measured, result):
         sentences.append("The prior model does not fit where it was: if the instrument was moved, leave --free out")
     if noise >= NOISY:
@@ -78,7 +80,7 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
             f"The {kind} scatter {noise:{'.0f' if noise >= 10.0 else '.1f'}} times more than {_promise(measured)}"
         )
     if noise >= NOISY and measured.task.prior is None and "geometry" not in result.model.split("+"):
-        sentences.append("The model has no links: their errors count as scatter and are not in this σ")
+        sentences.append("The model has no links: their errors count as scatter, which is in this σ")
     if measured.task.prior is not None and measured.task.groups is None and result.identification.prior_scale:
         sentences.append(_changed(result.identification.prior_scale))
     if result.unpredicted:
@@ -86,6 +88,25 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
         where = f"{', '.join(lines[:_LINES])}{', …' if len(lines) > _LINES else ''}"
         sentences.append(f"Outliers by the predicted error among the held-out {kind}: {len(lines)} (line {where})")
     return sentences
+
+
+def _moved(place: Placing) -> str:
+    """What was set up anew since the prior model: an instrument at another place is no change of the robot."""
+    match place.changed:
+        case "base":
+            by = f"base {place.base_mm:.1f} mm and {place.base_deg:.2f}° from there"
+            return f"Instrument moved since the prior model: it was set up again ({by}); the tool is as it was"
+        case "tool":
+            return f"The tool changed since the prior model ({place.as_is_mm:.3f} mm RMS)"
+        case _:
+            return f"Instrument or robot, and tool, moved since the prior model ({place.as_is_mm:.3f} mm RMS)"
+
+
+def _tool_held(measured: Measurements, result: FitResult) -> Placing | None:
+    """Where the tool was held in partial work that failed, although base and tool together explain the rows."""
+    task, place = measured.task, result.placing
+    held = task.partial and "base" in task.freed and "tool" not in task.freed and result.verdict != "better"
+    return place if held and place is not None and place.tool_too else None
 
 
 def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:

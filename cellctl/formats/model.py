@@ -20,7 +20,9 @@ if TYPE_CHECKING:
         At,
         Estimate,
         FitResult,
+        Frame,
         Identification,
+        Kind,
         MeasuredRegion,
         Prediction,
         RobotModel,
@@ -110,7 +112,7 @@ class JointRegion(BaseModel):
 
     postures: readings, deg, spread over those of the fit, with the distance (length, deg) at which two of them share 60
     % of a smooth error: these give how far outside other postures are. None in older files. within: the share of such
-    an error that they leave open at the rows of the fit.
+    an error that the rows of the fit leave open at one of them that is left out.
     """
 
     model_config = _STRICT
@@ -337,32 +339,32 @@ class ModelFile(BaseModel):
         known = any(stored.sigma > 0.0 for parameter, stored in pairs if parameter.group == "base")
         return bool(self.centres or self.planes) and not known
 
-    def predict(self, readings: Floats, at: At | None = None) -> Prediction:
-        """Tool poses and 1 σ at controller readings (N, n), deg; `at`: the same with their conditions.
+    def predict(self, readings: Floats, at: At | None = None, *, frame: Frame = "base") -> Prediction:
+        """Tool poses and 1 σ (see `sigma`) at controller readings (N, n), deg; `at`: the same with their conditions."""
+        from cellctl.calibration import Prediction
 
-        Outside the joint region σ is wider: one half-span outside the model is trusted no more than nominal.
+        postures = self.robot.joint_map().model(readings) if at is None else at
+        return Prediction(self.robot_model().pose(postures), self.sigma(readings, at, frame=frame))
+
+    def sigma(
+        self, readings: Floats, at: At | None = None, *, frame: Frame = "base", kind: Kind = "absolute"
+    ) -> Floats:
+        """1 σ (N,), 3-D, mm, of the TCPs predicted at controller readings (N, n), deg; `at`: with their conditions.
+
+        frame: `base`, or `points` for the places relative to what was touched; the same where an instrument measured.
+        kind: `absolute`, or `among` each other, without common rigid motions (ValueError for fewer than four). Outside
+        the joint region σ is wider: one half-span outside the model is trusted no more than nominal.
         """
         import numpy as np
 
-        from cellctl.calibration import Prediction, predict
+        from cellctl.calibration import prediction_sigma
 
         postures = self.robot.joint_map().model(readings) if at is None else at
-        found = predict(self.robot_model(), np.array(self.covariance), postures)
-        return Prediction(found.poses, np.hypot(found.sigma_mm, self._extra_sigma(readings)))
-
-    def sigma_among(self, readings: Floats, at: At | None = None) -> Floats | None:
-        """1 σ (N,), 3-D, mm, of the TCPs at readings (N, n), deg, relative to each other: without common rigid motions,
-        with the extra σ outside the joint region. None for fewer than four.
-        """
-        import numpy as np
-
-        from cellctl.calibration import shape_sigma
-
-        if len(readings) < 4:
-            return None
-        postures = self.robot.joint_map().model(readings) if at is None else at
-        among = shape_sigma(self.robot_model(), np.array(self.covariance), postures)
-        return np.asarray(np.hypot(among, self._extra_sigma(readings)))
+        chosen = frame if self.frame_of_points else "base"
+        covariance = np.array(self.covariance)
+        return prediction_sigma(
+            self.robot_model(), covariance, postures, self.measured_region(), frame=chosen, kind=kind
+        )
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the measured region (N,), also that of its residual models; outside it the
@@ -381,12 +383,6 @@ class ModelFile(BaseModel):
         lower, upper = region.bounds(joints)
         coverage = region.coverage(joints)
         return MeasuredRegion(lower, upper, self.outside_mm, coverage, region.within, self.scatter_mm, own)
-
-    def _extra_sigma(self, readings: Floats) -> Floats:
-        """1 σ (N,), 3-D, mm, besides that of the parameters: outside the region, and of errors too fast for the
-        model.
-        """
-        return self.measured_region().sigma(self.robot.joint_map().model(readings))
 
 
 def _loads(measured: Measurements, result: FitResult, prior: LoadRegion | None) -> LoadRegion | None:

@@ -18,6 +18,7 @@ from pydantic import (
 )
 
 from cellctl.files import Document, InputError, load_yaml
+from cellctl.files.kinds import ROBOT
 from cellctl.files.validated import validated
 from cellctl.formats.robot_checks import contradictions, form_problems
 
@@ -196,7 +197,7 @@ class RobotFile(BaseModel):
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a robot file. Raises InputError with every error, each with its line and column."""
-        return cls.from_document(load_yaml(path))
+        return cls.from_document(load_yaml(path, ROBOT))
 
     @classmethod
     def from_document(cls, document: Document) -> Self:

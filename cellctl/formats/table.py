@@ -6,7 +6,7 @@ docs/reference/table-files.md explains each field; `table.schema.json` beside th
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self, final
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -63,7 +63,8 @@ class Row(BaseModel):
 
     target: X, Y, Z, mm, and KUKA angles A, B, C, deg, of the tool centre point in the model's frame. nominal,
     compensated: A1…An, deg. predicted_before_mm, predicted_after_mm: distance of the identified robot's tool centre
-    point from the target with these. sigma_mm: 1 σ (3-D) of that prediction.
+    point from the target with these. sigma_mm: 1 σ (3-D) of that prediction; null where another predictor
+    of errors than the model states none.
     """
 
     model_config = _STRICT
@@ -72,7 +73,7 @@ class Row(BaseModel):
     compensated: _Joints
     predicted_before_mm: _Size
     predicted_after_mm: _Size
-    sigma_mm: _Size
+    sigma_mm: _Size | None
 
     @property
     def correction_deg(self) -> float:
@@ -165,19 +166,35 @@ class TableFile(BaseModel):
 
 
 def table_rows(
-    targets: Floats, nominal: Floats, compensated: Floats, before_mm: Floats, after_mm: Floats, sigma_mm: Floats
+    targets: Floats,
+    nominal: Floats,
+    compensated: Floats,
+    before_mm: Floats,
+    after_mm: Floats,
+    sigma_mm: Floats | None,
+    *,
+    exact: bool = False,
 ) -> list[Row]:
-    """Rows from arrays: targets (N, 6), readings (N, n), deg, rounded as the controller takes them; mm (N,)."""
+    """Rows from arrays: targets (N, 6), readings (N, n), deg, rounded as the controller takes them; mm (N,).
+
+    exact: nothing is rounded.
+    """
     import numpy as np
 
-    columns = (
-        np.round(targets, 9) + 0.0,
-        *(np.round(joints, JOINT_DECIMALS) + 0.0 for joints in (nominal, compensated)),
-    )
-    figures = (np.round(column, 9) + 0.0 for column in (before_mm, after_mm, sigma_mm))  # + 0.0: no minus zero
+    def listed(column: Floats, decimals: int = 9) -> list[Any]:
+        values: list[Any] = (column if exact else np.round(column, decimals) + 0.0).tolist()  # + 0.0: no minus zero
+        return values
+
     names = ("target", "nominal", "compensated", "predicted_before_mm", "predicted_after_mm", "sigma_mm")
-    listed = [column.tolist() for column in (*columns, *figures)]
-    return [Row(**dict(zip(names, values, strict=True))) for values in zip(*listed, strict=True)]
+    columns = (
+        listed(targets),
+        listed(nominal, JOINT_DECIMALS),
+        listed(compensated, JOINT_DECIMALS),
+        listed(before_mm),
+        listed(after_mm),
+        [None] * len(targets) if sigma_mm is None else listed(sigma_mm),
+    )
+    return [Row(**dict(zip(names, values, strict=True))) for values in zip(*columns, strict=True)]
 
 
 def _contradictions(table: TableFile) -> list[str]:

@@ -78,7 +78,7 @@ def _comments(table: TableFile, name: str) -> list[str]:
     return [
         f"{name}: compensated joints of cellctl table {table.id}",
         f"Robot {table.robot.name}, controller serial {table.robot.serial}{', SIMULATED' if table.simulated else ''}",
-        f"Tool {pose} (mm, deg), {table.payload:g} kg. $TOOL is not used: the rows are joints",
+        f"Tool {pose} (mm, deg), {table.payload:g} kg. $TOOL is not used: the rows are joints, 6 decimals",
         f"Run {table.source.run or 'none'}, method {table.source.method}, created {table.created}",
         f"{len(table.rows)} rows. {name}(N) moves to row N. Not tried on a real controller.",
     ]
@@ -98,4 +98,7 @@ def targets_csv(table: TableFile) -> str:
 
 def _cells(place: int, row: Row) -> list[str]:
     figures = (row.predicted_before_mm, row.predicted_after_mm, row.sigma_mm)
-    return [str(place), *(repr(value) for value in (*row.target, *row.nominal, *row.compensated, *figures))]
+    return [
+        str(place),
+        *("" if value is None else repr(value) for value in (*row.target, *row.nominal, *row.compensated, *figures)),
+    ]

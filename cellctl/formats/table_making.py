@@ -92,44 +92,43 @@ def valid_region(model: ModelFile) -> TableRegion:
     return TableRegion(min=[low for low, _ in ends], max=[high for _, high in ends])
 
 
-def target_sigma(model: ModelFile, readings: Floats) -> Floats:
-    """1 σ (N,), 3-D, mm, of the predicted TCP at controller readings (N, n), deg, in the model's frame.
-
-    For a model from touches that is the frame of its sphere centres: see `cellctl.compensation.gauge_fixed`.
-    """
-    import numpy as np
-
-    from cellctl.calibration import predict
-    from cellctl.compensation import gauge_fixed
-
-    covariance = np.array(model.covariance)
-    if model.frame_of_points:
-        covariance = gauge_fixed(covariance, [parameter.name for parameter in model.parameters])
-    return predict(model.robot_model(), covariance, model.robot.joint_map().model(readings)).sigma_mm
-
-
 def sigma_among_rows(model: ModelFile, rows: list[Row]) -> float | None:
-    """1 σ (3-D, RMS), mm, of the rows' TCPs relative to each other; None for fewer than four rows.
+    """1 σ (3-D, RMS), mm, of the rows' TCPs relative to each other; None for fewer than four rows, and for rows whose
+    errors another predictor than the model stated.
 
     The part of `sigma_mm` without common rigid motions: the relevant one once the frame has been tied to something in
     the cell (a sphere, a fixture).
     """
     import numpy as np
 
-    from cellctl.calibration import sigma_among
-
-    if len(rows) < 4:
+    if len(rows) < 4 or any(row.sigma_mm is None for row in rows):
         return None
-    q = model.robot.joint_map().model([row.compensated for row in rows])
-    return sigma_among(model.robot_model(), np.array(model.covariance), q)
+    return mean_rms_max(model.sigma(np.array([row.compensated for row in rows]), kind="among"))["rms"]
+
+
+def _target_sigma(model: ModelFile, readings: Floats, errors: PredictedErrors | None) -> Floats | None:
+    """1 σ (N,), 3-D, mm, of the TCP predicted at controller readings (N, n), deg: the model's, in the frame of what was
+    touched for a model from touches, as targets are built on its points; or that of `errors`, None without one.
+    """
+    from cellctl.compensation import MappedErrors
+
+    if errors is None:
+        return model.sigma(readings, frame="points")
+    return errors.sigma(model.robot.joint_map().model(readings)) if isinstance(errors, MappedErrors) else None
 
 
 def target_rows(
-    model: ModelFile, targets: Floats, found: Compensated, errors: PredictedErrors | None = None
+    model: ModelFile,
+    targets: Floats,
+    found: Compensated,
+    errors: PredictedErrors | None = None,
+    *,
+    exact: bool = False,
 ) -> list[Row]:
     """Rows of a table for `targets` (N, 4, 4), mm, as `found` by `compensated_targets` (with the same `errors`).
 
-    The predicted errors are those of the joints as rounded for the controller.
+    The predicted errors are those of the joints as rounded for the controller: 1e-6° is 2e-5 mm at 1 m. exact: in full
+    precision, where 1e-6 mm are left.
     """
     import numpy as np
 
@@ -142,10 +141,11 @@ def target_rows(
         tcp = nominal.forward(q)[:, :3, 3] + errors(q) if errors else identified.tcp(q)
         return np.asarray(np.linalg.norm(tcp - targets[:, :3, 3], axis=1))
 
-    start, commanded = (joints.readings(q).round(JOINT_DECIMALS) for q in (found.nominal_q, found.compensated_q))
+    readings = (joints.readings(q) for q in (found.nominal_q, found.compensated_q))
+    start, commanded = (each if exact else each.round(JOINT_DECIMALS) for each in readings)
     poses = np.hstack([targets[:, :3, 3], abc_from_rotation(targets[:, :3, :3])])
     before, after = away(start), away(commanded)
-    return table_rows(poses, start, commanded, before, after, target_sigma(model, commanded))
+    return table_rows(poses, start, commanded, before, after, _target_sigma(model, commanded, errors), exact=exact)
 
 
 def table_of(
@@ -158,8 +158,10 @@ def table_of(
     run: str | None,
     created: str,
     method: str = "pseudo-target",
+    errors: PredictedErrors | None = None,
 ) -> TableFile:
-    """The table that sends controller `serial` to `targets` (N, 4, 4), mm, as `found` by `compensated_targets`.
+    """The table that sends controller `serial` to `targets` (N, 4, 4), mm, as `found` by `compensated_targets` (with
+    the same `errors`).
 
     Raises ValueError where a target was not reached: leave it out before.
     """
@@ -168,7 +170,7 @@ def table_of(
         rows = "; ".join(f"row {row}: {reason}" for row, reason in enumerate(found.reasons, 1) if reason)
         raise ValueError(f"targets that are not reached: {rows}")
     return TableFile.of(
-        target_rows(model, targets, found),
+        target_rows(model, targets, found, errors),
         robot=TableRobot(serial=serial, name=model.robot.name),
         simulated=simulated,
         tool=model.robot.tool,
@@ -184,13 +186,14 @@ def table_figures(table: TableFile) -> dict[str, Any]:
 
 
 def row_figures(rows: list[Row]) -> dict[str, Any]:
-    """Count, largest correction (deg); distances predicted before and after, σ (mm)."""
+    """Count, largest correction (deg); distances predicted before and after, σ (mm; None where none is known)."""
+    sigma = [row.sigma_mm for row in rows if row.sigma_mm is not None]
     return {
         "rows": len(rows),
         "max_correction_deg": max(row.correction_deg for row in rows),
         "predicted_before_mm": mean_rms_max([row.predicted_before_mm for row in rows]),
         "predicted_after_mm": mean_rms_max([row.predicted_after_mm for row in rows]),
-        "sigma_mm": mean_rms_max([row.sigma_mm for row in rows]),
+        "sigma_mm": mean_rms_max(sigma) if len(sigma) == len(rows) else None,
     }
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cellctl.files.kinds import JOURNAL, kind_of_file, other_kind
+
 _CURES = {
     sqlite3.SQLITE_FULL: ("the disk is full", "free some space; what was committed before is kept, and can be resumed"),
     sqlite3.SQLITE_READONLY: ("it cannot be written", "give yourself write access to the run folder, or take another"),
@@ -38,7 +40,10 @@ def named_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        what, cure = _CURES.get(getattr(error, "sqlite_errorcode", 0) & 0xFF, (f"SQLite says: {error}", ""))
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        what, cure = _CURES.get(code, (f"SQLite says: {error}", ""))
+        if code == sqlite3.SQLITE_NOTADB and (found := kind_of_file(path)):
+            what = other_kind(found, JOURNAL)
         raise JournalError(path, what, cure) from error
     except OSError as error:
         cure = "check the path, your rights and the free space there"

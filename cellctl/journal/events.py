@@ -183,7 +183,8 @@ class Said:
 @final
 @dataclass(frozen=True, slots=True)
 class OperatorAction:
-    """An operator's action on the run: `pause`, `resume`, `abort`, `confirm`, `acknowledge`.
+    """An operator's action on the run: `pause`, `resume`, `abort`, `confirm`, `acknowledge`, `reset` (of a simulated
+    cell).
 
     `operator` on `host`, through `via` (`cli`, `terminal`, `SIGINT`, `console`), at `calendar` (UTC, ISO 8601).
     `text`: the reason, or the step that is confirmed. `refused`: why it was refused; empty if it was done.
@@ -217,13 +218,20 @@ class InterlockChanged:
 @final
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The run ended in `state`; `verdict` is empty if there is none, `result` as `--json` prints it."""
+    """The run ended in `state`; `verdict` is empty if there is none, `result` as `--json` prints it.
+
+    `reason`: text of the error that ended it. `troubles`: what the clean-up did not achieve. `robot`: the state of the
+    robot in words, `calendar`: when it ended, UTC, ISO 8601; both empty in older journals.
+    """
 
     kind: ClassVar[str] = "run_ended"
     state: str
     verdict: str = ""
     reason: str = ""
     result: Mapping[str, Json] = field(default_factory=dict)
+    troubles: tuple[str, ...] = ()
+    robot: str = ""
+    calendar: str = ""
 
 
 @final

@@ -5,30 +5,16 @@ Writing needs POSIX locks. Reading and finding the writer work without them: on 
 
 from __future__ import annotations
 
-import io
 import os
 import shlex
 import sys
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self, final
 
 from cellctl.clock import calendar_time
+from cellctl.files.locked import HAS_LOCKS, LockedByOther, LockedFile, locked_text
 from cellctl.journal.errors import JournalError
-
-try:
-    import fcntl
-except ImportError:  # Windows: runs can only be read there
-    HAS_LOCKS = False
-else:
-    HAS_LOCKS = True
-
-_ASKED_S, _ATTEMPTS = 0.3, 30
-"""A process that asks who writes (`lock_holder`) holds a free lock for a moment: wall time to wait for its end, s."""
-
-_LONGEST = 4096
-"""Number of bytes read from a lock file: more than a process writes to it."""
 
 
 @final
@@ -66,8 +52,8 @@ class Writer:
 class WriterLock:
     """The right to write one journal, held until `release`."""
 
-    def __init__(self, stream: io.FileIO) -> None:
-        self._stream = stream
+    def __init__(self, file: LockedFile) -> None:
+        self._file = file
 
     @classmethod
     def take(cls, path: Path) -> Self:
@@ -77,51 +63,17 @@ class WriterLock:
         """
         if not HAS_LOCKS:
             raise JournalError(path.parent, "a run cannot be written on this system", "run it on Linux")
-        stream = io.FileIO(path, "a+")
         try:
-            _lock(stream)
-            stream.truncate(0)
-            stream.write(Writer.this_process().text().encode(errors="replace"))
-        except BlockingIOError:
-            writer = _written_in(stream)
-            stream.close()
-            raise writer.error(path.parent) from None
-        except OSError:
-            stream.close()
-            raise
-        return cls(stream)
+            return cls(LockedFile.take(path, Writer.this_process().text()))
+        except LockedByOther as held:
+            raise Writer.read(held.text).error(path.parent) from None
 
     def release(self) -> None:
         """Release the lock; a second call has no effect."""
-        self._stream.close()
-
-
-def _lock(stream: io.FileIO) -> None:
-    """Lock `stream` for writing. Raises BlockingIOError if another process holds it for longer than `_ASKED_S`."""
-    for _ in range(_ATTEMPTS - 1):
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            threading.Event().wait(_ASKED_S / _ATTEMPTS)
-        else:
-            return
-    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._file.release()
 
 
 def lock_holder(path: Path) -> Writer | None:
     """The process that holds the lock at `path` now, else None."""
-    if not HAS_LOCKS:
-        return None
-    try:
-        with io.FileIO(path) as stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return _written_in(stream)
-    except OSError:
-        return None
-    return None
-
-
-def _written_in(stream: io.FileIO) -> Writer:
-    return Writer.read(os.pread(stream.fileno(), _LONGEST, 0).decode(errors="replace").removesuffix("\n"))
+    text = locked_text(path)
+    return None if text is None else Writer.read(text)

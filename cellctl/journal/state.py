@@ -25,6 +25,9 @@ from cellctl.journal.events import (
 from cellctl.journal.older import MEASURED_KINDS, SECTION
 from cellctl.records import AnyRow, BadRow, Row
 
+_UNCERTAIN = "DeviceUncertain"
+"""The failure of a device whose stop, or last write, is not confirmed."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -63,13 +66,17 @@ class RunState:
     Of each step only the latest attempt counts, with its rows, if it is done or in progress: a row of
     a failed or interrupted attempt stays in the journal and is not counted.
 
-    `health`: device → what it reported last; `device_failures`: device → the last failure of an attempt that names it.
+    `operator`: who started it or resumed it last. `health`: device → what it reported last; `device_failures`: device →
+    the last failure of an attempt that names it.
+    `unconfirmed`: the step that moves, or whose device did not confirm a stop, and failed last, until its devices are
+    known to stand; empty if there is none.
     """
 
     started: RunStarted | None = None
     ended: RunEnded | None = None
     state: str = "idle"
     calendar: str = ""
+    operator: str = ""
     resumed: int = 0
     identities: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     health: dict[str, DeviceHealth] = field(default_factory=dict)
@@ -77,6 +84,7 @@ class RunState:
     steps: dict[str, StepState] = field(default_factory=dict)
     rows: list[RecordedRow] = field(default_factory=list)
     last_seq: int = 0
+    unconfirmed: str = ""
     first_ns: int = 0
     last_ns: int = 0
     _read: dict[tuple[int, type[Row]], Row] = field(default_factory=dict, repr=False, compare=False)
@@ -109,11 +117,13 @@ class RunState:
 
     @property
     def uncertain(self) -> bool:
-        """Whether the engine recorded it, or a step that moves has begun and not ended.
+        """Whether the engine recorded it, or a step that moves has begun and not ended, or failed and nothing confirms
+        that its devices stand.
 
         This is normal while a process writes the run; otherwise a person has to check the cell.
         """
-        return self.state == "uncertain" or any(step.moves for step in self.in_flight)
+        failed = bool(self.unconfirmed) and self.ended is None
+        return self.state == "uncertain" or failed or any(step.moves for step in self.in_flight)
 
     def next_attempt(self, step: str) -> int:
         """The number of the step's next attempt, from 1."""
@@ -184,7 +194,7 @@ class RunState:
     def _apply(self, event: Event) -> None:
         match event:
             case RunStarted():
-                self.started, self.calendar = event, event.calendar
+                self.started, self.calendar, self.operator = event, event.calendar, event.operator
             case RunResumed():
                 self._resume(event)
             case DevicesConnected(identities):
@@ -193,7 +203,10 @@ class RunState:
                 self.health[device] = event
             case StateChanged(after=after):
                 self.state = after
+                if after == "paused":  # by then the engine has stopped the devices, or ended the run
+                    self.unconfirmed = ""
             case StepStarted(step, attempt, moves):
+                self._confirmed(moves)
                 self.steps[step] = StepState(step, attempt, moves)
             case StepEnded():
                 self._end(event)
@@ -207,11 +220,20 @@ class RunState:
         outcome, failure = event.outcome, event.failure
         if failure and (device := failure.text.partition(":")[0]) in self.identities:
             self.device_failures[device] = failure
+        if outcome is Outcome.DONE:
+            self._confirmed(moves)
+        elif moves or (failure and failure.error == _UNCERTAIN):
+            self.unconfirmed = event.step
         self.steps[event.step] = StepState(event.step, event.attempt, moves, outcome, event.result, failure)
 
+    def _confirmed(self, moves: bool) -> None:
+        """A step that moves begins, or is done: the engine knew that the devices stood. Clean-up steps run without."""
+        if moves and self.state != "cleaning":
+            self.unconfirmed = ""
+
     def _resume(self, event: RunResumed) -> None:
-        self.ended, self.state, self.calendar = None, "idle", event.calendar
-        self.resumed += 1
+        self.ended, self.state, self.calendar, self.unconfirmed = None, "idle", event.calendar, ""
+        self.resumed, self.operator = self.resumed + 1, event.operator
         for step in self.in_flight:
             self.steps[step.step] = replace(step, outcome=Outcome.INTERRUPTED)
 

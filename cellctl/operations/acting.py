@@ -1,4 +1,4 @@
-"""Operators' actions on a running campaign: pause, resume, abort, confirm, from any process."""
+"""Operators' actions on a running campaign: pause, resume, abort, confirm, reset, from any process."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping
 from contextlib import chdir, contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -107,11 +108,23 @@ class Outcome:
         return {**asdict(self), "meaning": MEANINGS[self.code]}
 
 
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
+_FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
+"""Name of an analysis' folder: a safe stem, which may have dots, and the time."""
+
+
 def safe_name(name: str, default: str = "file") -> str:
-    """A file name without folder, hidden name, or characters other than letters, digits, `.`, `-` and `_`."""
-    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", re.split(r"[/\\]", name)[-1]).lstrip("._-")
+    """A file name without folder, hidden name, or characters other than letters, digits, `.`, `-` and `_`.
+
+    Umlauts become two letters, letters with accents lose them. default: stem of a name without any such character.
+    """
+    spelt = unicodedata.normalize("NFC", re.split(r"[/\\]", name)[-1]).translate(_UMLAUTS)
+    letters = "".join(each for each in unicodedata.normalize("NFKD", spelt) if not unicodedata.combining(each))
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", letters).rstrip(".")
     stem, dot, suffix = plain.rpartition(".")
-    return f"{stem[: _LONGEST_NAME - len(suffix)]}{dot}{suffix[:12]}" if stem else plain[:_LONGEST_NAME] or default
+    stem, suffix = (stem, suffix[:12]) if dot else (suffix, "")
+    stem = stem.lstrip("._-") or default
+    return f"{stem[: _LONGEST_NAME - len(suffix)]}{dot}{suffix}"
 
 
 def free_name(folder: Path, name: str, role: str) -> str:
@@ -136,7 +149,7 @@ def new_analysis(runs: Path, operator: str, data: str) -> tuple[Path, Analysis]:
 def analysis_folder(runs: Path, name: str) -> Path:
     """The folder of the analysis `name`. Raises InputError where there is none."""
     folder = runs / FOLDER / name
-    if safe_name(name) != name or not (folder / RECORD).is_file():
+    if not _FOLDER.fullmatch(name) or not (folder / RECORD).is_file():
         raise InputError(Problem(name, 0, 0, "there is no such analysis", "choose one of the list"))
     return folder
 

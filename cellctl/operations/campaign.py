@@ -50,11 +50,13 @@ def load_campaign(
     *,
     seed: int | None = None,
     resumed: bool = False,
+    runs: Path = Path("runs"),
 ) -> Campaign:
     """Load and check a procedure and its cell (or another one), robot file and artefact included. Opens no device.
 
     seed: the run's, None: the cell file's. resumed: the steps checked the cell when the run began, and do not
-    check it again. Raises InputError with all errors in the files and in the settings.
+    check it again. runs: folder of the runs that parameters name. Raises InputError with all errors in the files
+    and in the settings.
     """
     require_cells()
     drivers, registry = DriverRegistry(), StepRegistry.installed()
@@ -68,7 +70,7 @@ def load_campaign(
     except InputError as error:
         problems += error.problems
     if not problems and cell and not resumed:
-        context = CellFiles(cell.document, cell.robot_file, cell.seed if seed is None else seed)
+        context = CellFiles(cell.document, cell.robot_file, cell.seed if seed is None else seed, runs)
         problems += check_cell(procedure, parameters, registry, context)
     if problems or cell is None:
         raise InputError(problems)

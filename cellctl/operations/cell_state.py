@@ -1,10 +1,11 @@
-"""State of a cell: from the run that is active on it, else from the last examination by `doctor`."""
+"""State of a cell: from the run that is active on it, else from the last run on it, or a later `doctor`."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
@@ -13,11 +14,14 @@ from cellctl.clock import calendar_time
 from cellctl.devices import DeviceFault, DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.devices.cell import Cell
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.journal import RunStarted, RunState, read_journal, writer_of
+from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal, writer_of
 from cellctl.journal.schema import FILE_NAME
 from cellctl.operations.own_process import json_of_verb
 
 DeviceWord = Literal["in order", "failed", "not known"]
+
+_LATEST = 50
+"""Number of the latest runs among which the last one on a cell is looked for."""
 
 _DOCTOR = "doctor"
 """Folder beside the runs with the last examination of each cell."""
@@ -47,7 +51,8 @@ class DeviceState:
 class CellState:
     """A cell. `emergency_stop`, `guard`: `closed`, `open` or `not known`; `mode`: the robot's operating mode.
 
-    `source`: where this is from: `run NAME`, `doctor`, or empty: nothing is known yet. `at`: of that, UTC.
+    `source`: where this is from: `run NAME`, `doctor`, or empty: nothing is known yet. `at`: of that, UTC: the begin of
+    an active run, the end of another. `run`: the active one; empty: none.
     """
 
     name: str
@@ -62,15 +67,21 @@ class CellState:
     run: str = ""
 
 
-def cell_state(cell: Cell, run: tuple[str, RunState] | None, doctor: Mapping[str, Any] | None) -> CellState:
-    """The state of `cell`: from the name and state of the run that is active on it, else from the last `doctor`."""
+def cell_state(
+    cell: Cell, run: tuple[str, RunState] | None, doctor: Mapping[str, Any] | None, *, active: bool = True
+) -> CellState:
+    """The state of `cell`: from the name and state of the run that is active on it, or was the last one (not `active`);
+    from the last `doctor` if there is no run, or none that ended after it.
+    """
     listed = {device: str(address) for device, address in cell.addresses.items()}
+    if run and not active and doctor and doctor["at"] >= _ended_at(run[1]):
+        run = None
     if run:
         name, state = run
         devices = tuple(_in_run(device, address, state) for device, address in listed.items())
         inputs = [health.inputs for health in state.health.values()]
         modes = [health.mode for health in state.health.values()]
-        source, at = f"run {name}", state.calendar
+        source, at = f"run {name}", state.calendar if active else _ended_at(state)
     else:
         found = {one["name"]: one for one in doctor["devices"]} if doctor else {}
         devices = tuple(_examined(device, address, found.get(device)) for device, address in listed.items())
@@ -88,8 +99,25 @@ def cell_state(cell: Cell, run: tuple[str, RunState] | None, doctor: Mapping[str
         mode=mode,
         source=source,
         at=at,
-        run=run[0] if run else "",
+        run=run[0] if run and active else "",
     )
+
+
+def _ended_at(state: RunState) -> str:
+    """When a run ended, UTC; when it began for one that was cut off, or that an older version wrote."""
+    return (state.ended.calendar if state.ended else "") or state.calendar
+
+
+def last_run_on(cell: Cell, runs: Path) -> tuple[str, RunState] | None:
+    """Name and state of the run in `runs` that was on this cell last, if it connected to devices; None without one."""
+    journals = sorted(runs.glob(f"*/{FILE_NAME}"), key=lambda journal: journal.stat().st_mtime, reverse=True)
+    for journal in journals[:_LATEST]:
+        with suppress(JournalError, InputError):
+            if _is_of(journal, cell.document.text):
+                state = fold(read_journal(journal))
+                if state.health:
+                    return journal.parent.name, state
+    return None
 
 
 def run_on(cell: Path, runs: Path) -> str:

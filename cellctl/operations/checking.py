@@ -9,10 +9,22 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal, final
 
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, load_yaml
 from cellctl.operations.own_process import json_of_verb
 from cellctl.operations.shipped import shipped_names
-from cellctl.procedure import Confirm, Parameter, Procedure, load_procedure, resolve_parameters, walk
+from cellctl.procedure import (
+    Confirm,
+    Parameter,
+    Procedure,
+    Step,
+    StepRegistry,
+    load_procedure,
+    resolve_parameters,
+    walk,
+)
+from cellctl.procedure.check import lacking
 
 _OWN_FOLDERS = (".", "procedures", "cells")
 """Folders below the working folder in which a user's own procedures and cells are found."""
@@ -82,6 +94,20 @@ def first_choice(procedures: Mapping[str, FileChoice], cell: str) -> FileChoice:
     return next(iter(fitting), procedures.get("sphere_selfcal") or next(iter(procedures.values())))
 
 
+def missing_devices(procedure: Path, cell: Path) -> tuple[str, ...]:
+    """What the steps of `procedure` need that the devices of `cell` lack, each once. Raises InputError."""
+    registry, drivers = StepRegistry.installed(), DriverRegistry()
+    loaded = Cell.load(cell, drivers)
+    kinds = {name: drivers.abilities(address.scheme) for name, address in loaded.addresses.items()}
+    found: dict[str, str] = {}
+    for action in load_procedure(procedure).actions():
+        needs = registry.find(action.do).needs if isinstance(action, Step) else {}
+        for name, protocol in needs.items():
+            if what := lacking(name, protocol, kinds):
+                found.setdefault(name, what)
+    return tuple(found.values())
+
+
 def form_of(file: Path) -> ProcedureForm:
     """The form of a procedure file. Raises InputError if it is not readable YAML."""
     procedure = load_procedure(file)
@@ -107,12 +133,12 @@ def setting_problem(procedure: Procedure, name: str, text: str) -> Problem | Non
     return None
 
 
-async def check(procedure: Path, cell: Path | None, settings: Sequence[str]) -> Checked:
+async def check(procedure: Path, cell: Path | None, settings: Sequence[str], runs: Path = Path("runs")) -> Checked:
     """All errors of a procedure with its cell and settings, found by `cellctl check` in a process of its own.
 
     The check computes for seconds (it tries what the steps would refuse); it opens no device, and nothing moves.
     """
-    options = [f"--cell={cell}"] if cell else []
+    options = [f"--runs={runs}", *([f"--cell={cell}"] if cell else [])]
     words = [*options, *(f"--set={setting}" for setting in settings), "--json=-", "--", str(procedure)]
     data, said = await json_of_verb("check", words)
     if data is None:

@@ -60,8 +60,13 @@ class CompensatedTargets:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Target, joints, predicted errors and σ, as in a table."""
+        """Target, joints, predicted errors and σ, rounded as in a table."""
         return target_rows(self.model, self.wanted.poses, self.found, self.errors)
+
+    @cached_property
+    def exact_rows(self) -> list[Row]:
+        """The same in full precision."""
+        return target_rows(self.model, self.wanted.poses, self.found, self.errors, exact=True)
 
     def table(self, learnt: LearntOn, created: str) -> TableFile:
         """The table for the controller `learnt`; created: ISO 8601, a label."""
@@ -75,6 +80,7 @@ class CompensatedTargets:
             run=learnt.run,
             created=created,
             method=f"{self.method}{made}",
+            errors=self.errors,
         )
 
     def csv(self) -> str:

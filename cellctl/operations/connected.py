@@ -11,6 +11,7 @@ from cellctl.clock import Clock, WallClock
 from cellctl.devices import Device, Identity, Listener
 from cellctl.devices.cell import Cell, ClockMode
 from cellctl.devices.registry import DriverRegistry
+from cellctl.operations.device_locks import DeviceLocks
 from cellctl.operations.simulated import SimulatedCell
 
 
@@ -78,14 +79,17 @@ async def connected(
 ) -> AsyncIterator[dict[str, Connected]]:
     """The devices `names` of a cell, connected inside this context, closed at its end.
 
-    seed, clock, extra: for the simulators of a simulated cell, which run as long. Raises InputError, DeviceError.
+    seed, clock, extra: for the simulators of a simulated cell, which run as long. Raises InputError, DeviceError;
+    DeviceBusy, before anything connects, if another process has one of them.
     """
     async with AsyncExitStack() as stack:
+        locks = stack.enter_context(DeviceLocks.held(cell, drivers, names=names))
         simulated, time = await stack.enter_async_context(powered(cell, seed=seed, clock=clock, extra=extra))
         devices = open_devices(cell, drivers, time, simulated, names)
         found = {}
         for name, device in devices.items():
             stack.push_async_callback(device.close)
             found[name] = Connected(device, await device.connect())
+            locks.meet(found[name].identity)
         await tell_targets(simulated, devices, time)
         yield found

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
 from cellctl.clock import WallClock
-from cellctl.devices.cell import ClockMode
+from cellctl.devices.cell import Cell, ClockMode
+from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, RunState, fold, last_number, read_journal
 from cellctl.journal.schema import FILE_NAME
 from cellctl.operations.checking import check
+from cellctl.operations.device_locks import refuse_in_use
 from cellctl.operations.results import OUTPUT_NAME, new_run_folder
 from cellctl.procedure import load_procedure
 
@@ -43,19 +47,32 @@ class RunOrder:
         given = [f"--{name}={value}" for name, value in options.items() if value is not None]
         return [*given, *(f"--set={setting}" for setting in self.settings), "--", str(self.procedure)]
 
+    def cell_file(self) -> Path | None:
+        """The file of its cell; None if the procedure names none. Raises InputError."""
+        return self.cell or load_procedure(self.procedure).cell
+
+    def refuse_in_use(self) -> None:
+        """Raise DeviceBusy if another process has a device of its cell."""
+        with suppress(InputError):  # `check` reports it
+            if file := self.cell_file():
+                drivers = DriverRegistry()
+                refuse_in_use(Cell.load(file, drivers), drivers)
+
 
 async def start_detached(order: RunOrder, runs: Path, operator: str) -> Path:
     """Start a run in a new folder of `runs`; returns the folder once the journal has the run's start.
 
     operator: who starts it, for the journal. The output is in `output.txt` of the folder.
-    Raises InputError with all errors in procedure, cell and settings; the folder is removed then.
+    Raises InputError with all errors in procedure, cell and settings, DeviceBusy if another process has a device of the
+    cell; the folder is removed then.
     """
     folder = new_run_folder(runs.absolute(), load_procedure(order.procedure).name or "run")
     process = _started(folder, [f"--folder={folder}", f"--operator={operator}", *order.arguments()])
     if not await _begun(process, folder, 0):
         said = _output(folder)
         shutil.rmtree(folder, ignore_errors=True)
-        problems = (await check(order.procedure, order.cell, order.settings)).problems
+        await asyncio.to_thread(order.refuse_in_use)
+        problems = (await check(order.procedure, order.cell, order.settings, runs)).problems
         raise InputError(problems or Problem(str(order.procedure), 0, 0, f"the run did not begin: {said}"))
     return folder
 
@@ -63,7 +80,8 @@ async def start_detached(order: RunOrder, runs: Path, operator: str) -> Path:
 async def resume_detached(folder: Path, operator: str, *, acknowledged: bool) -> None:
     """Continue the run in `folder` at the step that it did not finish; returns once the journal has the resumption.
 
-    acknowledged: a person checked the cell (see `question_of`). Raises InputError if the run cannot be continued.
+    acknowledged: a person checked the cell (see `question_of`). Raises InputError if the run cannot be continued,
+    DeviceBusy if another process has a device of the cell.
     """
     seen = last_number(folder)
     started = _state_of(folder).started
@@ -77,6 +95,7 @@ async def resume_detached(folder: Path, operator: str, *, acknowledged: bool) ->
     resumed = [f"--resume={folder.absolute()}", *(["--acknowledge"] if acknowledged else [])]
     process = _started(folder, [*resumed, f"--operator={operator}", *order.arguments()])
     if not await _begun(process, folder, seen):
+        await asyncio.to_thread(order.refuse_in_use)
         raise InputError(Problem(folder.name, 0, 0, f"the run did not continue: {_output(folder)}"))
 
 

@@ -13,6 +13,7 @@ from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable, Heal
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.operations.connected import open_devices, powered, tell_targets
+from cellctl.operations.device_locks import DeviceLocks
 
 _ANSWER_S = 30.0
 """Longest wait for one device, in the cell's time."""
@@ -85,12 +86,18 @@ class Examined:
 async def examine(cell: Cell, drivers: DriverRegistry, seed: int | None = None) -> tuple[Examined, ...]:
     """All devices of a cell, in the order of its file; nothing moves. The simulators of a simulated cell run meanwhile.
 
-    Raises InputError if the simulators refuse the cell file, DeviceUnreachable if they do not start.
+    Raises InputError if the simulators refuse the cell file, DeviceUnreachable if they do not start,
+    DeviceBusy, before anything connects, if another process has a device of the cell.
     """
+    with DeviceLocks.held(cell, drivers) as locks:
+        return await _examined(cell, drivers, seed, locks)
+
+
+async def _examined(cell: Cell, drivers: DriverRegistry, seed: int | None, locks: DeviceLocks) -> tuple[Examined, ...]:
     async with powered(cell, seed=seed) as (simulated, clock):
         devices = open_devices(cell, drivers, clock, simulated)
         try:
-            met = await asyncio.gather(*(_meet(device, cell, clock) for device in devices.values()))
+            met = await asyncio.gather(*(_meet(device, cell, clock, locks) for device in devices.values()))
             answering = {one.name: devices[one.name] for one in met if one.identity}
             await tell_targets(simulated, answering, clock)
             return tuple([await _look_at(one, devices[one.name], clock) for one in met])
@@ -99,11 +106,13 @@ async def examine(cell: Cell, drivers: DriverRegistry, seed: int | None = None) 
                 await device.close()
 
 
-async def _meet(device: Device, cell: Cell, clock: Clock) -> Examined:
+async def _meet(device: Device, cell: Cell, clock: Clock, locks: DeviceLocks) -> Examined:
     one = Examined(device.name, str(cell.addresses[device.name]))
     try:
         async with clock.timeout(_ANSWER_S):
-            return replace(one, identity=await device.connect())
+            identity = await device.connect()
+        locks.meet(identity)
+        return replace(one, identity=identity)
     except Exception as error:  # a driver's own mistake too: the other devices are examined all the same
         return _failed(one, error)
 

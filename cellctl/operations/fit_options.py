@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
@@ -32,6 +33,13 @@ class Judging:
         if sum(given is not None for given in (self.holdout, self.folds, self.column, self.by)) > 1:
             cure = "one of --holdout, --folds, --column and --by"
             found.append(option("holdout", "rows are held out in one way", cure))
+        given = {"holdout": (self.holdout, Real), "folds": (self.folds, Integral), "seed": (self.seed, Integral)}
+        for name, (value, kind) in given.items():  # from Python, anything can be given
+            if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
+                what = "number" if kind is Real else "whole number"
+                found.append(option(name, f"{value!r} is no {what}", f"give a {what}"))
+        if found:
+            return found
         if self.holdout is not None and not 0.0 < self.holdout < 1.0:
             found.append(option("holdout", f"{self.holdout:g} is no share", "a number between 0 and 1"))
         if self.folds is not None and self.folds < 2:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
 
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml, sha256_of
+from cellctl.files.kinds import ROBOT
 from cellctl.operations.fit_options import Asked, Judging
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def robot_of(path: Path) -> tuple[Document, RobotFile]:
     """The robot file, read once: it may change while the fit runs, or be a pipe."""
     from cellctl.formats import RobotFile
 
-    document = load_yaml(path)
+    document = load_yaml(path, ROBOT)
     return document, RobotFile.from_document(document)
 
 

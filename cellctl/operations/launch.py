@@ -6,18 +6,20 @@ import asyncio
 import getpass
 import signal
 from collections.abc import Callable
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
 from cellctl.clock import Clock, WallClock, calendar_time
+from cellctl.devices import DeviceError
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Engine, Mailbox, Operator, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, sha256_of
 from cellctl.journal import Journal, OperatorAction, RunResumed, RunStarted, RunState, SourceFile
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.connected import open_devices, tell_targets
+from cellctl.operations.device_locks import DeviceLocks
 from cellctl.operations.parent import aborting_without, under_nohup
 from cellctl.operations.provenance import code_hash, sources, versions
 from cellctl.operations.results import SIMULATOR_MEMORY
@@ -51,7 +53,8 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     """Run a campaign into `folder`, with simulators if the cell is simulated.
 
     SIGINT, SIGTERM, SIGHUP (but not under nohup) and the end of the parent process abort it.
-    Raises InputError, DeviceError if the simulators do not start, JournalError if the folder cannot be written.
+    Raises InputError, DeviceError if the simulators do not start, JournalError if the folder cannot be written;
+    DeviceBusy, before journal and connections, if another process has a device of the cell.
     """
     mailbox = Mailbox(Operator.here("--confirm-all") if options.confirm_all else None)
     if options.asking:
@@ -61,15 +64,18 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
         operator = Operator.here(signal.Signals(number).name)
         loop.add_signal_handler(number, mailbox.abort, "aborted by the operator", operator)
     parent = Operator.here("end of the parent process")
-    with aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why, parent)):
-        return await _with_simulators(campaign, options, folder, mailbox, watcher)
+    with (
+        DeviceLocks.held(campaign.cell, campaign.drivers, run=folder.name) as locks,
+        aborting_without(options.parent, lambda why: loop.call_soon_threadsafe(mailbox.abort, why, parent)),
+    ):
+        return await _with_simulators(campaign, options, folder, mailbox, watcher, locks)
 
 
 async def _with_simulators(
-    campaign: Campaign, options: Options, folder: Path, mailbox: Mailbox, watcher: Watcher
+    campaign: Campaign, options: Options, folder: Path, mailbox: Mailbox, watcher: Watcher, locks: DeviceLocks
 ) -> Outcome:
     if not campaign.cell.simulated:
-        return await run_on(None, campaign, options, folder, mailbox, watcher)
+        return await run_on(None, campaign, options, folder, mailbox, watcher, locks)
     memory = ("--state", str(folder / SIMULATOR_MEMORY))
     extra = (*memory, *options.simulator_extra)
     simulated = await SimulatedCell.start(campaign.cell, options.seed, options.clock, extra)
@@ -86,8 +92,12 @@ async def run_on(
     folder: Path,
     mailbox: Mailbox,
     watcher: Watcher,
+    locks: DeviceLocks | None = None,
 ) -> Outcome:
-    """Run a campaign into `folder` on a running simulated cell, or on the real one (None)."""
+    """Run a campaign into `folder` on a running simulated cell, or on the real one (None), whose `locks` are held."""
+    if simulated and options.resumed:  # who continues the run has closed the guard and acknowledged the messages
+        with suppress(DeviceError):  # a cause that stays is told by the device that it stops
+            await simulated.reset()
     clock = await simulated.clock() if simulated else WallClock()
     async with AsyncExitStack() as stack:
         stack.push_async_callback(clock.aclose)
@@ -97,7 +107,8 @@ async def run_on(
         devices = open_devices(campaign.cell, campaign.drivers, clock, simulated)
         run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
-        engine = Engine(plan, run, journal, mailbox, watcher, record)
+        meet, reset = (locks.meet if locks else None), (simulated.reset if simulated else None)
+        engine = Engine(plan, run, journal, mailbox, watcher, record, meet, reset)
         return await engine.run(lambda: tell_targets(simulated, devices, clock))
 
 

@@ -31,7 +31,9 @@ def learnt_on(path: Path | None, model: ModelFile, serial: str | None) -> Learnt
     Raises InputError if none of these states it, or if `serial` differs from the model's controller: a model is valid
     only for the robot, or simulator, on which it was identified.
     """
-    found = _by_provenance(model, path) or (_by_journal(path.parent) if path else None)
+    if serial is not None and not serial.strip():
+        raise InputError(Problem("--serial", 0, 0, "is empty", "give the serial number that the controller shows"))
+    found = stated_on(path, model)
     name = str(path or "the model")
     if found is None and serial is None:
         what = "does not say on whose controller it was learnt"
@@ -43,6 +45,11 @@ def learnt_on(path: Path | None, model: ModelFile, serial: str | None) -> Learnt
         what = f"'{serial}', but {name} was learnt on controller '{found.serial}'"
         raise InputError(Problem("--serial", 0, 0, what, "leave --serial out, or give this robot's own model"))
     return found
+
+
+def stated_on(path: Path | None, model: ModelFile) -> LearntOn | None:
+    """The controller that the model's provenance states, else the journal in its folder; None if neither does."""
+    return _by_provenance(model, path) or (_by_journal(path.parent) if path else None)
 
 
 def _by_provenance(model: ModelFile, path: Path | None) -> LearntOn | None:

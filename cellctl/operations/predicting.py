@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any, final
 from cellctl.files import InputError, Problem
 
 if TYPE_CHECKING:
-    from cellctl.calibration import Postures
+    from cellctl.calibration import Frame, Postures
     from cellctl.formats import DataSet, ModelFile
     from cellctl.kinematics import Bools, Floats
+
+
+FRAMES: tuple[Frame, ...] = ("base", "points")
 
 
 @final
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
 class Predicted:
     """Predicted TCPs at N readings.
 
-    readings (N, n), deg. poses (N, 4, 4), mm, in the model's frame. sigma_mm (N,): 1 σ, 3-D, in that frame;
+    readings (N, n), deg. poses (N, 4, 4), mm, in the model's frame. sigma_mm (N,): 1 σ, 3-D;
     sigma_among_mm (N,): of the TCPs relative to each other, None for fewer than four. inside (N,): within the measured
     region. assumed: conditions that the model needs and the rows do not state, one sentence each.
     """
@@ -53,13 +56,17 @@ class Predicted:
         return text_of(self.records())
 
 
-def predict_rows(model: ModelFile, data: DataSet) -> Predicted:
-    """The TCP at the joints and conditions of each row. Raises InputError with every row that cannot be used: leaving
-    some out would shift the others' lines.
+def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Predicted:
+    """The TCP at the joints and conditions of each row; frame: of σ, as in `ModelFile.sigma`.
+
+    Raises InputError with every row that cannot be used: leaving some out would shift the others' lines.
     """
     from cellctl.formats.columns import Sieve, joint_readings
     from cellctl.formats.measurements import Conditions
 
+    chosen = next((each for each in FRAMES if each == frame), None)
+    if chosen is None:
+        raise InputError(Problem("--frame", 0, 0, f"'{frame}' is not known", f"one of: {', '.join(FRAMES)}"))
     sieve = Sieve(data)
     readings = joint_readings(sieve, model.robot)
     conditions = Conditions(sieve, model.robot, readings)
@@ -69,12 +76,12 @@ def predict_rows(model: ModelFile, data: DataSet) -> Predicted:
     at = conditions.at(range(len(readings)))
     if refused := list(model.load_region.refused(at) if model.load_region else ()):
         raise InputError(Problem(data.file, data.lines[row], 0, reason, cure) for row, reason, cure in refused)
-    found = model.predict(readings, at)
+    found = model.predict(readings, at, frame=chosen)
     return Predicted(
         readings,
         found.poses,
         found.sigma_mm,
-        model.sigma_among(readings, at),
+        model.sigma(readings, at, kind="among") if len(readings) >= 4 else None,
         model.inside(readings),
         _assumed(model, at),
     )

@@ -144,6 +144,9 @@ class Program:
             return Frame(name, None, f"its {kind} is not certain: {choice.reason}")
         values = frame_values(choice, array, self.data)
         if values is None:
+            if self.config:
+                cure = f"define it there, give the $config.dat of this controller, or --{kind}"
+                return Frame(name, None, f"{name} is not defined in {self.config.name}: {cure}")
             return Frame(name, None, f"{name} is not known: give --config '$config.dat', or --{kind}")
         return Frame(name, tuple(values[label] for label in CARTESIAN))
 

@@ -19,9 +19,9 @@ _LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
 
 
 def versions() -> dict[str, str]:
-    """Name → version: cellctl, Python and the libraries that a result depends on; platform and processor."""
+    """Name → version: cellctl, Python and the libraries that a result depends on; platform, processor, BLAS kernel."""
     found = {"cellctl": __version__, "python": platform.python_version()}
-    found |= {"platform": platform.platform(), "processor": _processor()}
+    found |= {"platform": platform.platform(), "processor": _processor(), "BLAS": _blas()}
     for name in _LIBRARIES:
         try:
             found[name] = version(name)
@@ -59,6 +59,21 @@ def _processor() -> str:
         lines = []
     models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(models, platform.processor() or platform.machine())
+
+
+def _blas() -> str:
+    """Linear algebra libraries of numpy and scipy, each with the kernel that it chose: `openblas 0.3.30 SkylakeX`.
+
+    The processor's model does not decide the kernel alone: a library's version and OPENBLAS_CORETYPE do, too.
+    """
+    import numpy.linalg  # noqa: F401 - loads its library
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    found = (each for each in threadpool_info() if each["user_api"] == "blas")
+    return ", ".join(
+        sorted({f"{each['internal_api']} {each['version']} {each.get('architecture', '')}" for each in found})
+    )
 
 
 def _files(package: str) -> Iterator[tuple[str, Path]]:

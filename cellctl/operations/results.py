@@ -8,6 +8,7 @@ from cellctl.clock import calendar_time
 from cellctl.engine import Outcome
 from cellctl.files import InputError, Problem
 from cellctl.journal import PushedTable, RunResult, RunState, fold, read_journal
+from cellctl.journal.schema import FILE_NAME, LOCK_NAME
 
 SIMULATOR_MEMORY = "simulated_cell.json"
 """File in the run folder that stores a simulated robot's position for a resumed run."""
@@ -15,6 +16,16 @@ SIMULATOR_MEMORY = "simulated_cell.json"
 
 OUTPUT_NAME = "output.txt"
 """File in the run folder with the output of a run that no terminal shows."""
+
+
+_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY, OUTPUT_NAME}
+
+
+def never_began(folder: Path) -> bool:
+    """Whether a run ended, or is, between making its folder and beginning its journal."""
+    if not folder.is_dir() or (folder / FILE_NAME).exists():
+        return False
+    return {file.name for file in folder.iterdir() if not file.name.startswith(".")} <= _BEFORE_THE_JOURNAL
 
 
 def new_run_folder(runs: Path, procedure: str) -> Path:

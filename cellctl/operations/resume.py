@@ -10,10 +10,9 @@ from cellctl.devices import DeviceUncertain
 from cellctl.devices.cell import ClockMode
 from cellctl.files import InputError, Problem, sha256_of
 from cellctl.journal import RunStarted, RunState, fold, read_journal, writer_of
-from cellctl.journal.schema import FILE_NAME, LOCK_NAME
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.provenance import changed_sources, code_hash
-from cellctl.operations.results import OUTPUT_NAME, SIMULATOR_MEMORY, table_line
+from cellctl.operations.results import never_began, table_line
 
 
 @final
@@ -38,7 +37,7 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
     folder = run if run.is_dir() else runs / run
     if writer := writer_of(folder):
         raise writer.error(folder)
-    state = RunState() if _never_began(folder) else fold(read_journal(folder))
+    state = RunState() if never_began(folder) else fold(read_journal(folder))
     started = state.started
     if started is None:
         cure = f"start again: cellctl run {campaign.procedure.document.file}"
@@ -57,19 +56,10 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 
 
-_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY, OUTPUT_NAME}
-
 _LOOK = (
     "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
     "moved by hand off its planned way, the next step refuses to move it."
 )
-
-
-def _never_began(folder: Path) -> bool:
-    """Whether a run ended between making its folder and beginning its journal."""
-    if not folder.is_dir() or (folder / FILE_NAME).exists():
-        return False
-    return {file.name for file in folder.iterdir() if not file.name.startswith(".")} <= _BEFORE_THE_JOURNAL
 
 
 def _changes(campaign: Campaign, started: RunStarted, settings: list[str]) -> list[str]:
@@ -96,7 +86,10 @@ def uncertainty(state: RunState) -> str:
     moving = [step.step for step in state.steps.values() if step.moves and step.outcome in (None, "interrupted")]
     if moving:
         return f"the run was cut off in {', '.join(moving)}, which moves or writes: what it did last is not known"
-    return "the run ended in an uncertain state: its clean-up did not succeed"
+    if (failed := state.unconfirmed) and not state.ended:
+        return f"the run was cut off after {failed} had failed, before its devices were known to stand"
+    cause = state.ended.reason.partition("\n")[0] if state.ended and state.ended.reason else "its clean-up failed"
+    return f"the run ended in an uncertain state: {cause}"
 
 
 def _problem(folder: Path, what: str, cure: str) -> Problem:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,10 +11,16 @@ from typing import Any, TypeAlias, final
 
 from cellctl.files import InputError
 from cellctl.journal import JournalError, fold, read_journal
+from cellctl.journal.schema import FILE_NAME
+from cellctl.operations.results import OUTPUT_NAME, never_began
 from cellctl.operations.run_summary import run_summary
 
+_RUN = re.compile(r".+-\d{8}T\d{6}Z(-\d+)?")
+"""Name of a run's folder, as `new_run_folder` makes it."""
+
 RunRow: TypeAlias = Mapping[str, Any]
-"""A run as `run_summary` has it; of an unreadable one `run`, `began`, `state` (`unreadable`) and `sentence`."""
+"""A run as `run_summary` has it; of an unreadable one `run`, `began`, `state` (`unreadable`) and `sentence`;
+of one without a journal (`not begun`) `procedure`, `problem` and `cure` too."""
 
 ROBOT = "robot"
 """Name of the robot among a cell's devices."""
@@ -53,7 +60,8 @@ class RunFilter:
 
 def run_rows(runs: Path, asked: RunFilter | None = None) -> list[RunRow]:
     """The runs in the folder `runs`, newest first; those that `asked` keeps. Raises OSError."""
-    rows = [run_row(journal.parent) for journal in runs.glob("*/journal.sqlite")]
+    rows = [run_row(journal.parent) for journal in runs.glob(f"*/{FILE_NAME}")]
+    rows += [_unborn(folder) for folder in runs.glob("*-*") if _RUN.fullmatch(folder.name) and never_began(folder)]
     return [row for row in newest_first(rows) if asked is None or asked.keeps(row)]
 
 
@@ -63,9 +71,27 @@ def run_row(place: Path) -> RunRow:
     try:
         return run_summary(place, fold(read_journal(journal)))
     except (JournalError, InputError) as error:
-        changed = datetime.fromtimestamp(journal.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         sentence = error.what if isinstance(error, JournalError) else str(error)
-        return {"run": place.name, "began": changed, "state": "unreadable", "sentence": sentence}
+        return {"run": place.name, "began": _changed(journal), "state": "unreadable", "sentence": sentence}
+
+
+def _unborn(place: Path) -> RunRow:
+    """A run without a journal; its folder has the name of the procedure, and its time."""
+    output = place / OUTPUT_NAME
+    said = output.read_text(encoding="utf-8", errors="replace").strip() if output.is_file() else ""
+    return {
+        "run": place.name,
+        "began": _changed(place),
+        "state": "not begun",
+        "procedure": place.name.rpartition("Z")[0].rpartition("-")[0],
+        "sentence": "It has no journal: it ended before it began, or is beginning. Nothing was moved.",
+        "problem": said.removeprefix("cellctl: ") or "it ended before it began",
+        "cure": "start it again",
+    }
+
+
+def _changed(path: Path) -> str:
+    return datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def newest_first(rows: Iterable[RunRow]) -> list[RunRow]:

@@ -83,6 +83,10 @@ class SimulatedCell:
             raise DeviceError("simulator", f"refused {message['op']}: {answer.get('error')}")
         return answer
 
+    async def reset(self) -> None:
+        """Somebody releases its emergency stop, closes its guard, acknowledges its messages. Raises DeviceError."""
+        await self.tell({"op": "reset"})
+
     def stop(self) -> None:
         """End the process and wait for it."""
         self.process.terminate()

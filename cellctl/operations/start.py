@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
 
+from cellctl.devices import DeviceBusy
 from cellctl.engine import Outcome, Watcher
 from cellctl.journal import RunResult
 from cellctl.operations.campaign import Campaign
@@ -33,7 +35,12 @@ class PreparedRun:
     def carry_out(self, watcher: Watcher) -> tuple[Outcome, RunResult]:
         """Run it to its end; returns its outcome and its result. Raises what `run_campaign` raises."""
         began = time.monotonic()
-        outcome = asyncio.run(run_campaign(self.campaign, self.options, self.folder, watcher))
+        try:
+            outcome = asyncio.run(run_campaign(self.campaign, self.options, self.folder, watcher))
+        except DeviceBusy:
+            with suppress(OSError):  # nothing was begun: the folder of a new run is empty
+                self.folder.rmdir()
+            raise
         return outcome, result_of(self.folder, outcome, time.monotonic() - began)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cellctl.files import InputError, Problem
-from cellctl.journal.lock import HAS_LOCKS
+from cellctl.files.locked import HAS_LOCKS
 
 
 def require_cells() -> None:

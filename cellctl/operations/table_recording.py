@@ -36,14 +36,14 @@ class Change:
 class TableRecorder:
     """Records the changes that this process makes on one controller.
 
-    run: the campaign that makes them, None: a command. who: the person, empty: the user of this process. failure: why
-    the history could not be written; empty if it was.
+    run: the campaign that makes them, None: a command. who: the person, or person@host; empty: the user of this
+    process. failure: why the history could not be written; empty if it was.
     """
 
     def __init__(self, history: TableHistory, run: str | None = None, who: str = "") -> None:
         self.history = history
         self._run = run
-        self._who = who or _user()
+        self._who = who if "@" in who else user_here(who)
         self.failure = ""
 
     @contextmanager
@@ -115,10 +115,10 @@ class TableRecorder:
             self.failure = f"{file}: the history of tables was not written: {error.strerror or error}\n    {cure}"
 
 
-def _user() -> str:
-    """user@host of this process; the number of a user without a name, as in containers."""
+def user_here(name: str = "") -> str:
+    """name@host; default: the user of this process, or the number of a user without a name, as in containers."""
     try:
-        name = getpass.getuser()
+        name = name or getpass.getuser()
     except (KeyError, OSError):
         name = str(os.getuid())
     return f"{name}@{socket.gethostname()}"

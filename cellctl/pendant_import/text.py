@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from cellctl.files import InputError, Problem
+from cellctl.files.kinds import EXPORT, OWN, kind_of, refuse_other_kind
 from cellctl.formats.plain_text import decoded
 
 
@@ -16,6 +17,8 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
     text = decoded(data, str(path))
+    if (found := kind_of(text)) in OWN:
+        refuse_other_kind(path, EXPORT, found)
     if "\0" in text:
         raise InputError(Problem(str(path), 0, 0, "is not text", "give a KRL, script or CSV file"))
     if not text.strip():

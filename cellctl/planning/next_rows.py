@@ -9,8 +9,8 @@ AC − (ACaᵀ)(1 + aCaᵀ)⁻¹aC.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, replace
+from typing import Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,12 @@ class Advice:
     sigma_mm: Floats
     narrowed: Floats
     at_random_mm: float
+
+    def beside(self, more_mm: float) -> Self:
+        """With `more_mm`, 1 σ, 3-D, RMS, in each σ: what these rows do not lower."""
+        return replace(
+            self, sigma_mm=np.hypot(self.sigma_mm, more_mm), at_random_mm=float(np.hypot(self.at_random_mm, more_mm))
+        )
 
 
 def next_rows(covariance: Floats, asked: Floats, candidates: Floats, count: int) -> Advice:

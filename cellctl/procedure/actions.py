@@ -68,6 +68,8 @@ def _confirm(findings: Findings, value: Any, at: Path) -> Confirm:
     fields = Fields(findings, value, at, _CONFIRM, "a 'confirm'")
     line, column = findings.document.place(at)
     text = fields.text("confirm")
+    if not text.strip() and isinstance(fields.raw("confirm"), str):
+        fields.report("confirm", "the text of a 'confirm' is empty", "write what the operator has to look at, or do")
     if "${" in text:
         fields.report("confirm", "the text of a 'confirm' has no references", "write the text itself")
     on_resume = OnResume(fields.one_of("on_resume", tuple(OnResume), OnResume.SKIP))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, final
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class CellContext(Protocol):
-    """The cell's data before a run and in a step: its file, its robot file, the run's seed."""
+    """The data before a run and in a step: the cell's file, its robot file, the run's seed, the folder of the runs."""
 
     @property
     def cell(self) -> Document:
@@ -31,6 +32,10 @@ class CellContext(Protocol):
     def seed(self) -> int:
         """The run's seed."""
 
+    @property
+    def runs(self) -> pathlib.Path:
+        """The folder of the runs."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,7 @@ class CellFiles:
     cell: Document
     robot_file: pathlib.Path
     seed: int
+    runs: pathlib.Path = pathlib.Path("runs")
 
 
 CheckCell = Callable[[CellContext, Mapping[str, Any]], None]
@@ -52,12 +58,16 @@ ExpectedPasses = Callable[[Mapping[str, Any]], int]
 
 
 def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry) -> int:
-    """Total number of passes of the loops of `procedure`, predicted by its steps before the run."""
+    """Total number of passes of the loops of `procedure`, predicted by its steps before the run.
+
+    Raises InputError for a step whose `expects=` fails.
+    """
     total = 0
     for action in procedure.actions():
         kind = registry.find(action.do) if isinstance(action, Step) else None
         if isinstance(action, Step) and kind and kind.expects:
-            total += kind.expects(_known(action, kind, parameters))
+            with _own_mistakes(procedure, action, "expects"):
+                total += kind.expects(_known(action, kind, parameters))
     return total
 
 
@@ -70,10 +80,28 @@ def check_cell(
         kind = registry.find(action.do) if isinstance(action, Step) else None
         if isinstance(action, Step) and kind and kind.check:
             try:
-                kind.check(context, _known(action, kind, parameters))
+                with _own_mistakes(procedure, action, "check"):
+                    kind.check(context, _known(action, kind, parameters))
             except InputError as error:
                 found |= dict.fromkeys(error.problems)  # several steps find the same error
+    try:
+        expected_passes(procedure, parameters, registry)
+    except InputError as error:
+        found |= dict.fromkeys(error.problems)
     return list(found)
+
+
+@contextmanager
+def _own_mistakes(procedure: Procedure, step: Step, hook: str) -> Iterator[None]:
+    """Turn an error of a step's own `check=` or `expects=` into one at the step: other people write steps too."""
+    try:
+        yield
+    except (InputError, OSError):
+        raise
+    except Exception as error:
+        what = f"`{hook}=` of step {step.do} failed: {type(error).__name__}: {error}"
+        cure = "report it to the step's author"
+        raise InputError(procedure.document.problem((*step.at, "do"), what, cure)) from error
 
 
 def _known(step: Step, kind: AnyStepKind, parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -114,7 +114,9 @@ class _Checker:
             cure = did_you_mean(device, self._devices or {})
             self.findings.report((*interlock.at, "device"), f"the cell has no device '{device}'", cure)
         elif conditions is not None and condition and condition not in conditions.get(device, {}):
-            cure = did_you_mean(condition, conditions.get(device, {}), "its driver offers no conditions")
+            known = ", ".join(sorted(conditions.get(device, {})))
+            near = did_you_mean(condition, conditions.get(device, {}), "choose one")
+            cure = f"{near}; its conditions: {known}" if known else "its driver offers no conditions"
             what = f"'{device}' has no condition '{condition}'"
             self.findings.report((*interlock.at, "condition"), what, cure)
 
@@ -199,7 +201,7 @@ class _Checker:
             return
         there = {name: protocol for name, protocol in kind.uses.items() if name in self._devices}
         for name, protocol in {**kind.needs, **there}.items():
-            what = _lacking(name, protocol, self._devices)
+            what = lacking(name, protocol, self._devices)
             if what and name not in self._devices_named:  # report it once: every touch needs the probe
                 self._devices_named.add(name)
                 cure = f"add '{name}: <address>' under `devices:`, with a driver that is a {protocol.__name__}"
@@ -219,7 +221,8 @@ class _Checker:
             self.findings.report((*step.at, "retry"), "attempts without an error to try again after", cure)
 
 
-def _lacking(name: str, protocol: type, devices: Devices) -> str:
+def lacking(name: str, protocol: type, devices: Devices) -> str:
+    """What a cell with `devices` lacks of the device `name` with the abilities `protocol`; empty: nothing."""
     if name not in devices:
         return f"a device '{name}', and the cell has none"
     driver = devices[name]

@@ -32,12 +32,20 @@ class StepContext(Protocol):
         """The run's seed; all that is random in a step follows from it and the step's identity."""
 
     @property
+    def runs(self) -> pathlib.Path:
+        """The folder of the runs."""
+
+    @property
     def run_folder(self) -> pathlib.Path:
         """Where the run's files are. To write one: `write_artefact`; to read one: `artefact`."""
 
     @property
     def run_name(self) -> str:
         """The run's name at its start, also after its folder moved."""
+
+    @property
+    def operator(self) -> str:
+        """The person who started the run or resumed it last."""
 
     @property
     def calendar(self) -> str:

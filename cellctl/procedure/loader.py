@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from cellctl.files import Document, Path, load_yaml
+from cellctl.files.kinds import PROCEDURE
 from cellctl.procedure.actions import read_actions, read_cleanup
 from cellctl.procedure.fields import NAME_RULE, Fields, Findings, is_name
 from cellctl.procedure.model import Interlock, OnBreak, Parameter, ParameterType, Procedure, Resume
@@ -18,8 +19,10 @@ _INTERLOCK = ("id", "device", "condition", "on_break", "resume")
 
 
 def load_procedure(path: pathlib.Path) -> Procedure:
-    """Read a procedure file. Raises InputError only if it is not readable YAML; see `Procedure.problems`."""
-    return read_procedure(load_yaml(path))
+    """Read a procedure file. Raises InputError only if it is not readable YAML, or another file; see
+    `Procedure.problems`.
+    """
+    return read_procedure(load_yaml(path, PROCEDURE))
 
 
 def read_procedure(document: Document) -> Procedure:

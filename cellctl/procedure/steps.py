@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar, final
 
 from pydantic import BaseModel, ConfigDict
 
-from cellctl.devices import DeviceUncertain
+from cellctl.devices import DeviceUncertain, acts
 from cellctl.devices import errors as device_errors
 from cellctl.files import canonical_json
 from cellctl.procedure.cell_check import CheckCell, ExpectedPasses
@@ -48,10 +48,11 @@ class StepKind(Generic[Inputs, Result]):
     """A step kind, callable as its function.
 
     `needs`: device name → the Protocol required of it. `uses`: the same for devices that a cell may lack. `moves`: it
-    moves or writes, so that a crash in it leaves an uncertain state. `errors`: errors of its own, by class name, that
-    `retry.on` may name. `check`: raises what the step would refuse of the cell, before the run. `verdict`: the row that
-    it records, if it records the verdict of a campaign. `title`: shown to the operator while it runs. `expects`: see
-    `ExpectedPasses`. `reads_files`: it reads files outside the run folder, and records what it read.
+    has a device that moves or writes (`cellctl.devices.acts`), so that a crash in it leaves an uncertain state.
+    `errors`: errors of its own, by class name, that `retry.on` may name. `check`: raises what the step would refuse of
+    the cell, before the run. `verdict`: the row that it records, if it records the verdict of a campaign. `title`:
+    shown to the operator while it runs. `expects`: see `ExpectedPasses`. `reads_files`: it reads files outside the
+    run folder, and records what it read.
     """
 
     name: str
@@ -129,12 +130,16 @@ def step(
     """Make a step kind from `async def name(context, inputs: Model) -> Result | None`.
 
     `name` is `family.verb`, where the family is the entry point (group `cellctl.steps`) of its module.
-    The docstring's first line is its summary. `uses`, `check`, `title`, `expects`,
+    The docstring's first line is its summary. It moves or writes if a device's Protocol does (`cellctl.devices.acts`):
+    ask for the narrowest one; `moves`: it does by something else than a device. `uses`, `check`, `title`, `expects`,
     `reads_files`: see `StepKind`. Raises TypeError if the function does not fit.
     """
 
     def make(function: Callable[[StepContext, Inputs], Awaitable[Result]]) -> StepKind[Inputs, Result]:
         inputs, result = _signature(name, function)
+        for what, hook, given in (("check", check, 2), ("expects", expects, 1)):
+            if hook is not None:
+                _callable_with(name, what, hook, given)
         return StepKind(
             name=name,
             summary=_summary(name, function),
@@ -142,7 +147,7 @@ def step(
             result=result,
             needs=dict(needs or {}),
             uses=dict(uses or {}),
-            moves=moves,
+            moves=moves or any(map(acts, (*(needs or {}).values(), *(uses or {}).values()))),
             function=function,
             errors={error.__name__: error for error in errors},
             check=check,
@@ -153,6 +158,15 @@ def step(
         )
 
     return make
+
+
+def _callable_with(name: str, what: str, hook: object, given: int) -> None:
+    """Raise TypeError unless `hook`, the step's `check=` or `expects=`, can be called with so many arguments."""
+    try:
+        inspect.signature(hook).bind(*[None] * given)  # type: ignore[arg-type]  # a wrong one is what is looked for
+    except TypeError as error:
+        takes = "(context, known)" if given == 2 else "(known)"
+        raise TypeError(f"step '{name}': `{what}=` has to be a function of {takes}: {error}") from error
 
 
 def _signature(name: str, function: Callable[..., Any]) -> tuple[type[Any], type[BaseModel] | None]:

@@ -28,14 +28,19 @@ def error_line(
 def fit_lines(figures: Mapping[str, Any]) -> list[Line]:
     """The lines of a fit, from its JSON: held-out rows, nominal robot (for an updated prior model), rows of the fit."""
     rows = NOUNS.get(figures.get("measure", ""), "rows")
-    count, prior, lines = int(figures.get("n_test") or 0), figures.get("prior"), []
+    count, lines = int(figures.get("n_test") or 0), []
+    baseline = figures.get("prior") or figures.get("nominal_with_tool")
     if count:
         lines.append(
             error_line(
-                f"held-out {rows}", count, prior or figures["nominal"], figures["test"], figures["predicted_test_rms"]
+                f"held-out {rows}",
+                count,
+                baseline or figures["nominal"],
+                figures["test"],
+                figures["predicted_test_rms"],
             )
         )
-    if count and prior:
+    if count and baseline:
         lines.append(error_line(f"nominal robot, held-out {rows}", count, figures["nominal"], None, None))
     if figures.get("n_fit") and figures.get("fit"):
         lines.append(error_line(f"{rows} of the fit", int(figures["n_fit"]), None, figures["fit"], None))

@@ -55,14 +55,15 @@ IDENTIFICATION = (
     ),
     Sigma(
         "1 σ of the TCP; 1 σ over the joints, in the verdict",
-        "the position that the model predicts; without the scatter of a measurement",
-        "root of the sum of the three variances of X, Y, Z, from the covariance of the parameters",
+        "the position that the model predicts, as `cellctl predict` states it; without the scatter of a measurement",
+        "root of the sum of the three variances of X, Y, Z: covariance of the parameters, open variance of the "
+        "residual models, scatter of errors too fast for the model, doubt outside the measured joints",
         "1 σ, 3-D. Not 95 %: if alike in all directions, 95 % of the errors are within 1.61 times this value",
     ),
     Sigma(
         "σ after, in the table of postures",
         "the same, of points among themselves, with that posture and those above it measured",
-        "covariance that the fit would have then",
+        "covariance that the fit would have then; the rest as above",
         "1 σ, 3-D",
     ),
     Sigma(

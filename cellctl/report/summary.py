@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -150,8 +151,10 @@ def _type_a(run: Run, dimensions: int) -> Iterator[Contribution]:
         yield Contribution.of_errors(what, "A", source, found[0], dimensions)
     predicted = figures.get("predicted_volumetric_rms")
     if predicted is not None:
-        source = "covariance of the fit, over its joints; points among themselves"
-        yield Contribution("identified parameters", "A", source, position_mm=float(predicted))
+        # the scatter of the robot is in that of a measurement already: counted twice, the sum would be too large
+        own = math.sqrt(max(float(predicted) ** 2 - float(figures.get("scatter_mm") or 0.0) ** 2, 0.0))
+        source = "covariance of the fit, over its joints; points among themselves; without scatter"
+        yield Contribution("identified parameters", "A", source, position_mm=own)
 
 
 def _type_b(run: Run, dimensions: int) -> Iterator[Contribution]:

@@ -21,8 +21,8 @@ LEAST_MM = 0.3
 @final
 @dataclass(frozen=True, eq=False)
 class PredictedSpacings:
-    """K distances, mm, as given and as estimated from rows alone; the covariance (K, K) of the estimates, mm², and the
-    σ (K,) of the given distances.
+    """K distances, mm, as given and as estimated from rows alone; the covariance (K, K) of the estimates, mm², model
+    errors included, and the σ (K,) of the given distances.
     """
 
     given: Floats
@@ -31,12 +31,12 @@ class PredictedSpacings:
     sigma: Floats
 
     @classmethod
-    def of(cls, spacings: SpacingRows, found: Estimate) -> Self:
-        """From a robot and points that were `found` without `spacings`."""
+    def of(cls, spacings: SpacingRows, found: Estimate, errors: Floats) -> Self:
+        """From a robot and points that were `found` without `spacings`; errors (K, K), mm²: `model_errors`."""
         state = found.state
         lines = spacings.jacobian(state)[:, 0]
         estimate = spacings.mm + spacings.residual(state)[:, 0]
-        return cls(spacings.mm, estimate, lines @ found.covariance @ lines.T, spacings.sigma[:, 0])
+        return cls(spacings.mm, estimate, lines @ found.covariance @ lines.T + errors, spacings.sigma[:, 0])
 
     @property
     def away(self) -> Floats:

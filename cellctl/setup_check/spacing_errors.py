@@ -20,8 +20,9 @@ from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import climb
-from cellctl.kinematics import Bools
-from cellctl.setup_check.predicted_spacings import FAR, PredictedSpacings, wrong
+from cellctl.kinematics import Bools, Floats
+from cellctl.setup_check.model_errors import model_errors
+from cellctl.setup_check.predicted_spacings import FAR, LEAST_MM, PredictedSpacings, wrong
 from cellctl.setup_check.second_centres import with_best_centres
 
 SAMPLE = 300
@@ -48,7 +49,8 @@ BETTER = 4.0
 class SpacingError:
     """A certified distance, mm, that contradicts the estimate from the rows and the other distances, mm ± 1 σ.
 
-    certain: whether this one is wrong; else one of those reported is.
+    sigma: the fit's σ, with the error that its model lacks. certain: whether this one is wrong; else one of those
+    reported is. least: the smallest error, mm, that would have been found.
     """
 
     between: tuple[str, str]
@@ -56,14 +58,16 @@ class SpacingError:
     estimate: float
     sigma: float
     certain: bool
+    least: float
 
     @property
     def what(self) -> str:
-        """`spacing S1–S2: 503 mm given, 403.1 ± 0.1 mm estimated from these rows`."""
+        """`spacing S1–S2: 503 mm given, 403.1 ± 0.1 mm estimated from these rows (errors from 0.7 mm are found)`."""
         digits = max(0, min(3, 1 - int(np.floor(np.log10(self.sigma)))))
         source = "these rows" if self.certain else "these rows and the other spacings"
         given = f"spacing {self.between[0]}–{self.between[1]}: {self.given:g} mm given"
-        return f"{given}, {self.estimate:.{digits}f} ± {self.sigma:.{digits}f} mm estimated from {source}"
+        estimated = f"{self.estimate:.{digits}f} ± {self.sigma:.{digits}f} mm estimated from {source}"
+        return f"{given}, {estimated} (errors from {self.least:.2g} mm are found)"
 
 
 @final
@@ -112,11 +116,14 @@ def _contradicted(task: Task, spacings: SpacingRows) -> tuple[SpacingError | Sca
     found = identify(alone)
     used = rows.pick(np.array(found.used))
     judged = _between(spacings, _known(used, len(task.points)))
-    if not found.identified.converged or not _suspected(judged, found.identified) or _fits(alone, judged, found):
+    if not found.identified.converged or not len(judged):
+        return ()
+    predicted = _predicted(judged, found.identified, used, found.noise)
+    if not wrong(predicted)[0].any() or _fits(alone, judged, found):
         return ()
     best, unsure = with_best_centres(found.identified, used.noisier(found.noise))
     judged = _between(judged, ~unsure)
-    return _errors_of(task, judged, best) if _suspected(judged, best) else ()
+    return _errors_of(task, judged, _predicted(judged, best, used, found.noise)) if len(judged) else ()
 
 
 def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
@@ -124,14 +131,16 @@ def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
     return spacings.pick(points[spacings.pairs].all(axis=1))
 
 
-def _suspected(spacings: SpacingRows, found: Estimate) -> bool:
-    """Whether any contradicts the estimate."""
-    return len(spacings) > 0 and bool(wrong(PredictedSpacings.of(spacings, found))[0].any())
+def _predicted(spacings: SpacingRows, found: Estimate, rows: RowBlocks, noise: Floats) -> PredictedSpacings:
+    return PredictedSpacings.of(spacings, found, model_errors(spacings, found, rows, noise))
 
 
-def _errors_of(task: Task, spacings: SpacingRows, found: Estimate) -> tuple[SpacingError | ScaleError, ...]:
-    """The common factor of all, or each contradicting distance."""
-    predicted = PredictedSpacings.of(spacings, found)
+def _errors_of(
+    task: Task, spacings: SpacingRows, predicted: PredictedSpacings
+) -> tuple[SpacingError | ScaleError, ...]:
+    """The common factor of all, or each contradicting distance; none where none contradicts."""
+    if not wrong(predicted)[0].any():
+        return ()
     names = [(task.points[first], task.points[second]) for first, second in spacings.pairs]
     scale = _scale(predicted, names[0])
     return (scale,) if scale is not None else _named(predicted, names)
@@ -198,5 +207,6 @@ def _named(predicted: PredictedSpacings, names: Sequence[tuple[str, str]]) -> tu
         off, sigma = predicted.given_others(kept, one)
         spread = float(np.sqrt(max(sigma**2 - float(predicted.sigma[one]) ** 2, 1e-8)))
         given = float(predicted.given[one])
-        result.append(SpacingError(names[one], given, given - off, spread, bool(certain[one])))
+        least = max(FAR * sigma, LEAST_MM)
+        result.append(SpacingError(names[one], given, given - off, spread, bool(certain[one]), least))
     return tuple(result)

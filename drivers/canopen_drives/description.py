@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellctl.devices import Address, CurrentSource, DriverDescription, Surroundings
+from cellctl.devices import Address, CurrentSource, DriverDescription, Finding, Surroundings
 from drivers.canopen_drives.place import CanPlace
 
 
@@ -19,4 +19,16 @@ def open_drives(name: str, address: Address, surroundings: Surroundings) -> Curr
     return CanopenDrives(name, CanPlace.of(address), surroundings.clock)
 
 
-DRIVER = DriverDescription(open_drives, CurrentSource)
+def _places(address: Address) -> set[str]:
+    return {f"bus {CanPlace.of(address)}"}
+
+
+def _findings(address: Address, surroundings: Surroundings) -> list[Finding]:
+    nodes, axes = len(CanPlace.of(address).nodes), surroundings.axes
+    if axes is None or nodes == axes:
+        return []
+    what = f"nodes names {nodes} drive{'s' * (nodes != 1)}, and the robot has {axes} axes"
+    return [Finding(what, "name the node of each axis, A1 first")]
+
+
+DRIVER = DriverDescription(open_drives, CurrentSource, check_setup=_findings, places=_places)

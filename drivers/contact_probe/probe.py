@@ -20,7 +20,7 @@ from cellctl.devices import (
     ProbeNotOpen,
 )
 from drivers.contact_probe.messages import Introduction
-from drivers.contact_probe.search import Search, fault_of
+from drivers.contact_probe.search import fault_of
 from drivers.contact_probe.session import Session
 from drivers.serial_port import SerialPlace
 
@@ -59,9 +59,8 @@ class SerialProbe:
         """Arm; the probe itself verifies that the loop is open. If it is not idle, disarm and repeat."""
         session = self._connected()
         session.check()
-        ticks = await session.settled()
-        session.end_search()
-        search = session.search = Search(self.name, self._clock, ticks, on_edge, on_alive)
+        await session.settled()
+        search = session.begin_search(on_edge, on_alive)
         try:
             await self._armed(session)
         except BaseException:

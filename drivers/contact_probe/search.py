@@ -46,7 +46,7 @@ def _missed(device: str, beat: Heartbeat) -> DeviceFault:
 
 @final
 class Search:
-    """From arming to disarming; `ticks` is settled.
+    """From arming to disarming; `ticks` is settled, `earlier_edges` are the ticks of those received before.
 
     `alive`, `at_once` and `halt` may be called from any thread; the rest belongs to the loop.
     """
@@ -58,8 +58,10 @@ class Search:
         ticks: TickClock,
         on_edge: Callable[[], None],
         on_alive: Callable[[int], None],
+        earlier_edges: frozenset[int],
     ) -> None:
         self.alive = on_alive
+        self._earlier_edges = earlier_edges
         self._device, self._clock, self._ticks, self._on_edge = device, clock, ticks, on_edge
         self._begin_tick = ticks.last_tick
         self._armed = False
@@ -87,7 +89,7 @@ class Search:
         """Halt if `line` ends the search: an edge, a reset, a fault, or one of these that the probe missed."""
         match line.message:
             case Edge(edge_tick=tick) | Confirmation(edge_tick=tick):
-                over = self._is_ours(tick)
+                over = tick not in self._earlier_edges
             case Heartbeat() as beat:
                 over = self._armed and (beat.state != "ARMED" or not beat.open)
             case message:
@@ -107,10 +109,12 @@ class Search:
         `new`: the line is newer than all before it, as `Arrival.new`.
         """
         match line.message:
-            case Edge(edge_tick=tick) | Confirmation(edge_tick=tick) if self._is_ours(tick):
-                refused = self._is_in_future(tick, line, new=new)
-                self._refuse(line) if refused else self._pursue_edge(line.message)
-                return refused
+            case Edge(edge_tick=tick) | Confirmation(edge_tick=tick) if tick not in self._earlier_edges:
+                if untrue := self._why_untrue(tick, line, new=new):
+                    self._refuse(line, untrue)
+                else:
+                    self._pursue_edge(line.message)
+                return bool(untrue)
             case Boot(cause=cause):
                 what = f"was reset while armed (cause {cause}); the search is void"
                 self.end(DeviceFault(self._device, what, _RESET_CURE))
@@ -158,8 +162,8 @@ class Search:
             fault = _missed(self._device, beat)
             self._conclude_in(_EDGE_WITHIN_S, lambda: self.end(fault))
 
-    def _refuse(self, line: Line) -> None:
-        what = f"reported an edge in the future: {line.message} in a line of tick {line.tick}"
+    def _refuse(self, line: Line, untrue: str) -> None:
+        what = f"reported an edge {untrue}: {line.message} in a line of tick {line.tick}"
         self.end(DeviceFault(self._device, what, "check the probe's firmware and its timer, then search again"))
 
     def _conclude_in(self, seconds: float, conclude: Callable[[], None]) -> None:
@@ -170,11 +174,13 @@ class Search:
     def _contact(self, tick: int, *, confirmed: bool | None, bounces: int) -> None:
         self.end(Contact(self._ticks.cell_ns(tick), self._ticks.sigma_ns(), tick, confirmed, bounces))
 
-    def _is_in_future(self, edge_tick: int, line: Line, *, new: bool) -> bool:
-        """Later than the start of its own line, or in a line whose count has jumped ahead or has stopped."""
-        jumped = not new and not self._ticks.is_before(line.tick, self._ticks.last_tick)
-        return jumped or self._ticks.is_before(line.tick, edge_tick)
+    def _why_untrue(self, edge_tick: int, line: Line, *, new: bool) -> str:
+        """Why it cannot be the time of this search's contact; empty if it can.
 
-    def _is_ours(self, edge_tick: int) -> bool:
-        """Whether it is not an earlier search's edge, repeated after a lost acknowledgement."""
-        return not self._ticks.is_before(edge_tick, self._begin_tick)
+        Later than the start of its own line, or in a line whose count has jumped ahead or has stopped; or before
+        arming: an edge of an earlier search was received then, or nobody knows what the probe reports.
+        """
+        jumped = not new and not self._ticks.is_before(line.tick, self._ticks.last_tick)
+        if jumped or self._ticks.is_before(line.tick, edge_tick):
+            return "in the future"
+        return "from before it was armed" if self._ticks.is_before(edge_tick, self._begin_tick) else ""

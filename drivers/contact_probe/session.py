@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, final
 
@@ -10,7 +11,7 @@ from cellctl.clock import Clock
 from cellctl.devices import DeviceLost, DeviceUnreachable
 from drivers.contact_probe.lines import Line
 from drivers.contact_probe.link import Answered, Arrival, Link
-from drivers.contact_probe.messages import Boot, Heartbeat, Introduction, Reply, Synced
+from drivers.contact_probe.messages import Boot, Confirmation, Edge, Heartbeat, Introduction, Reply, Synced
 from drivers.contact_probe.search import Search
 from drivers.contact_probe.ticks import TickClock
 from drivers.serial_port import SerialPlace, open_port
@@ -41,6 +42,7 @@ class Session:
         self._beat_tick = 0
         self._beaten = asyncio.Event()
         self.resets = self.refused_edges = 0
+        self._edges: set[int] = set()
         self._device, self._place, self._clock = device, str(place), clock
         self.link: Final = Link(device, open_port(device, place), place.baud, clock, self)
         self.link.start()
@@ -127,6 +129,13 @@ class Session:
         left_s = _SILENCE_S - self.link.silent_ns() * 1e-9
         self._clock.call_later(max(left_s, 0.001), lambda: self.watch(search))
 
+    def begin_search(self, on_edge: Callable[[], None], on_alive: Callable[[int], None]) -> Search:
+        """To be armed next: it ends by any edge that was not received before. The count is settled."""
+        self.end_search()
+        assert self.ticks
+        self.search = Search(self._device, self._clock, self.ticks, on_edge, on_alive, frozenset(self._edges))
+        return self.search
+
     def end_search(self) -> None:
         """Disarmed: discard the search."""
         if self.search:
@@ -149,6 +158,10 @@ class Session:
         """Halt the search before the line that ends it is acknowledged."""
         if search := self.search:
             search.at_once(line)
+        if isinstance(line.message, Boot):
+            self._edges.clear()
+        if isinstance(line.message, Edge | Confirmation):
+            self._edges.add(line.message.edge_tick)
 
     def gone_at_once(self) -> None:
         """Halt the search: the tip is no longer monitored."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cellctl.devices import Address, CompensatedRobot, DriverDescription, Surroundings
+from cellctl.devices import Address, CompensatedRobot, DriverDescription, Surroundings, host_places
 from drivers.kuka_rsi.controller_files.generate import controller_files
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits, of_each
@@ -43,4 +43,10 @@ def check_address(address: Address, folder: Path) -> list[str]:
     return read_ethernet_config(settings).errors
 
 
-DRIVER = DriverDescription(open_robot, KukaRobot, check_address, findings, controller_files)
+def _places(address: Address) -> frozenset[str]:
+    """The port of EthernetKRL, and the controller, which a variable proxy reaches by another port."""
+    settings = RsiSettings.of(address, Path())
+    return host_places(*settings.eki) | host_places(settings.eki[0]) | host_places(settings.heard)
+
+
+DRIVER = DriverDescription(open_robot, KukaRobot, check_address, findings, controller_files, _places)

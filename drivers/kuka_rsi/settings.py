@@ -7,13 +7,12 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Self, final
 
-from cellctl.devices import Address
+from cellctl.devices import Address, impossible_host
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, default_tolerance, highest_tolerance
 
 _SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "cycle", "controller", "tolerance"}
-_LARGEST_TOLERANCE = 1000
 _CYCLES = ", ".join(f"{cycle} ({cycle.milliseconds} ms)" for cycle in InterpolationCycle)
 
 
@@ -56,11 +55,15 @@ class RsiSettings:
         cycle = query.get("cycle", InterpolationCycle.IPO_FAST)
         errors += [] if mode in set(CorrectionMode) else [f"mode={mode} is none of {', '.join(CorrectionMode)}"]
         errors += [] if cycle in set(InterpolationCycle) else [f"cycle={cycle} is none of {_CYCLES}"]
-        errors += _about_the_controller(query.get("controller")) + _about_tolerance(query.get("tolerance"))
+        stated = InterpolationCycle(cycle) if cycle in set(InterpolationCycle) else InterpolationCycle.IPO_FAST
+        tolerance = query.get("tolerance", str(default_tolerance(stated)))
+        errors += _about_the_controller(query.get("controller")) + _about_tolerance(tolerance, stated)
         errors += [] if address.host else ["the host to bind is missing (0.0.0.0 binds every network)"]
         eki = _host_and_port(query.get("eki", ""))
         if query.get("eki") and eki is None:
             errors.append(f"eki={query['eki']} is not HOST:PORT")
+        if eki and (why := impossible_host(eki[0], reached=True)):
+            errors.append(f"eki={query['eki']}: {why}")
         if errors or eki is None:
             raise ValueError(f"{address}: {'; '.join(errors)}")
         names = {key: query[key] for key in ("correction", "stop", "controller") if key in query}
@@ -71,7 +74,7 @@ class RsiSettings:
             **names,
             mode=CorrectionMode(mode),
             cycle=InterpolationCycle(cycle),
-            tolerance=int(query.get("tolerance", DEFAULT_TOLERANCE)),
+            tolerance=int(tolerance),
         )
 
 
@@ -83,11 +86,11 @@ def _about_the_controller(text: str | None) -> list[str]:
     return []
 
 
-def _about_tolerance(text: str | None) -> list[str]:
-    number = text is None or (text.isascii() and text.isdigit() and len(text) < 5)
-    if number and 0 < int(text or DEFAULT_TOLERANCE) <= _LARGEST_TOLERANCE:
+def _about_tolerance(text: str, cycle: InterpolationCycle) -> list[str]:
+    highest = highest_tolerance(cycle)
+    if text.isascii() and text.isdigit() and len(text) < 5 and 0 < int(text) <= highest:
         return []
-    return [f"tolerance={text} is no number of cycles within 1 … {_LARGEST_TOLERANCE}"]
+    return [f"tolerance={text} is no number of cycles within 1 … {highest} (0.5 s at {cycle.milliseconds} ms)"]
 
 
 def _host_and_port(text: str) -> tuple[str, int] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellctl.devices import Address, DriverDescription, Finding, Surroundings, TableRobot
+from cellctl.devices import Address, DriverDescription, Finding, Surroundings, TableRobot, host_places
 from drivers.kuka_varproxy.controller_files.generate import controller_files
 from drivers.kuka_varproxy.limits import MoveLimits, findings
 from drivers.kuka_varproxy.robot import VarProxyRobot
@@ -21,4 +21,12 @@ def _findings(address: Address, surroundings: Surroundings) -> list[Finding]:
     return findings(surroundings.limits)
 
 
-DRIVER = DriverDescription(open_robot, VarProxyRobot, check_setup=_findings, controller_files=controller_files)
+def _places(address: Address) -> frozenset[str]:
+    """The proxy's port, and the controller, which another program may reach by EthernetKRL."""
+    place = ProxyPlace.of(address)
+    return host_places(place.host, place.port) | host_places(place.host)
+
+
+DRIVER = DriverDescription(
+    open_robot, VarProxyRobot, check_setup=_findings, controller_files=controller_files, places=_places
+)

@@ -19,6 +19,7 @@ from cellctl.devices import (
     LimitExceeded,
     TableState,
 )
+from cellctl.devices.table_errors import lost_before_activation
 from drivers.kuka_varproxy.files import ControllerFiles
 from drivers.kuka_varproxy.health import health_of
 from drivers.kuka_varproxy.limits import SLOWEST_PERCENT, AxisRanges, MoveLimits
@@ -128,8 +129,9 @@ class VarProxyRobot:
     async def push_table(self, table: ControllerTable) -> TableState:
         """Stage, read every row back, compare, activate at once; see TableStore."""
         with self._one_at_a_time():
-            await require_version(self.name, self._variables)
-            ranges = await AxisRanges.read(self._variables)
+            with lost_before_activation(self.name, table):
+                await require_version(self.name, self._variables)
+                ranges = await AxisRanges.read(self._variables)
             for row in table.rows:
                 ranges.check(self.name, row.compensated)
             return await self._tables().push(table)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self, final
 
-from cellctl.devices import Address
+from cellctl.devices import Address, impossible_host
 
 PORT = 7000
 EXAMPLE = "kuka+varproxy://172.31.1.147:7000"
@@ -24,4 +24,6 @@ class ProxyPlace:
         """The place in an address. Raises ValueError for a missing host, a path, or a setting: there are none."""
         if not address.host or address.path.strip("/") or address.query:
             raise ValueError(f"'{address}' has to name a host, may name a port, and nothing else, as {EXAMPLE}")
+        if why := impossible_host(address.host, reached=True):
+            raise ValueError(f"'{address}': {why}")
         return cls(address.host, address.port or PORT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellctl.devices import Address, CellIO, DriverDescription, Surroundings
+from cellctl.devices import Address, CellIO, DriverDescription, Surroundings, host_places
 from drivers.modbus_plc.plc import ModbusPlc
 from drivers.modbus_plc.settings import PlcPlace, limits_of
 
@@ -16,4 +16,9 @@ def open_plc(name: str, address: Address, surroundings: Surroundings) -> CellIO:
     return ModbusPlc(name, PlcPlace.of(address), surroundings.clock, limits_of(surroundings.limits))
 
 
-DRIVER = DriverDescription(open_plc, CellIO)
+def _places(address: Address) -> frozenset[str]:
+    place = PlcPlace.of(address)
+    return host_places(place.host, place.port)
+
+
+DRIVER = DriverDescription(open_plc, CellIO, places=_places)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self, final
 
-from cellctl.devices import Address
+from cellctl.devices import Address, impossible_host
 from drivers.modbus_plc.io_map import WordOrder
 from drivers.modbus_plc.polling import PollLimits
 
@@ -32,6 +32,8 @@ class PlcPlace:
         """The place in an address. Raises ValueError for a missing host, a path, or a wrong setting."""
         if not address.host or address.path.strip("/"):
             raise ValueError(f"'{address}' has to name a host and no path, as {_EXAMPLE}")
+        if why := impossible_host(address.host, reached=True):
+            raise ValueError(f"'{address}': {why}")
         unknown = sorted(set(address.query) - {"unit", "words"})
         if unknown:
             raise ValueError(f"'{address}': the setting '{unknown[0]}' is not known; there are 'unit' and 'words'")

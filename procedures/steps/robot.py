@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from cellctl.devices import MovingRobot
+from cellctl.devices import Device
 from cellctl.procedure import NoInputs, StepContext, step
 
 
-@step("robot.stop", needs={"robot": MovingRobot})
+@step("robot.stop", needs={"robot": Device})
 async def stop(context: StepContext, inputs: NoInputs) -> None:
     """Hold the robot where it is."""
-    robot: MovingRobot = context.device("robot")
+    robot: Device = context.device("robot")
     await robot.stop()

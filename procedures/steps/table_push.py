@@ -24,7 +24,7 @@ AnyVerdict = TypeVar("AnyVerdict", bound=VerdictRow)
 def recorded_changes(context: StepContext) -> Iterator[TableRecorder]:
     """Records in the history of the run's controller, beside the run folder; a failure to write is only reported."""
     history = TableHistory(context.run_folder.parent, context.identity("robot").serial)
-    recorder = TableRecorder(history, context.run_name)
+    recorder = TableRecorder(history, context.run_name, context.operator)
     try:
         yield recorder
     finally:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, final
 from urllib.parse import parse_qsl, urlsplit
 
@@ -84,13 +84,19 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
     currents = CurrentDisplay(setup.scene.motor_currents, cell.simulate.seed)
     late = LateCounter(settings.timeout_cycles, settings.counter)
     draw = random.Random(f"{cell.simulate.seed} controller")
+    link = RsiLink(kernel)
+
+    def mark() -> int:
+        """Of the session, as the generated program counts them; 0: of a program that gives none."""
+        return (link.sessions - 1) % 9999 + 1 if settings.mark == "session" else 0
+
     context = RsiContext(
         kernel=kernel,
         robot=arm,
-        link=RsiLink(kernel),
+        link=link,
         faults=setup.faults,
         config=config,
-        telegram=TelegramFormat(config, settings.precision, _values(arm, world, currents, late)),
+        telegram=TelegramFormat(config, settings.precision, _values(arm, world, currents, late, mark)),
         settings=settings,
         late=late,
         servo=Servo(speeds, settings.cycle_ms * 1e-3, cell.simulate.errors["servo"]),
@@ -139,7 +145,9 @@ def _config(setup: Setup) -> EthernetConfig:
     return read_config(setup.cell.folder / named)
 
 
-def _values(robot: MovingArm, world: World, currents: CurrentDisplay, late: LateCounter) -> dict[str, Value]:
+def _values(
+    robot: MovingArm, world: World, currents: CurrentDisplay, late: LateCounter, mark: Callable[[], int]
+) -> dict[str, Value]:
     """What each tag shows that is not zero. Under correction only the actual values move: the program stands still."""
     return {
         "RIst": lambda: world.shown_pose(robot.readings()),
@@ -148,4 +156,5 @@ def _values(robot: MovingArm, world: World, currents: CurrentDisplay, late: Late
         "ASPos": lambda: robot.commanded,
         "MACur": currents.now,
         "Delay": lambda: (late.count,),
+        "Tech.C2": lambda: (mark(), -mark(), *(0.0,) * 8),
     }

@@ -87,6 +87,7 @@ class Program:
         self._sequence = 0
         memory.keep("program", lambda: {"message": self._message})
         rsi.faults.on_start("robot.stop", lambda: self.fail(EMERGENCY_STOP))
+        rsi.faults.on_start("rsi.restart", self._restart_rsi)
         safety.subscribe(self._safety_changed)
         self._robot.on_collision = lambda: self.fail("KSS15065 Collision detection: the tool has struck an obstacle")
 
@@ -249,6 +250,27 @@ class Program:
         self._path = PathCorrection(self._rsi, self.fail)
         self._arrived()
         self._rsi_on = self._kernel.at(self._kernel.now, self._path.start)  # behind the reply, as with a search
+
+    def _restart_rsi(self) -> None:
+        """RSI_OFF and RSI_ON in one program, which tells the PC nothing: the new session's zero is where it stands."""
+        if session := self._session or self._path:
+            session.abort()
+            self._robot.brake(self._rsi_again)
+
+    def _rsi_again(self) -> None:
+        self._robot.take_measured()
+        cycle = self._rsi.settings.cycle_ms * MS
+        at = (self._kernel.now // cycle + self._rsi.settings.restart_cycles) * cycle
+
+        def begin() -> None:
+            if self._session:
+                self._session = RsiSession(self._rsi, self._rsi_ended)
+                self._session.start()
+            elif self._path:
+                self._path = PathCorrection(self._rsi, self.fail)
+                self._path.start()
+
+        self._rsi_on = self._kernel.at(at, begin)
 
     def _leave_path(self) -> None:
         """RSI_OFF, and `PTP $AXIS_ACT_MEAS`."""

@@ -28,7 +28,8 @@ class RsiSettings:
     """Interpolation cycle, decimals of the telegram, tolerated late cycles, and how they count (total, or reset).
 
     `mode`: what the controller's program passes to RSI_ON, absolute or relative. `hello`: whether HELLO names mode and
-    cycle (rsi_on), or not, as in older programs (short).
+    cycle (rsi_on), or not, as in older programs (short). `mark`: whether telegrams have a number of their session.
+    `port`: of the next session, kept or new. `restart_cycles`: from a session's end to the next one (rsi.restart).
     """
 
     cycle_ms: int
@@ -36,6 +37,9 @@ class RsiSettings:
     timeout_cycles: int
     counter: str
     mode: str
+    mark: str
+    port: str
+    restart_cycles: int
     hello: str
 
     @property
@@ -88,6 +92,7 @@ class RsiExchange:
     def begin(self) -> None:
         """RSI_ON."""
         self._c.late.begin()
+        self._c.link.begin(new_port=self._c.settings.port == "new")
         self._c.link.drain()
         self._c.link.alive()
         self._c.link.on_datagram = self._received

@@ -31,6 +31,9 @@ class RsiLink:
         self._kernel = kernel
         self._socket: socket.socket | None = None
         self._hold: Hold | None = None
+        self._target = ("", 0)
+        self.sessions = 0
+        """RSI_ON so far."""
 
     @property
     def has_target(self) -> bool:
@@ -40,10 +43,17 @@ class RsiLink:
     def set_target(self, host: str, port: int) -> None:
         """The address of the PC (`<IP_NUMBER>` and `<PORT>` of its configuration)."""
         self.close()
+        self._target = host, port
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.connect((host, port))
         self._kernel.watch(self._socket, self._receive)
+
+    def begin(self, *, new_port: bool) -> None:
+        """RSI_ON, from the port of the session before, or from a new one."""
+        self.sessions += 1
+        if new_port and self._socket and self.sessions > 1:
+            self.set_target(*self._target)
 
     def drain(self) -> None:
         """Throw away what has come so far: it belongs to an earlier RSI_ON."""

@@ -36,29 +36,27 @@ class LateCounter:
     """Cycles without a valid answer; more than `tolerated` and the ETHERNET object gives up.
 
     Whether a valid answer resets the count is not published, so both are here: counter `total` never does, `reset`
-    does. `count` is what the telegram's Delay shows: all of them.
+    does. `count` is what the telegram's Delay shows.
     """
 
     def __init__(self, tolerated: int, counter: str) -> None:
         self.count = 0
-        self._against = 0
         self._tolerated = tolerated
         self._resets = counter == "reset"
 
     def begin(self) -> None:
         """RSI_ON: counting begins anew."""
-        self.count = self._against = 0
+        self.count = 0
 
     def answered(self) -> None:
         """A cycle with a valid answer."""
         if self._resets:
-            self._against = 0
+            self.count = 0
 
     def missed(self) -> bool:
         """A cycle without one. True where that was one too many."""
         self.count += 1
-        self._against += 1
-        return self._against > self._tolerated
+        return self.count > self._tolerated
 
 
 @final

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from own_campaigns import Campaign, certificate, nominal_of
 
-from cellctl.calibration import SpacingRows, Task
+from cellctl.calibration import SpacingRows, Task, identify
 from cellctl.setup_check import find_spacing_errors
+from cellctl.setup_check.model_errors import model_errors
 
 
 def with_spacings(task, by):
@@ -129,3 +130,27 @@ def test_a_sphere_whose_touches_fit_two_centres_is_not_used():
     (contradicted,) = find_spacing_errors(replace(task, spacings=replace(task.spacings, mm=task.spacings.mm + off)))
     assert contradicted.between == ("S0", "S2")
     assert abs(contradicted.given - 2.0 - contradicted.estimate) < 4.0 * contradicted.sigma < 2.0
+
+
+def ten_sockets():
+    """A robot identified from visits of ten sockets, five plates of two, with nothing that the model lacks."""
+    campaign = Campaign.of(3)
+    at_home = replace(campaign, truth=replace(campaign.truth, base=np.eye(4)))
+    places = np.array([900.0, 0.0, 400.0]) + campaign.rng.uniform(-200.0, 200.0, (10, 3))
+    rows = [at_home.sockets(120, places, 0.03)]
+    task = Task(nominal_of(campaign.nominal), rows, tuple("ABCDEFGHIJ"), np.full((10, 3), np.nan))
+    found = identify(task)
+    pairs = np.arange(10).reshape(5, 2)
+    true = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
+    return found, task.rows.pick(np.array(found.used)), SpacingRows(pairs, true, np.full((5, 1), 0.01))
+
+
+def test_only_five_estimates_of_one_distance_show_what_the_model_lacks_by_their_scatter():
+    found, rows, spacings = ten_sockets()
+    clean = np.sqrt(np.diag(model_errors(spacings, found.identified, rows, found.noise)))
+    assert clean.max() < 0.05
+    alike = replace(spacings, mm=np.full(5, spacings.mm.mean()))
+    scatter = np.sqrt(np.diag(model_errors(alike, found.identified, rows, found.noise)))
+    np.testing.assert_allclose(scatter, np.std(spacings.mm, ddof=1), rtol=0.02)
+    four = np.sqrt(np.diag(model_errors(alike.pick(np.arange(4)), found.identified, rows, found.noise)))
+    np.testing.assert_allclose(four, clean[:4], rtol=1e-6)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, only_run, touches_procedure
+from child_process import child
 
 from cellctl.journal import OperatorAction, StateChanged, fold, read_journal
 
@@ -20,7 +21,7 @@ def test_a_campaign_is_paused_continued_and_ended_by_sigterm_as_by_ctrl_c(tmp_pa
     procedure, cell = touches_procedure(tmp_path, fit=30), cell_with(tmp_path, UNHURRIED)
     runs = tmp_path / "runs"
     command = [sys.executable, "-m", "cellctl", "run", str(procedure), "--cell", str(cell), "--runs", str(runs)]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as running:
+    with child(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None
         while "planned" not in running.stdout.readline():
             assert running.poll() is None

@@ -10,6 +10,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from cell_runs import (
     PATIENCE_S,
     ROOT,
     UNHURRIED,
+    another_engine,
     cell_with,
     cellctl,
     controller_states,
@@ -25,6 +28,7 @@ from cell_runs import (
     touches_procedure,
     unhurried,
 )
+from child_process import child
 
 from cellctl.devices import DeviceError, DeviceUnreachable
 from cellctl.engine import Mailbox, NobodyWatching, State
@@ -82,9 +86,10 @@ def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     unhurried(monkeypatch)
+    procedure, cell = touches_procedure(tmp_path), cell_with(tmp_path, UNHURRIED)
 
     async def two() -> tuple[Any, Any]:
-        campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path, UNHURRIED), [])
+        campaign = load_campaign(procedure, cell, [])
         simulated = await SimulatedCell.start(campaign.cell, None, "realtime")
         try:
             options = Options(None, "realtime")
@@ -94,8 +99,9 @@ def test_a_second_engine_on_a_cell_is_turned_away_and_the_first_goes_on(
             )
             while not _touches(tmp_path / "first") and not first_engine.done():
                 await asyncio.sleep(0.1)
-            other = run_on(simulated, campaign, options, tmp_path / "second", Mailbox(), watch)
-            second = await asyncio.to_thread(asyncio.run, other)  # its start must not stall the first
+            arguments = (simulated.ready, procedure, cell, tmp_path / "second")
+            with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # its start must not stall the first
+                second = await asyncio.get_running_loop().run_in_executor(pool, another_engine, *arguments)
             return await first_engine, second
         finally:
             simulated.stop()
@@ -113,7 +119,7 @@ def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_
     cell, runs = cell_with(tmp_path), tmp_path / "runs"
     procedure = touches_procedure(tmp_path, fit=60)  # so many that it is not over before it is seen to be under way
     command = [sys.executable, "-m", "cellctl", "run", str(procedure), "--cell", str(cell)]
-    with subprocess.Popen([*command, "--runs", str(runs)], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+    with child([*command, "--runs", str(runs)], stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
         # with a third one recorded, at least two have come to their end
         while process.poll() is None and not any(len(_touches(run)) >= 3 for run in runs.glob("*")):
             time.sleep(0.05)  # noqa: TID251 - another process, in wall time

@@ -11,7 +11,7 @@ import pytest
 from cell_runs import ROOT, cellctl
 
 from cellctl.journal import Journal, Recorded, RunStarted, RunState, SourceFile, StateChanged, fold, read_journal
-from cellctl.operations.replay.run import replay_run
+from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict, DayPoints
 from procedures.steps.iso9283.rows import IsoVerdict, RegistrationRow
 
@@ -80,7 +80,7 @@ def test_the_first_daily_check_starts_a_baseline_and_is_replayed(first_day: tupl
     assert found is not None
     assert found.sentence.startswith("Baseline 'first', run 1 of 20")
     replay = replay_run(folder)
-    assert replay.equal
+    assert replay.agreement is Agreement.EXACT
     assert "daily.judge" in {step.do for step in replay.steps}
 
 
@@ -96,7 +96,7 @@ def test_a_daily_check_after_20_runs_finds_other_joint_zeros(
     assert found is not None
     assert (code, found.verdict) == (1, "measure again"), found.lines
     assert found.daily.baseline_runs == 20
-    assert replay_run(folder).equal
+    assert replay_run(folder).agreement is Agreement.EXACT
 
 
 @pytest.mark.long
@@ -123,7 +123,7 @@ def test_a_short_test_by_iso_9283_measures_the_robot_by_nominal_joints(tmp_path:
     assert all(0.1 < each.accuracy < 10.0 for each in found.iso9283.before.points)
     assert (registration.by, registration.poses) == ("nominal", 10)
     assert "iso-scatter" in (folder / "report.html").read_text()
-    assert replay_run(folder).equal
+    assert replay_run(folder).agreement is Agreement.EXACT
 
 
 @pytest.mark.long
@@ -142,4 +142,4 @@ def test_the_table_made_of_a_calibration_makes_pose_accuracy_better(tmp_path: Pa
     before, after = (np.mean([each.accuracy for each in test.points]) for test in tests)
     assert after < 0.2 * before
     assert len(found.iso9283.after.variation) == 3
-    assert replay_run(folder).equal
+    assert replay_run(folder).agreement is Agreement.EXACT

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pytest
 from cell_runs import ROOT
+from child_process import child
 from corrected_cells import HEAVY_CELL, simulated_robot
 from correcting_engine import HERE, MODEL, PERCENT, THERE, corrected_from_here, there_and_back
 from online_models import wavy_model
 from watched_cell import watched_cell, watched_robot
 
-from cellctl.devices import CorrectionModel, DeviceError, DeviceLost, DeviceRefused
+from cellctl.devices import CorrectionModel, DeviceError, DeviceFault, DeviceLost, DeviceRefused
 
 pytestmark = pytest.mark.campaign
 
@@ -136,7 +137,7 @@ def test_an_engine_killed_in_mid_correction_leaves_a_robot_that_is_held_without_
     cell = heavy_with(tmp_path)
     with watched_cell(cell) as watched:
         given = [str(cell), json.dumps(watched.cell.ready), str(ROOT / "tests" / "helpers"), str(ROOT)]
-        with subprocess.Popen([sys.executable, "-c", ENGINE, *given], stdout=subprocess.PIPE, cwd=ROOT) as engine:
+        with child([sys.executable, "-c", ENGINE, *given], stdout=subprocess.PIPE, cwd=ROOT) as engine:
             assert engine.stdout
             assert engine.stdout.readline() == b"corrected\n"
             watched.joints.clear()
@@ -190,3 +191,54 @@ def test_a_correction_that_ended_at_the_pendant_is_not_taken_for_one_that_is_on(
             return await robot.correction_off()
 
     assert asyncio.run(go()).cycles > 0
+
+
+def test_after_a_message_of_the_controller_it_is_off_and_can_be_switched_on_again(tmp_path):
+    async def go():
+        async with simulated_robot(heavy_with(tmp_path)) as bench:
+            robot = bench.robot
+            await corrected_from_here(robot)
+            await bench.simulated.tell({"op": "fault", "fault": "safety.guard_open", "for_ms": 500})
+            await bench.clock.sleep(1)
+            assert robot.correction_id() == ""
+            with pytest.raises(DeviceFault, match=r"Safety gate open; the on-line correction is off"):
+                await robot.correction_off()
+            with pytest.raises(DeviceRefused, match="no on-line correction is on"):
+                await robot.correction_off()
+            await robot.reset()
+            await robot.correction_on(MODEL)
+            assert robot.correction_id() == MODEL.id
+            return await robot.correction_off()
+
+    assert asyncio.run(go()).cycles > 0
+
+
+def test_switched_off_while_the_robot_moves_it_fades_and_ends_with_the_motion(tmp_path):
+    async def go():
+        async with simulated_robot(heavy_with(tmp_path)) as bench:
+            robot = bench.robot
+            await corrected_from_here(robot)
+            moving = asyncio.create_task(robot.move(THERE, PERCENT))
+            await bench.clock.sleep(1)
+            ending = asyncio.create_task(robot.correction_off())
+            await bench.clock.sleep(0.8)
+            assert not any(robot._lines.process.block.online.status().correction)
+            assert not moving.done(), "it fades during the motion"
+            await moving
+            await ending
+            return robot.correction_id()
+
+    assert asyncio.run(go()) == ""
+
+
+def test_a_model_over_the_limit_everywhere_is_refused_and_rsi_stays_off(tmp_path):
+    model = CorrectionModel("far off", {name: tuple(values) for name, values in wavy_model(80.0).items()})
+
+    async def go():
+        async with simulated_robot(heavy_with(tmp_path)) as bench:
+            with pytest.raises(DeviceRefused, match=r"over the limit of \S+ deg in all of its measured region"):
+                await bench.robot.correction_on(model)
+            assert bench.robot.correction_id() == ""
+            await bench.robot.move(HERE, 50)
+
+    asyncio.run(go())

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from cell_runs import cell_with, cellctl, faults, run_here, touches_procedure
 
-from cellctl.devices import DeviceError
-from cellctl.engine import State
+from cellctl.engine import Action, Operator, State
 from cellctl.journal import InterlockChanged, fold, read_journal
 
 pytestmark = pytest.mark.campaign
@@ -60,25 +59,50 @@ def test_the_operator_reads_which_interlock_and_the_exit_code_is_3(tmp_path):
     assert "interlock 'guard' does not hold (plc: guard_closed)" in done.stderr + done.stdout
 
 
-def test_after_the_guard_is_closed_and_the_message_acknowledged_the_run_goes_on_at_the_same_touch(tmp_path):
+WAITING = "interlocks:\n" + "".join(
+    f"  - {{id: {name}, device: plc, condition: {condition}, resume: RESUME}}\n"
+    for name, condition in (("emergency_stop", "emergency_stop_ok"), ("guard", "guard_closed"))
+)
+
+
+@pytest.mark.parametrize(
+    ("fault", "resume"),
+    [
+        ("safety.guard_open", "auto"),
+        ("safety.guard_open", "operator"),
+        ("safety.emergency_stop", "auto"),
+        ("plc.gone, for_ms: 3000", "auto"),
+        ("plc.stale, for_ms: 3000", "auto"),
+    ],
+)
+def test_a_stopped_run_waits_for_the_reset_and_goes_on_at_the_same_touch(tmp_path, fault, resume):
+    """Guard and emergency stop of this fault stay as they are until somebody resets the cell."""
+    by_hand = "for_ms" not in fault
+
     async def operator(mailbox, simulated):
-        while not _paused(tmp_path / "run"):
+        while not (waiting := _waits(tmp_path / "run")):
             await asyncio.sleep(0.02)
-        while True:  # the guard is open for a while
-            try:
-                await simulated.tell({"op": "acknowledge", "device": "robot"})
-                break
-            except DeviceError:
-                await asyncio.sleep(0.02)
+        assert by_hand or waiting == "paused"
         while _paused(tmp_path / "run"):
-            mailbox.resume()
+            if by_hand:
+                mailbox.post(Action("reset", Operator.here("test")))
+            if resume == "operator":
+                mailbox.resume()
             await asyncio.sleep(0.1)
 
-    interlocks = "interlocks:\n  - {id: guard, device: plc, condition: guard_closed}\nsteps:\n"
-    cell = cell_with(tmp_path, faults(f"fault: safety.guard_open, {IN_SEARCH}, for_ms: 3000"), PLC)
+    interlocks = WAITING.replace("RESUME", resume) + "steps:\n"
+    cell = cell_with(tmp_path, faults(f"fault: {fault}, {IN_SEARCH}"), PLC)
     ended = run_here(watched(tmp_path, interlocks), cell, tmp_path, meanwhile=operator)
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
-    assert len(ended.touches) == 6
+    rows = [row for row in ended.journal.rows if row.event.row_kind == "touch" and ended.journal.counts(row)]
+    assert [row.event.step for row in rows] == [f"points[{number}].touch" for number in range(6)]
+    assert ended.robot_is_held()
+
+
+def _waits(run: Path) -> str:
+    """`paused`, `finished` where the run went on by itself; empty before."""
+    state = fold(read_journal(run)).state if (run / "journal.sqlite").exists() else ""
+    return state if state in ("paused", "finished", "failed") else ""
 
 
 def _paused(run: Path) -> bool:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cell_runs import CELL, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
+from child_process import child
 from shared_campaign import SEED, Whole, campaign, shared_campaign
 from volumetric import volumetric_errors
 
@@ -129,7 +130,7 @@ def test_the_data_set_and_model_of_a_run_are_what_fit_and_predict_take(first: Wh
 @pytest.mark.long
 def test_ctrl_c_twice_ends_with_130_the_robot_held_and_every_finished_touch_recorded(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "cellctl", "run", str(SELFCAL), "--runs", str(tmp_path)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
+    with child(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
         _until_touches_began(process, tmp_path, 2)
         os.kill(process.pid, signal.SIGINT)
         os.kill(process.pid, signal.SIGINT)

@@ -13,7 +13,7 @@ from volumetric import truth
 from cellctl.formats import RobotFile
 from cellctl.journal import fold, read_journal
 from cellctl.metrology.four_point import tips
-from cellctl.operations.replay.run import replay_run
+from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.tool.rows import ToolTouchRow, ToolVerdict
 
 pytestmark = pytest.mark.campaign
@@ -38,7 +38,7 @@ def test_on_a_robot_with_a_wrong_tool_alone_the_true_tool_is_found_and_replay_fi
     off = tips(flanges, np.array(verdict.tool.found)) - truth(cell, 1, readings, tmp_path)
     assert np.abs(off).max() < 4 * max(verdict.tool.sigma) < 0.3
     again = replay_run(run)
-    assert again.equal
+    assert again.agreement is Agreement.EXACT
     assert "tool.yaml" in {file.name for file in again.artefacts}
 
 

@@ -122,7 +122,7 @@ def test_the_safety_chain_opened_in_motion_pauses_the_run_until_a_person_ends_it
     assert end.exit == 130
     assert HELD in end.stderr
     assert ended.states[-1]["Msg"] == message
-    assert broken(tmp_path) == [interlock]
+    assert broken(tmp_path) == [interlock, "robot ready"]
     assert_ended_safely(ended)
     assert_resumable(tmp_path)
 
@@ -130,7 +130,7 @@ def test_the_safety_chain_opened_in_motion_pauses_the_run_until_a_person_ends_it
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "interlocks"),
-    [("safety.emergency_stop", ["emergency_stop"]), ("plc.gone", ["emergency_stop", "guard"])],
+    [("safety.emergency_stop", ["emergency_stop", "robot ready"]), ("plc.gone", ["emergency_stop", "guard"])],
 )
 def test_once_the_cause_is_removed_the_run_goes_on_at_the_same_pose(
     tmp_path: Path, capsys: Any, fault: str, interlocks: list[str]
@@ -150,6 +150,19 @@ def test_once_the_cause_is_removed_the_run_goes_on_at_the_same_pose(
     assert len(ended.journal.recorded(PoseRow)) == 36
     assert verdict_of(ended).better
     assert told(ended, tmp_path, capsys).exit == 0
+
+
+@pytest.mark.long
+def test_a_run_that_was_aborted_while_the_emergency_stop_held_it_is_resumed_to_its_end(tmp_path: Path) -> None:
+    async def operator(mailbox: Mailbox, simulated: SimulatedCell) -> None:
+        await at(tmp_path, "rounds[0].poses[3]", fault="safety.emergency_stop", for_ms=3000)(mailbox, simulated)
+        await until_paused(tmp_path)
+        mailbox.abort()
+
+    ended, finished, journal = run_and_resume(tmp_path, operator)
+    assert ended.state is State.ABORTED
+    assert finished.state is State.FINISHED, finished.error
+    assert len(journal.recorded(PoseRow)) == 36
 
 
 @pytest.mark.parametrize(

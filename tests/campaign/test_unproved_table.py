@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, only_run, touches_procedure
+from child_process import child
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -139,7 +140,7 @@ def test_kill_minus_nine_of_what_started_the_run_aborts_it_with_its_clean_up(tmp
     cellctl_run = [sys.executable, "-m", "cellctl", "run", procedure, "--cell", cell_with(tmp_path), "--runs", runs]
     starting = "import subprocess, sys; subprocess.run(sys.argv[1:])"
     command = [sys.executable, "-c", starting, *map(str, cellctl_run)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as parent:
+    with child(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as parent:
         assert parent.stderr is not None
         while parent.poll() is None and not _touched(runs):
             time.sleep(0.1)  # noqa: TID251 - another process, in wall time

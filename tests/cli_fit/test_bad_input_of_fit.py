@@ -256,10 +256,10 @@ def test_what_was_predicted_of_a_held_out_row_is_of_that_row(fit, rows):
     assert 0.017 < foreseen[10] < 0.2
 
 
-def test_what_a_model_without_links_cannot_express_is_reported_not_to_be_in_its_sigma(fit, rows):
-    said = "count as scatter and are not in this σ"
+def test_what_a_model_without_links_cannot_express_is_scatter_in_its_sigma(fit, rows):
+    said = "count as scatter, which is in this σ"
     _, zeros = fit(rows(), model=("--model", "zeros"))
-    assert zeros["predicted_volumetric_rms"] < 0.5 * zeros["test"]["rms"]
+    assert 0.8 < zeros["predicted_volumetric_rms"] / zeros["test"]["rms"] < 1.5
     assert said in zeros["sentence"]
     _, geometry = fit(rows())
     assert said not in geometry["sentence"]

@@ -83,8 +83,26 @@ def test_a_prior_model_alone_recognises_a_moved_instrument_and_agrees_with_free_
     assert alone["verdict"] == freed["verdict"] == "better"
     assert freed["compared_with"] == "nominal"
     for result in (alone, freed):
-        assert "Instrument, robot or tool moved since the prior model" in result["sentence"]
+        assert "Instrument moved since the prior model: it was set up again (base 331" in result["sentence"]
+        assert "55.0" in result["sentence"]
+        assert "the tool is as it was" in result["sentence"]
     assert alone["test"]["mean"] < 1.5 * freed["test"]["mean"]
+
+
+def test_a_tool_that_changed_with_the_instrument_is_named_where_only_the_base_was_freed(folder):
+    text = measured(replace(NOW, tool=(40.0, -7.0, 60.0)), drawn(np.random.default_rng(4), 20), 4)
+    held = fitted(folder, text, "--free", "base", code=1)[0]
+    assert held["verdict"] == "worse"
+    assert "The tool changed too: --free base,tool explains the rows" in held["sentence"]
+    both = fitted(folder, text, "--free", "base,tool")[0]
+    assert both["verdict"] == "better"
+    assert "Instrument or robot, and tool, moved since the prior model" in both["sentence"]
+    assert "explains the rows" not in both["sentence"]
+
+
+def test_a_tool_that_changed_alone_is_reported_as_that(folder):
+    text = measured(replace(THEN, tool=(40.0, -7.0, 60.0)), drawn(np.random.default_rng(4), 20), 4)
+    assert "The tool changed since the prior model (" in fitted(folder, text)[0]["sentence"]
 
 
 def test_an_update_by_many_rows_elsewhere_extends_the_measured_region(folder):

@@ -175,7 +175,9 @@ def test_a_wrong_certified_distance_is_reported_where_it_stands_with_what_the_ro
     (files / "artefact.yaml").write_text(text.replace("403.113", "503.113"))
     (problem,) = problems(files, data="touches.csv", artefact="artefact.yaml")
     assert (Path(problem.file).name, problem.line) == ("artefact.yaml", 6)
-    given, estimate = problem.what.removesuffix(" estimated from these rows").split(" given, ")
+    told, found = problem.what.removesuffix(" mm are found)").split(" estimated from these rows (errors from ")
+    given, estimate = told.split(" given, ")
+    assert 0.0 < float(found) < 1.0
     assert given == "spacing S1–S2: 503.113 mm"
     distance, sigma = map(float, estimate.removesuffix(" mm").split(" ± "))
     assert abs(distance - 403.113) < 4.0 * sigma < 4.0

@@ -86,4 +86,11 @@ def test_a_run_that_is_not_running_is_named_and_nothing_is_left_in_it(running: R
     assert "there is no run here" in capsys.readouterr().err
     assert not (running.folder / "mailbox").exists()
     assert cellctl("status", tmp_path, "test-1") == Exit.GOOD
-    assert capsys.readouterr().out.startswith("test-1: aborted\n")
+    shown = capsys.readouterr().out
+    assert shown.startswith("test-1: aborted\n")
+    assert "nothing was moved" in shown
+    assert cellctl("status", tmp_path, "test-1", "--json", "-") == Exit.GOOD
+    found = json.loads(capsys.readouterr().out)
+    again = "continue it with `cellctl run test.yaml --resume test-1`"
+    assert (found["problem"], found["cure"]) == ("aborted by the operator", again)
+    assert found["sentence"].startswith("Aborted: aborted by the operator. C")

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from child_process import child
 
 PATIENCE_S = 120.0
 
@@ -33,7 +34,7 @@ ASKING = "from cellctl.operations.parent import parent_of_run; print(parent_of_r
 
 def test_kill_minus_nine_of_the_parent_is_seen_and_named() -> None:
     command = [sys.executable, "-c", STARTING, WAITING]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+    with child(command, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         assert parent.stdout.readline() == f"watching {parent.pid}\n"
         parent.kill()

@@ -136,3 +136,14 @@ def connected_run(folder, serial):
     with Journal.create(folder, lambda: 0) as journal:
         who = {"device": "robot", "serial": serial, "model": "KR5", "firmware": "", "simulated": True}
         journal.append(DevicesConnected({"robot": who}))
+
+
+def test_on_refusal_the_json_has_every_refused_row(cellctl, folder, capsys):
+    far = [f"{5000 + i},0,500,0,90,0" for i in range(25)]
+    (folder / "far.csv").write_text("\n".join(["X,Y,Z,A,B,C", *far]) + "\n")
+    capsys.readouterr()
+    assert cellctl("compensate", "model.json", "far.csv", "--serial", "SIM-1", "--json", "refused.json") == 2
+    refused = json.loads((folder / "refused.json").read_text())["refused"]
+    assert [row["line"] for row in refused] == list(range(2, 27))
+    assert all("out of the robot's reach" in row["reason"] and row["cure"] for row in refused)
+    assert "and 5 more" in capsys.readouterr().err

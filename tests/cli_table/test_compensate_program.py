@@ -36,8 +36,10 @@ def compensated(cellctl, folder):
         (model or kr5_model()).save(folder / "model.json")
         (folder / "out").mkdir(exist_ok=True)
         command = ("compensate", "model.json", "seam.src", "--config", "$config.dat", "-o", "out", "--json", "all.json")
-        assert cellctl(*command, *options) == 0
-        return json.loads((folder / "all.json").read_text())
+        code = cellctl(*command, *options)
+        figures = json.loads((folder / "all.json").read_text())
+        assert code == (1 if figures["left"] else 0), "places that are not compensated show in the exit code"
+        return figures
 
     return run
 
@@ -334,13 +336,22 @@ def test_a_line_that_is_not_understood_is_named(compensated):
     assert any(one["line"] == 30 and "not understood" in one["reason"] for one in compensated(seam)["left"])
 
 
-def test_a_point_in_two_bases_stays(compensated):
+def test_a_tool_that_the_given_configuration_lacks_is_missed_there(compensated):
+    seam = usual_seam()
+    seam.point("P6", position(readings_at((0, 50, 0))))
+    seam.dat.append('DECL FDAT FOTHER={TOOL_NO 9,BASE_NO 0,IPO_FRAME #BASE,POINT2[] " "}')
+    seam.form("PTP", "P6", fdat="FOTHER")
+    assert "TOOL_DATA[9] is not defined in $config.dat: define it there" in left(compensated(seam))["XP6"]
+
+
+def test_a_point_in_two_bases_stays_and_the_last_line_says_how_many(compensated, capsys):
     seam = usual_seam()
     seam.point("P6", position(readings_at((0, 50, 0))))
     seam.dat.append('DECL FDAT FOTHER={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE,POINT2[] " "}')
     seam.form("PTP", "P6")
     seam.form("PTP", "P6", fdat="FOTHER")
     assert "used with several bases" in left(compensated(seam))["XP6"]
+    assert "seam.src: 1 place is not compensated: it stays as in the program" in capsys.readouterr().err
 
 
 def test_points_that_cannot_be_compensated_stay_with_their_reason(compensated):

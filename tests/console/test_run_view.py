@@ -28,6 +28,9 @@ from cellctl.journal import (
 )
 from cellctl.procedure import Parameter, ParameterType
 
+AGAIN = "ontinue it with `cellctl run test.yaml --resume run-1`"
+HELD = "The robot is held. 0 measurements are recorded."
+
 
 @pytest.fixture
 def run(tmp_path: Path) -> Iterator[WrittenRun]:
@@ -68,15 +71,31 @@ def test_a_pause_shows_from_the_click_on_and_a_refused_one_does_not(run: Written
     ("state", "reason", "expected"),
     [
         ("finished", "", ("good", "Finished.")),
-        ("aborted", "sphere S2 is loose", ("warning", "Aborted: sphere S2 is loose")),
-        ("failed", "probe: is silent\n    plug it in", ("bad", "Failed: probe: is silent")),
-        ("uncertain", "", ("bad", "Uncertain state, look at the cell.")),
+        ("aborted", "sphere S2 is loose", ("warning", f"Aborted: sphere S2 is loose. C{AGAIN}. {HELD}")),
+        (
+            "failed",
+            "cell: devices do not answer:\nrobot: no answer\n    switch it on\nplc: no answer\n    switch it on",
+            (
+                "bad",
+                "Failed: cell: devices do not answer: robot: no answer; plc: no answer. "
+                f"Switch it on; c{AGAIN}. {HELD}",
+            ),
+        ),
+        (
+            "uncertain",
+            "",
+            (
+                "bad",
+                "Uncertain state, look at the cell: the clean-up did not succeed. "
+                f"C{AGAIN.replace('run-1', 'run-1 --acknowledge')}. {HELD}",
+            ),
+        ),
     ],
 )
 def test_an_ended_run_says_how_it_ended_and_can_be_retried_unless_it_is_finished(
     run: WrittenRun, state: str, reason: str, expected: tuple[str, str]
 ) -> None:
-    run.add(StateChanged("cleaning", state), RunEnded(state, "", reason))
+    run.add(StateChanged("cleaning", state), RunEnded(state, "", reason, robot="the robot is held"))
     run.journal.close()
     now = seen(run)
     assert sentence_of(now) == expected
@@ -86,7 +105,8 @@ def test_an_ended_run_says_how_it_ended_and_can_be_retried_unless_it_is_finished
 def test_a_run_whose_process_was_killed_says_so_and_can_be_retried(run: WrittenRun) -> None:
     run.journal.close()
     now = seen(run)
-    assert sentence_of(now) == ("bad", "Cut off while running: its process ended without an end of the run.")
+    cause = "Cut off while running: its process ended without an end of the run"
+    assert sentence_of(now) == ("bad", f"{cause}. C{AGAIN}. 0 measurements are recorded.")
     assert can_retry(now)
 
 

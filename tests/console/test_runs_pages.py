@@ -63,6 +63,7 @@ def test_runs_are_searched_chosen_and_compared_by_keyboard_reachable_parts(page:
     page.get_by_text("2 of 23 runs").wait_for()
     for box in page.locator("tbody .q-checkbox").all():
         box.press("Space")
+        box.and_(page.locator("[aria-checked=true]")).wait_for()
     page.get_by_role("link", name="Compare the two chosen runs").click()
     page.get_by_text("The models differ").wait_for()
     assert "a=sphere-10&b=sphere-11" in page.url or "b=sphere-11&a=sphere-10" in page.url

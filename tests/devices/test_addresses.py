@@ -67,6 +67,12 @@ def test_any_settings_survive_writing_and_reading(query, port, path):
         ("x://h?baud", "baud"),
         ("x://me:secret@h", "user"),
         ("x:///dev/tty#1", "#"),
+        ("x://999.1.1.1:502", "no IP address"),
+        ("x://10.0.0:502", "no IP address"),
+        ("x://[10::0::5]:502", "no"),
+        ("x://two words", "letters, digits"),
+        ("x://plc..local", "letters, digits"),
+        ("x://-plc", "letters, digits"),
     ],
 )
 def test_what_is_no_address_is_a_value_error_that_says_why(text, words):

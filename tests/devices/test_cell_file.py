@@ -100,3 +100,20 @@ def test_errors_in_what_the_report_states_are_reported_at_their_line(load) -> No
 def test_a_calibration_date_of_no_device_is_refused(load) -> None:
     text = f"devices: {{probe: '{PROBE}'}}\nreport: {{calibrated: {{tracker: {{date: 2026-03-01}}}}}}\n"
     assert refused(load, text) == [(4, "there is no device 'tracker'", "known are probe, artefact")]
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("modbus+tcp://0.0.0.0", "the address of no device"),
+        ("modbus+tcp://300.1.1.1", "no IP address"),
+        ("kuka+varproxy://224.0.0.1", "the address of no device"),
+        ("kuka+rsi://0.0.0.0:49152?ethernet=x.xml&eki=172.31.1:54600", "no IP address"),
+        ("canopen+socketcan://can0?nodes=1,2,3,4,5", "nodes names 5 drives, and the robot has 6 axes"),
+    ],
+)
+def test_hosts_that_cannot_be_and_nodes_that_do_not_fit_the_axes_are_refused_at_their_line(
+    load, address: str, words: str
+) -> None:
+    found = refused(load, f"devices:\n  one: '{address}'\n")
+    assert any(words in what and line == 4 for line, what, _ in found), found

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import CALLS, LOOP, FakeDevice, FakeGate, engine_for, events_of
+from engine_runs import CALLS, LOOP, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
-from cellctl.engine import AbortedByInterlock, Engine, Mailbox, MailboxFolder, Operator, State
+from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused
+from cellctl.engine import AbortedByInterlock, Action, Engine, Mailbox, MailboxFolder, Operator, State
 from cellctl.files import InputError
 from cellctl.journal import (
     InterlockChanged,
@@ -24,6 +25,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
+from cellctl.operations.resume import uncertainty
 
 PATIENCE_S = 60.0
 ME = Operator("maria", "cell-pc", "cli")
@@ -162,7 +164,171 @@ class OpensWithTheFailure:
         pass
 
 
+class Mover(FakeRobot):
+    """A robot that moves for ever the first time, and whose stop stays set. `fails`: the move is lost in place."""
+
+    fails = False
+
+    def __init__(self, **how: bool) -> None:
+        super().__init__("robot", **how)
+        self.stopped = False
+
+    async def stop(self) -> None:
+        self.stopped = True
+        await super().stop()
+
+    def clear_stop(self) -> None:
+        self.stopped = False
+
+    async def move(self) -> None:
+        if self.stopped:
+            raise DeviceRefused("robot", "a stop is set")
+        if CALLS.count("move") > 1:
+            return
+        if self.fails:
+            raise DeviceLost("robot", "the line broke")
+        await asyncio.Event().wait()
+
+
+MOVE = "  - {id: move, do: test.move}"
 FLAKY = "  - {id: touch, do: test.flaky}"
+
+
+def opened(gate: FakeGate, robot: Mover, folder: Path) -> tuple[Any, Any]:
+    """A run whose gate opens while the robot moves, and closes once the run is paused; with its journal."""
+    engine, _, journal = engine_for(MOVE, folder, [gate, robot], interlocks=interlock(", resume: auto"))
+
+    async def meanwhile() -> None:
+        await until(lambda: "move" in CALLS)
+        gate.closed = False
+        await until(lambda: engine.state is not State.RUNNING)
+        gate.closed = True
+
+    return ran(engine, meanwhile), journal
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_robot_that_an_interlock_stops_is_stopped_and_moves_again_when_the_run_goes_on(
+    tmp_path: Path, fails: bool
+) -> None:
+    robot = Mover()
+    robot.fails = fails
+    gate = FakeGate("gate")
+    if fails:
+        engine, _, journal = engine_for(MOVE, tmp_path, [gate, robot], interlocks=interlock(", resume: auto"))
+        engine._recorder.watcher = OpensWithTheFailure(gate)
+
+        async def meanwhile() -> None:
+            await until(lambda: engine.state is State.PAUSED)
+            gate.closed = True
+
+        outcome = ran(engine, meanwhile)
+    else:
+        outcome, journal = opened(gate, robot, tmp_path)
+    assert (outcome.state, CALLS.count("move")) == (State.FINISHED, 2)
+    assert robot.calls.count("stop") == 2, "for the pause, and in the clean-up"
+    assert not fold(read_journal(journal.path)).uncertain
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_where_a_stop_is_not_confirmed_the_run_is_uncertain_whatever_the_interlock_says(
+    tmp_path: Path, fails: bool
+) -> None:
+    robot = Mover(stops=False)
+    robot.fails = fails
+    gate = FakeGate("gate")
+    if fails:
+        engine, _, journal = engine_for(MOVE, tmp_path, [gate, robot], interlocks=interlock())
+        engine._recorder.watcher = OpensWithTheFailure(gate)
+        outcome = asyncio.run(engine.run())
+    else:
+        outcome, journal = opened(gate, robot, tmp_path)
+    assert outcome.state is State.UNCERTAIN
+    assert "paused" not in [event.after for event in events_of(journal, StateChanged)]
+    for cause in ("robot could not be brought to its safe state: does not stop", "interlock 'door' does not hold"):
+        assert cause in str(outcome.error)
+    assert ("the line broke" in str(outcome.error)) is fails
+    state = fold(read_journal(journal.path))
+    assert "could not be brought to its safe state" in uncertainty(state)
+
+
+def test_a_step_that_left_its_device_uncertain_is_not_done_again_though_an_interlock_breaks_beside_it(
+    tmp_path: Path,
+) -> None:
+    gate = FakeGate("gate")
+    lost = "  - {id: push, do: test.lost}"
+    engine, _, _ = engine_for(lost, tmp_path, [gate, FakeRobot("robot")], interlocks=interlock(", resume: auto"))
+    engine._recorder.watcher = OpensWithTheFailure(gate)
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is not State.RUNNING)
+        gate.closed = True
+
+    outcome = ran(engine, meanwhile)
+    assert (outcome.state, CALLS) == (State.UNCERTAIN, ["lost"])
+    for cause in ("is gone, and may have moved", "interlock 'door' does not hold"):
+        assert cause in str(outcome.error)
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_a_motion_that_took_too_long_is_stopped_before_it_is_tried_again(tmp_path: Path, stops: bool) -> None:
+    robot = Mover(stops=stops)
+    steps = "  - {id: move, do: test.move, timeout: 0.05, retry: {attempts: 2, on: [TimeoutError]}}"
+    outcome = asyncio.run(engine_for(steps, tmp_path, [robot])[0].run())
+    assert (outcome.state, CALLS.count("move")) == ((State.FINISHED, 2) if stops else (State.UNCERTAIN, 1))
+    assert robot.calls.count("stop") == 2, (
+        "before the next attempt, or because it is not confirmed; and in the clean-up"
+    )
+
+
+class ShowsMessages(FakeRobot):
+    """A robot whose controller shows a message, until somebody acknowledges it."""
+
+    message = False
+
+    def conditions(self) -> dict[str, str]:
+        return {"ready": "it shows no message"}
+
+    async def holds(self, condition: str) -> bool:
+        return not self.message
+
+    async def move(self) -> None:
+        if self.message:
+            raise DeviceFault("robot", "shows a message")
+
+
+def test_a_robot_that_the_gate_stopped_beside_a_step_without_it_is_awaited_before_it_moves(tmp_path: Path) -> None:
+    gate, robot = FakeGate("gate"), ShowsMessages("robot")
+    steps = f"{FLAKY}\n{MOVE}"
+    engine, _, journal = engine_for(steps, tmp_path, [gate, robot], interlocks=interlock(", resume: auto"))
+    engine._recorder.watcher = OpensWithTheFailure(gate)
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is State.PAUSED)
+        robot.message = True
+        await until(lambda: len(events_of(journal, InterlockChanged)) == 2)
+        gate.closed = True
+        await until(lambda: len(events_of(journal, InterlockChanged)) == 3)
+        await asyncio.sleep(0.2)
+        assert engine.state is State.PAUSED
+        robot.message = False
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    told = [(event.interlock, event.holds) for event in events_of(journal, InterlockChanged)]
+    assert told == [("door", False), ("robot ready", False), ("door", True), ("robot ready", True)]
+
+
+def test_a_run_that_was_killed_between_a_failure_and_the_stop_is_uncertain(tmp_path: Path) -> None:
+    robot, gate = Mover(), FakeGate("gate")
+    outcome, journal = opened(gate, robot, tmp_path)
+    assert outcome.state is State.FINISHED
+    entries = list(read_journal(journal.path))
+    ends = [place for place, entry in enumerate(entries) if isinstance(entry.event, StepEnded)]
+    cut = fold(entries[: ends[0] + 1])
+    assert cut.uncertain
+    assert uncertainty(cut) == "the run was cut off after move had failed, before its devices were known to stand"
+    paused = next(place for place, entry in enumerate(entries) if getattr(entry.event, "after", "") == "paused")
+    assert not fold(entries[: paused + 1]).uncertain
 
 
 def test_a_step_that_failed_because_an_interlock_broke_is_done_again_and_the_run_does_not_fail(tmp_path: Path) -> None:
@@ -328,3 +494,26 @@ def test_an_if_that_cannot_be_decided_is_an_error_of_the_procedure_at_its_place(
     outcome = asyncio.run(engine.run())
     assert isinstance(outcome.error, InputError)
     assert "test.yaml:8:" in str(outcome.error)
+
+
+@pytest.mark.parametrize(("simulated", "why"), [(False, "the cell is real"), (True, "waits for no reset")])
+def test_the_reset_of_a_real_cell_is_refused_and_so_is_one_that_nothing_waits_for(
+    tmp_path: Path, simulated: bool, why: str
+) -> None:
+    engine, mailbox, journal = engine_for(FOREVER, tmp_path)
+    presses = []
+
+    async def press() -> None:
+        presses.append("reset")
+
+    async def act() -> None:
+        running = asyncio.create_task(engine.run())
+        await until(lambda: "forever" in CALLS)
+        mailbox.post(Action("reset", ME))
+        mailbox.abort()
+        await running
+
+    engine._control._reset = press if simulated else None
+    asyncio.run(act())
+    assert why in events_of(journal, OperatorAction)[0].refused
+    assert presses == []

@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
-from cellctl.devices import DeviceLost, NoContact
+from cellctl.devices import DeviceLost, Health, NoContact
 from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, NobodyWatching, State
 from cellctl.engine.states import checked
 from cellctl.journal import (
     DeviceHealth,
     Journal,
     Recorded,
+    RunEnded,
     RunResumed,
     StateChanged,
     StepEnded,
@@ -351,3 +352,38 @@ def test_the_journal_has_the_health_of_each_device_and_every_change_of_the_input
     reported = [(found.device, found.inputs.get("emergency_stop_ok")) for found in events_of(journal, DeviceHealth)]
     assert reported == [("robot", None), ("plc", True), ("plc", False)]
     assert engine._record.health["plc"].inputs == {"emergency_stop_ok": False}
+
+
+def test_a_device_that_was_lost_after_its_last_step_fails_the_run_and_says_so(tmp_path: Path) -> None:
+    robot = FakeDevice("robot")
+
+    async def health() -> Health:
+        if "hold" in CALLS:
+            raise DeviceLost("robot", "its other half ended")
+        return Health(True, "well")
+
+    robot.health = health  # type: ignore[method-assign]
+    engine, _, _ = engine_for("  - {id: hold, do: test.hold}", tmp_path, [robot])
+    CALLS.clear()
+    outcome = asyncio.run(engine.run())
+    assert outcome.state is State.FAILED
+    assert "its other half ended" in str(outcome.error)
+
+
+def test_a_failed_run_records_what_its_devices_report_last_and_where_its_robot_is(tmp_path: Path) -> None:
+    plc = FakePlc("plc")
+    engine, _, journal = engine_for("  - {id: a, do: test.lost}", tmp_path, [FakeRobot("robot"), plc])
+
+    class Pressing(NobodyWatching):
+        def event(self, event: Any) -> None:
+            if isinstance(event, StepStarted):
+                plc.emergency_stop_ok = False
+
+    engine._recorder.watcher = Pressing()
+    outcome = asyncio.run(engine.run())
+    reported = [(found.device, found.inputs.get("emergency_stop_ok")) for found in events_of(journal, DeviceHealth)]
+    assert reported == [("robot", None), ("plc", True), ("robot", None), ("plc", False)]
+    (ended,) = events_of(journal, RunEnded)
+    assert (ended.robot, ended.troubles) == (outcome.robot, ())
+    assert "the robot is held" in ended.robot
+    assert ended.calendar.endswith("Z")

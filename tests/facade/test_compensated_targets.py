@@ -10,7 +10,10 @@ from elbow_model import printed_errors
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 import cellctl
+from cellctl.files import InputError
 from cellctl.formats import TableFile
+from cellctl.operations.fit_options import Judging
+from cellctl.operations.learnt_on import learnt_on
 
 
 @pytest.fixture
@@ -32,7 +35,7 @@ def test_the_table_is_that_of_the_command(model, folder):
     made = TableFile.load(folder / "table.json")
     found = model.compensate("targets.csv")
     assert found.table(serial="SIM-1").id == made.id
-    np.testing.assert_array_equal(found.joints, [row.compensated for row in made.rows])
+    np.testing.assert_array_equal(found.joints.round(6), [row.compensated for row in made.rows])
     assert found.reached.all()
     assert found.reasons == ("",) * 8
 
@@ -123,6 +126,60 @@ def test_another_predictor_of_errors_takes_readings_in_degrees(model):
     np.testing.assert_allclose(own.joints, model.compensate("targets.csv", method="cyclic-search").joints, atol=1e-4)
 
 
+class Map:
+    """An error map over model angles, rad."""
+
+    def errors(self, q):
+        return np.full((len(q), 3), 0.2)
+
+
+class SureMap(Map):
+    def sigma(self, q):
+        return np.full((len(q), 3), 0.01)
+
+
+def test_errors_of_another_predictor_have_its_own_sigma_or_none(model, folder):
+    def made(errors):
+        return model.compensate("targets.csv", method="cyclic-search", errors=errors)
+
+    np.testing.assert_allclose(made(SureMap()).sigma_mm, 0.01 * np.sqrt(3.0), rtol=1e-6)
+    for errors in (Map(), lambda q: np.full((len(q), 3), 0.2)):
+        found = made(errors)
+        assert np.isnan(found.sigma_mm).all()
+        table = found.table(serial="SIM-1")
+        assert {row.sigma_mm for row in table.rows} == {None}
+        assert max(row.predicted_after_mm for row in table.rows) < 1e-3  # by the same predictor
+        assert "1 σ" not in found._repr_html_()
+        found.to_csv("none.csv")
+        assert all(line.endswith(",") for line in (folder / "none.csv").read_text().splitlines()[1:])
+
+
+def test_sigma_beside_what_was_touched_is_that_of_a_prediction_in_the_frame_of_the_points(folder):
+    wide = kr5_model().model_copy(update={"outside_mm": 0.3, "scatter_mm": 0.08})
+    wide.save(folder / "wide.json")
+    model = cellctl.load("wide.json")
+    found = model.compensate("targets.csv")
+    np.testing.assert_allclose(found.sigma_mm, model.predict(found.joints, frame="points").sigma_mm, atol=1e-9)
+    assert found.sigma_mm.min() > 0.08
+    assert (model.predict(found.joints).sigma_mm > found.sigma_mm).all()
+    with pytest.raises(cellctl.InputError, match="--frame: 'robot' is not known"):
+        model.predict(found.joints, frame="robot")
+
+
+@pytest.mark.parametrize("method", ["pseudo-target", "newton-raphson", "cyclic-search"])
+def test_full_precision_closes_to_a_nanometre_and_rounding_is_stated(model, folder, method):
+    found = model.compensate("targets.csv", method=method)
+    assert found.predicted_after_mm.max() <= 1e-6
+    tip = model.predict(found.joints).positions
+    assert np.linalg.norm(tip - found.targets[:, :3, 3], axis=1).max() <= 2e-6
+    options = ("--method", method, "-o", "out.csv", "--json", "out.json")
+    assert command("compensate", "model.json", "targets.csv", *options) == 0
+    told = json.loads((folder / "out.json").read_text())
+    assert told["predicted_after_mm"]["max"] <= 1e-6 < told["written"]["predicted_after_mm"]["max"] < 1e-3
+    assert told["written"]["joint_decimals"] == 6
+    np.testing.assert_allclose([row["compensated"] for row in told["targets"]], found.joints, rtol=0, atol=1e-12)
+
+
 def test_one_pose_is_one_target(model):
     pose = model.compensate("targets.csv").targets[3]
     assert len(model.compensate(pose, postures=readings_near_the_middle(8)[3])) == 1
@@ -171,3 +228,16 @@ def test_a_frame_of_the_result_is_a_file_for_pandas(model):
     frame = model.compensate("targets.csv").to_frame()
     text = frame.to_csv(index=False)
     assert pandas.read_csv(io.StringIO(text)).shape == frame.shape == (8, 6 + 12 + 6 + 4)
+
+
+def test_an_empty_serial_is_refused_by_cellctls_own_error():
+    with pytest.raises(InputError, match="--serial: is empty"):
+        learnt_on(None, kr5_model(), "")
+
+
+@pytest.mark.parametrize("wrong", [{"holdout": "0.3"}, {"folds": "5"}, {"seed": "x"}, {"folds": 2.5}, {"folds": True}])
+def test_options_of_another_type_are_refused_by_cellctls_own_error(wrong):
+    (name, value), *_ = wrong.items()
+    found = Judging(**{**dict.fromkeys(("holdout", "folds", "column", "by")), "seed": 0, **wrong}).problems()
+    assert [problem.file for problem in found] == [f"--{name}"]
+    assert repr(value) in found[0].what

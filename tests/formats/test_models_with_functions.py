@@ -77,9 +77,10 @@ def test_outside_the_measured_region_sigma_is_larger_and_is_that_of_the_errors_t
     outside = anywhere[~model.inside(anywhere)]
     near, far = model.predict(inside), model.predict(outside)
     assert np.median(far.sigma_mm) > 5.0 * np.median(near.sigma_mm)
-    for readings, said in ((inside, near), (outside, far)):
+    # Outside it is the upper 90 % point of what the ends of the joint ranges show: above the errors in most draws.
+    for readings, said, least in ((inside, near, 0.5), (outside, far, 0.3)):
         error = np.linalg.norm(said.poses[:, :3, 3] - tip(readings), axis=1)
-        assert 0.5 < np.sqrt(np.mean(error**2) / np.mean(said.sigma_mm**2)) < 1.2
+        assert least < np.sqrt(np.mean(error**2) / np.mean(said.sigma_mm**2)) < 1.2
 
 
 @pytest.mark.parametrize(

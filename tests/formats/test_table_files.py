@@ -13,7 +13,7 @@ from kr5_model import kr5_model, readings_near_the_middle
 import cellctl.formats.table
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, TableFile, compensated_targets, table_of, table_problems
-from cellctl.formats.table_making import nominal_chain, target_sigma
+from cellctl.formats.table_making import nominal_chain
 
 CREATED = "2026-11-21T20:00:00Z"
 
@@ -154,7 +154,7 @@ def test_the_predicted_distances_are_those_of_the_written_joints(model, table):
 
 def test_heading_and_height_that_no_touch_sees_do_not_count_beside_the_spheres():
     readings = readings_near_the_middle(5)
-    touched, measured = (target_sigma(kr5_model(touches=of), readings) for of in (True, False))
+    touched, measured = (kr5_model(touches=of).sigma(readings, frame="points") for of in (True, False))
     assert touched.max() < 0.3
     assert measured.min() > 0.8
 

@@ -1,10 +1,13 @@
 """Figures, exit codes, result files and journals stay what they were: see `golden_outputs`."""
 
 import importlib.util
+import json
 import shutil
 from pathlib import Path
 
 import pytest
+
+from cellctl.files import sha256_of
 
 _SPEC = importlib.util.spec_from_file_location("golden_outputs", Path(__file__).with_name("golden_outputs.py"))
 golden = importlib.util.module_from_spec(_SPEC)
@@ -25,6 +28,8 @@ def same(name, output):
 def test_a_fit_of_positions_and_its_update_with_a_prior_model(folder):
     same("positions", golden.fit_output(folder, "positions"))
     same("partial", golden.fit_output(folder, "partial"))
+    updated = json.loads((folder / "partial.model.json").read_text())
+    assert updated["provenance"]["prior_sha256"] == sha256_of((folder / "positions.model.json").read_bytes())
 
 
 @pytest.mark.long

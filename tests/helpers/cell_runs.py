@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -179,6 +179,13 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
         "procedures.steps.contact_search._PROBE_PATIENCE_S",
     ):
         monkeypatch.setattr(silence, 60.0)
+
+
+def another_engine(ready: dict[str, Any], procedure: Path, cell: Path, folder: Path) -> Outcome:
+    """A run into `folder` on a simulated cell of another process, by the content of its ready file."""
+    simulated = SimulatedCell(cast("Any", None), cast("Any", None), ready)
+    campaign = load_campaign(procedure, cell, [])
+    return asyncio.run(run_on(simulated, campaign, Options(None, "realtime"), folder, Mailbox(), NobodyWatching()))
 
 
 @contextmanager

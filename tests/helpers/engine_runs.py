@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cellctl.clock import WallClock
-from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable, Health, Identity, NoContact
+from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable, Health, Identity, MovingRobot, NoContact
 from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.engine.known_procedure import KnownProcedure
 from cellctl.files import parse_yaml
@@ -97,13 +97,20 @@ async def hold(context: StepContext, inputs: NoInputs) -> None:
     CALLS.append("hold")
 
 
+@step("test.move", needs={"robot": MovingRobot})
+async def move(context: StepContext, inputs: NoInputs) -> None:
+    """Move, which is refused while a stop is set; the first time for ever, or as long as the controller lives."""
+    CALLS.append("move")
+    await context.device("robot").move()
+
+
 @step("test.look")
 async def look(context: StepContext, inputs: NoInputs) -> None:
     """Note what the step `touch` recorded."""
     CALLS.append(f"counts {len(context.recorded(AttemptRow))}, recorded {len(context.all_recorded(AttemptRow))}")
 
 
-KINDS = [numbers, double, flaky, forever, broken, lost, times_out, hold, look]
+KINDS = [numbers, double, flaky, forever, broken, lost, times_out, hold, look, move]
 
 
 class FakeDevice:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from child_process import child
+
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -44,7 +46,7 @@ class Side:
 def side(command: list[str], rows: Path) -> Iterator[Side]:
     """A side on one thread of linear algebra, started and ready."""
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen([*command, str(rows)], env={**os.environ, **ONE_THREAD}, **pipes) as process:
+    with child([*command, str(rows)], env={**os.environ, **ONE_THREAD}, **pipes) as process:
         ready = Side(process)
         assert ready.heard() == {"ready": True}
         yield ready  # leaving closes its input, at which it ends

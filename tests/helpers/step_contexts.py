@@ -21,6 +21,7 @@ class Context:
     robot: Any = None
     serial: str = "SIM-1"
     run_name: str = "run"
+    operator: str = "Ada"
     robot_file: Path = Path()
     cell: Any = None
     said: list[str] = field(default_factory=list)

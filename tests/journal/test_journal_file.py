@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from child_process import child
 
 from cellctl.journal import (
     DevicesConnected,
@@ -340,7 +341,7 @@ for number in itertools.count(1):
 def test_kill_minus_nine_loses_nothing_that_append_returned_from(tmp_path, now_ns, seed):
     folder = tmp_path / "run"
     enough = random.Random(seed).randrange(1, 300)
-    with subprocess.Popen([sys.executable, "-c", APPENDING, str(folder)], stdout=subprocess.PIPE, text=True) as process:
+    with child([sys.executable, "-c", APPENDING, str(folder)], stdout=subprocess.PIPE, text=True) as process:
         told = [int(next(process.stdout)) for _ in range(enough)]
         assert is_being_written(folder)
         process.send_signal(signal.SIGKILL)

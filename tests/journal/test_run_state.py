@@ -109,6 +109,15 @@ def test_only_a_step_that_moves_leaves_an_uncertain_state_when_cut_off(moves, un
     assert state.uncertain is uncertain
 
 
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_stop_that_was_not_confirmed_stays_so_whatever_the_clean_up_does(moved):
+    lost = StepFailure("DeviceUncertain", "robot: the controller has not confirmed that the robot stands")
+    withdrawn = (StepStarted("cleanup.withdraw", 1, moves=True), StepEnded("cleanup.withdraw", 1, Outcome.DONE))
+    failed = (StepStarted("touch", 1, moves=moved), StepEnded("touch", 1, Outcome.FAILED, failure=lost))
+    state = fold(entries([*failed, StateChanged("running", "cleaning"), *withdrawn]))
+    assert (state.unconfirmed, state.uncertain) == ("touch", True)
+
+
 def test_a_run_whose_clean_up_failed_is_uncertain_until_it_is_resumed():
     events = [StateChanged("cleaning", "uncertain"), RunEnded("uncertain", reason="the robot did not answer")]
     assert fold(entries(events)).uncertain

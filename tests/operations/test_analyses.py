@@ -179,10 +179,21 @@ def test_two_programs_at_once_are_refused(with_model: Path) -> None:
         ("x" * 300 + ".csv", "x" * 77 + ".csv"),
         ("", "file"),
         ("..", "file"),
+        ("mess.daten.v1.csv", "mess.daten.v1.csv"),
+        ("Prüfung März.csv", "Pruefung_Maerz.csv"),
+        ("Pru\u0308fung.csv", "Pruefung.csv"),
+        ("éà.csv", "ea.csv"),
+        ("测量.csv", "file.csv"),
     ],
 )
 def test_names_of_uploaded_files_are_made_safe(given: str, safe: str) -> None:
     assert analyses.safe_name(given) == safe
+
+
+@pytest.mark.parametrize("data", ["mess.daten.v1.csv", "Prüfung März.csv", "x" * 80 + ".csv", "äöü.csv", "ohne"])
+def test_an_analysis_of_any_data_file_is_found_again_by_its_name(tmp_path: Path, data: str) -> None:
+    folder, record = analyses.new_analysis(tmp_path, "Ada", data)
+    assert analyses.analysis_folder(tmp_path, record.name) == folder
 
 
 @pytest.mark.parametrize("name", ["..", "../runs", "missing", "", "a/b"])

@@ -16,6 +16,7 @@ from cellctl.journal import (
     DevicesConnected,
     Journal,
     Outcome,
+    RunEnded,
     RunStarted,
     SourceFile,
     StepEnded,
@@ -24,7 +25,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
-from cellctl.operations.cell_state import cell_state, examine_cell, last_examination, run_on
+from cellctl.operations.cell_state import cell_state, examine_cell, last_examination, last_run_on, run_on
 
 WHO = {"serial": "925185", "model": "KUKA KR5", "firmware": "8.6", "simulated": True}
 
@@ -71,6 +72,23 @@ def test_the_active_run_tells_identity_health_latency_last_error_and_the_safety_
     assert (state.emergency_stop, state.guard, state.mode) == ("open", "closed", "EXT")
     assert (state.source, state.at) == ("run run", "2026-01-02T03:04:05Z")
     assert run_on(CELL, tmp_path) == ""  # the run has ended
+
+
+def test_after_a_run_the_cell_is_shown_as_that_run_saw_it_last_unless_it_was_examined_since(
+    cell: Cell, tmp_path: Path
+) -> None:
+    well = {"name": "robot", "healthy": True, "identity": None, "health": "READY", "latency_ms": 4.0}
+    doctor = {"devices": [{**well, "what": "", "cure": ""}], "at": "2026-01-02T03:00:00Z"}
+    with journal_on(tmp_path / "run") as journal:
+        journal.append(DevicesConnected({"robot": WHO, "probe": WHO}))
+        journal.append(DeviceHealth("robot", True, "EXT, READY", 4.0, "EXT"))
+        journal.append(DeviceHealth("robot", False, "EMERGENCY STOP", 4.0, "EXT", {"emergency_stop_ok": False}))
+        journal.append(RunEnded("failed", "", "robot: EMERGENCY STOP", calendar="2026-01-02T03:10:00Z"))
+    state = cell_state(cell, last_run_on(cell, tmp_path), doctor, active=False)
+    assert (state.source, state.at, state.run) == ("run run", "2026-01-02T03:10:00Z", "")
+    assert (state.devices[0].state, state.devices[0].text, state.emergency_stop) == ("failed", "EMERGENCY STOP", "open")
+    later = cell_state(cell, last_run_on(cell, tmp_path), {**doctor, "at": "2026-01-02T03:11:00Z"}, active=False)
+    assert (later.source, later.devices[0].state) == ("doctor", "in order")
 
 
 def test_a_cell_is_not_examined_while_a_run_is_active_on_it(tmp_path: Path) -> None:

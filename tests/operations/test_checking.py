@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.operations.checking import check, choices, first_choice, form_of, line_of, setting_problem
+from cellctl.operations.checking import check, choices, first_choice, form_of, line_of, missing_devices, setting_problem
 from cellctl.procedure import load_procedure
 
 OWN = """procedure: mine
@@ -74,3 +74,11 @@ def test_the_check_gives_each_error_with_its_line_and_the_settings_too(own: Path
     assert "plan" in line_of(places[str(own), 8])
     assert "is out of its range" in places["--set touches=5", 0].what
     assert any("my_cell.yaml" in file for file, _ in places)
+
+
+def test_a_cell_without_a_device_of_the_procedure_is_known_before_the_check() -> None:
+    procedures = Path(__file__).parents[2] / "procedures"
+    daily = procedures / "daily_check.yaml"
+    lacked = missing_devices(daily, procedures / "cells" / "sphere_cell.yaml")
+    assert "a device 'tracker', and the cell has none" in lacked
+    assert missing_devices(daily, procedures / "cells" / "tracker_cell.yaml") == ()

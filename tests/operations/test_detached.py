@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from cell_runs import CELL, PATIENCE_S, ROOT, touches_procedure
+from child_process import child
 
 from cellctl.clock import WallClock
 from cellctl.engine import Operator
@@ -56,7 +57,7 @@ def test_a_procedure_with_errors_is_refused_with_each_at_its_line_and_leaves_no_
 @pytest.mark.long
 def test_killing_the_starter_does_not_touch_the_run_and_the_journal_names_the_operator(tmp_path: Path) -> None:
     words = [sys.executable, "-c", STARTER, str(touches_procedure(tmp_path, 5)), str(CELL), str(tmp_path / "runs")]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT) as starter:
+    with child(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT) as starter:
         assert starter.stdout
         folder = Path(starter.stdout.readline().strip())
         os.kill(starter.pid, signal.SIGKILL)

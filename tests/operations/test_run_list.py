@@ -10,7 +10,11 @@ from finished_runs import run_in
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from cellctl.journal import RunStarted, RunState, SourceFile
 from cellctl.operations.run_list import RunFilter, run_rows
+from cellctl.operations.run_summary import is_simulated
+
+UNBORN = "sphere_selfcal-20260101T000000Z"
 
 
 @pytest.fixture(scope="module")
@@ -22,11 +26,15 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "torn").mkdir()
     (folder / "torn" / "journal.sqlite").write_bytes(b"SQLite format 3\0 torn")
     (folder / "tables").mkdir()
+    (folder / UNBORN).mkdir()
+    (folder / UNBORN / "output.txt").write_text("cellctl: simulator: did not start")
+    (folder / "sphere_selfcal-20260102T000000Z").mkdir()
+    (folder / "sphere_selfcal-20260102T000000Z" / "letter.txt").touch()
     return folder
 
 
 def names(runs: Path, **asked: str) -> list[str]:
-    return [row["run"] for row in run_rows(runs, RunFilter(**asked))]
+    return [row["run"] for row in run_rows(runs, RunFilter(**asked)) if row["run"] != UNBORN]
 
 
 def test_runs_are_listed_newest_first_by_when_they_began_and_not_by_when_the_files_were_copied(runs: Path) -> None:
@@ -37,6 +45,11 @@ def test_an_unreadable_run_is_listed_with_what_is_wrong(runs: Path) -> None:
     (row,) = run_rows(runs, RunFilter(state="unreadable"))
     assert row["run"] == "torn"
     assert row["sentence"]
+
+
+def test_a_run_that_ended_before_its_journal_existed_is_listed_with_its_output(runs: Path) -> None:
+    (row,) = run_rows(runs, RunFilter(procedure="sphere_selfcal"))
+    assert (row["run"], row["state"], row["problem"]) == (UNBORN, "not begun", "simulator: did not start")
 
 
 @pytest.mark.parametrize(
@@ -68,3 +81,14 @@ def test_the_command_line_searches_alike(runs: Path, tmp_path: Path, capsys: pyt
     assert "111111" not in capsys.readouterr().out
     assert cellctl("--search", "nothing of this") == 0
     assert "No run" in capsys.readouterr().out
+
+
+def test_a_run_says_whether_its_cell_was_simulated(tmp_path: Path) -> None:
+    source = SourceFile("cell.yaml", "name: x\nsimulate: {seed: 1}\n", "0")
+    run = RunState(started=RunStarted(source, source, {}, 1, "lockstep", "me", "2026-01-02T03:04:05Z", "", {}))
+    assert is_simulated(run)
+    real = SourceFile("cell.yaml", "name: x\n# simulate: later\n", "0")
+    run = RunState(started=RunStarted(source, real, {}, 1, "lockstep", "me", "2026-01-02T03:04:05Z", "", {}))
+    assert not is_simulated(run)
+    run.identities = {"robot": {"simulated": True}}
+    assert is_simulated(run)

@@ -69,6 +69,8 @@ def test_branches_confirmations_and_interlocks_are_read(load, found):
         ("    then:\n", "    than:\n", "'than' is not known in an 'if'"),
         ("else:\n", "else: []\n    x:\n", "there is no step here"),
         ("condition: whole", "condition: hole", "'probe' has no condition 'hole'\n    did you mean 'whole'?"),
+        ("condition: whole", "condition: door", "choose one; its conditions: "),
+        ('"Is the cell clear?"', '""', "the text of a 'confirm' is empty"),
         ("device: probe", "device: prob", "the cell has no device 'prob'\n    did you mean 'probe'?"),
         ("on_break: abort", "on_break: abort, resume: auto", "an interlock that aborts the run has nothing to resume"),
         ("on_break: abort", "on_break: halt", "'on_break' of an interlock is not usable (here: 'halt')"),

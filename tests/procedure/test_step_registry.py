@@ -1,18 +1,24 @@
 """Steps come from installed modules, loaded when asked for; a broken one is named and breaks no other."""
 
 import types
+from pathlib import Path
+from typing import Protocol
 
 import pytest
 
-from cellctl.devices import NoContact
+from cellctl.devices import CellIO, CellReadings, Device, JointReader, MovingRobot, NoContact, TableStore, observes
+from cellctl.files import parse_yaml
 from cellctl.procedure import (
     BrokenSteps,
+    CellFiles,
     NoInputs,
     StepContext,
     StepInputs,
     StepRegistry,
     StepResult,
     UnknownStep,
+    check_cell,
+    read_procedure,
     step,
 )
 from cellctl.procedure import registry as registry_module
@@ -167,3 +173,57 @@ async def loose(context: StepContext, inputs: Loose) -> None:
 def test_a_function_that_fits_no_step_is_refused_when_it_is_made_one(name, function, why):
     with pytest.raises(TypeError, match=why):
         step(name)(function)
+
+
+class Welder(Device, Protocol):
+    """A device of somebody's own, of which nothing is declared."""
+
+
+@observes
+class Scale(Device, Protocol):
+    """A device of somebody's own that only reads."""
+
+
+@pytest.mark.parametrize(
+    ("protocol", "moves"),
+    [
+        *((protocol, True) for protocol in (MovingRobot, Welder, CellIO, TableStore)),
+        *((protocol, False) for protocol in (Device, JointReader, CellReadings, Scale)),
+    ],
+)
+@pytest.mark.parametrize("how", ["needs", "uses"])
+def test_a_step_moves_as_the_protocols_of_its_devices_declare_and_one_that_declares_nothing_moves(how, protocol, moves):
+    @step("well.dig", **{how: {"device": protocol}})
+    async def dig(context: StepContext, inputs: NoInputs) -> None:
+        """Dig."""
+
+    assert dig.moves is moves
+
+
+def test_of_the_shipped_steps_those_that_only_read_or_stop_leave_nothing_uncertain():
+    registry = StepRegistry.installed()
+    observing = ("robot.stop", "tool.read_pose", "tracker.prepare", "tracker.two_face", "tracker.monuments")
+    assert not any(registry.find(name).moves for name in observing)
+    moving = ("sphere.touch", "sphere.push", "tracker.measure", "tracker.judge", "tracker.withdraw", "tool.touch")
+    assert all(registry.find(name).moves for name in moving)
+
+
+@pytest.mark.parametrize(
+    ("hook", "why"), [(3, "not a callable"), (lambda: 3, "has to be a function of"), ("x", "not a callable")]
+)
+def test_an_expects_that_cannot_be_called_is_refused_when_the_step_is_made(hook, why):
+    with pytest.raises(TypeError, match=f"(?s)step 'well.x'.*{why}"):
+        step("well.x", expects=hook)(measure.function)
+
+
+def test_an_expects_that_fails_is_an_error_at_its_step():
+    @step("well.x", expects=lambda known: known["no such input"])
+    async def expecting(context: StepContext, inputs: NoInputs) -> None:
+        """Do."""
+
+    text = "procedure: p\ntitle: t\nsteps:\n  - {id: a, do: well.x}\n"
+    procedure = read_procedure(parse_yaml(text, "p.yaml"))
+    context = CellFiles(parse_yaml("name: c", "c.yaml"), Path("r.yaml"), 1)
+    (problem,) = check_cell(procedure, {}, StepRegistry([expecting]), context)
+    assert (problem.file, problem.line) == ("p.yaml", 4)
+    assert "`expects=` of step well.x failed: KeyError: 'no such input'" in problem.what

@@ -295,6 +295,7 @@ def test_a_table_that_a_run_pushes_and_takes_back_is_in_the_history_with_the_run
     pushed(tmp_path, table_id, controller)
     withdrawn(tmp_path, controller, replace(PUSHED, id=table_id))
     push_, back = history_of(tmp_path)
+    assert {change["who"].partition("@")[0] for change in (push_, back)} == {"Ada"}, "the operator of the run"
     assert (push_["action"], push_["run"], push_["source_run"], push_["table"]) == ("push", "run", "run", table_id)
     assert (push_["replaced"], push_["rows"], push_["method"]) == (OLD.id, 2, "pseudo-target")
     assert push_["out_of_force"].startswith("withdrawal, back to oldoldoldold by run run: the run ended")

@@ -76,6 +76,32 @@ def test_the_predicted_error_is_the_one_found(result):
     assert 0.90 <= result["coverage_95"] <= 0.98
 
 
+def test_a_compensated_target_has_the_sigma_of_the_prediction_at_its_joints(folder, result):
+    """The target is what the model predicts at held-out joints: `compensate` gives these back, with the same σ."""
+    rows = [row for row in csv.DictReader((folder / "ur10.csv").open()) if row["set"] == "test"]
+    joints = [f"A{axis}" for axis in range(1, 7)]
+    model = ModelFile.load(folder / "m.json")
+    readings = np.rad2deg([[float(row[f"q{axis}"]) for axis in range(1, 7)] for row in rows])
+    chosen = readings[model.inside(readings)][:40].round(6)
+    write(folder / "held.csv", joints, chosen)
+    assert cellctl("predict", folder / "m.json", folder / "held.csv", "-o", folder / "tcp.csv") == 0
+    predicted = list(csv.DictReader((folder / "tcp.csv").open()))
+    poses = np.array([[float(row[name]) for name in "XYZABC"] for row in predicted])
+    write(folder / "targets.csv", ["X", "Y", "Z", "A", "B", "C", *joints], np.hstack([poses, chosen]))
+    options = ["-o", folder / "made.csv", "--json", folder / "made.json"]
+    assert cellctl("compensate", folder / "m.json", folder / "targets.csv", *options) == 0
+    made = list(csv.DictReader((folder / "made.csv").open()))
+    np.testing.assert_allclose([[float(row[name]) for name in joints] for row in made], chosen, atol=2e-6)
+    sigma = np.array([float(row["sigma"]) for row in predicted])
+    np.testing.assert_allclose([float(row["sigma_mm"]) for row in made], sigma, atol=1.1e-9)
+    among = np.sqrt(np.mean([float(row["sigma_among"]) ** 2 for row in predicted]))
+    assert json.loads((folder / "made.json").read_text())["sigma_among_rows_mm"] == pytest.approx(among, abs=1e-8)
+
+
+def write(path, names, values):
+    path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in values.tolist())]) + "\n")
+
+
 def test_a_reflector_on_the_last_axis_leaves_its_zero_unseen(result):
     assert any(words.startswith("θ6 with tool") for words in result["unobservable"])
 

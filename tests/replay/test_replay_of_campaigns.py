@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run
 from shared_campaign import shared_campaign
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
+from cellctl.operations.provenance import versions
 
 pytestmark = pytest.mark.campaign
 
@@ -89,6 +91,23 @@ def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path)
     assert "model.json    equal (sha256 " in done.stdout
     for name in FILES:
         assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
+
+
+def test_on_another_processor_the_run_is_equal_within_the_tolerance(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("OPENBLAS_CORETYPE", other_kernel())
+    done = cellctl("replay", run, "--json", tmp_path / "replay.json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads((tmp_path / "replay.json").read_text())
+    assert found["agreement"].startswith("equal within the stated tolerance")
+    assert found["changed"][0].startswith("BLAS openblas")
+
+
+def other_kernel() -> str:
+    """A kernel of OpenBLAS that every x86-64 has, and that this process does not use; skips elsewhere."""
+    used = versions()["BLAS"]
+    if platform.machine() != "x86_64" or "openblas" not in used:
+        pytest.skip(f"no second kernel is known for {platform.machine()}, {used}")
+    return "Prescott" if "Nehalem" in used else "Nehalem"
 
 
 @pytest.mark.long

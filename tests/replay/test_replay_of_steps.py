@@ -16,7 +16,8 @@ from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.files import InputError, load_yaml, sha256_of
 from cellctl.journal import Journal, JournalError, RunStarted, RunState, SourceFile, read_journal
 from cellctl.operations.provenance import code_hash, sources, versions
-from cellctl.operations.replay import FolderFile, Replay, replay_run
+from cellctl.operations.replay import Agreement, FolderFile, Replay, replay_run
+from cellctl.operations.replay.difference import same_within_tolerance
 from cellctl.procedure import (
     NoInputs,
     StepContext,
@@ -29,13 +30,13 @@ from cellctl.procedure import (
 from cellctl.records import Row
 
 CALLS: list[str] = []
-EXTRA = {"text": "", "value": 0}  # what the steps add to what they compute, to make a replay differ
+EXTRA: dict[str, Any] = {"text": "", "value": 0}  # what the steps add to what they compute, to make a replay differ
 
 
 @dataclass(frozen=True)
 class ReadingRow(Row):
     KIND = "reading"
-    value: int
+    value: float
 
 
 class Numbers(StepResult):
@@ -47,7 +48,7 @@ class Value(StepInputs):
 
 
 class Sum(StepResult):
-    value: int
+    value: float
 
 
 @step("own.numbers")
@@ -173,7 +174,7 @@ def test_every_computing_step_is_done_again_with_what_it_knew_then_and_no_device
         "enough.whole",
         "enough.again",
     ]
-    assert found.equal
+    assert found.agreement is Agreement.EXACT
     assert found.changed == ()
     assert len({each.replayed for each in found.artefacts}) == 5, "each saw other rows; the copy is that of the last"
     assert CALLS == []
@@ -186,7 +187,7 @@ def test_a_run_is_replayed_from_its_journal_alone(tmp_path):
     shutil.copy(folder / "journal.sqlite", alone / "journal.sqlite")
     shutil.rmtree(tmp_path / "first")
     found = replayed(alone)
-    assert found.equal
+    assert found.agreement is Agreement.EXACT
     assert {each.folder for each in found.artefacts if each.step == "enough.again"} == {FolderFile.MISSING}
     assert [path.name for path in alone.iterdir()] == ["journal.sqlite"], "nothing was written there"
 
@@ -205,8 +206,8 @@ def test_a_file_that_was_edited_after_the_run_is_named_with_its_first_byte_and_t
     found = replayed(folder)
     copied = file_of(found, "enough.again")
     assert copied.replayed_equal
-    assert not copied.equal
-    assert not found.equal
+    assert copied.confirmed is Agreement.DIFFERENT
+    assert found.agreement is Agreement.DIFFERENT
     assert copied.first is not None
     assert copied.first.byte == text.index("SIM-1") + 5
     assert copied.first.line == 2
@@ -237,15 +238,17 @@ def test_results_and_rows_that_differ_are_named_key_by_key(tmp_path):
     EXTRA.update(value=5)
     found = replayed(folder)
     before = next(each for each in found.steps if each.step == "before")
-    assert before.differences == ("result.value: 0 → 5", "reading.value: 0 → -5")
-    assert next(each for each in found.steps if each.step == "some").equal
+    assert before.differences == ("result.value: 0.0 → 5.0", "reading.value: 0 → -5")
+    assert next(each for each in found.steps if each.step == "some").agreement is Agreement.EXACT
 
 
 def test_the_reason_is_what_has_changed_since_the_run(tmp_path):
     older = {**versions(), "numpy": "2.3.1", "platform": "Linux-of-before"}
     gone = {**sources(), "procedures/gone.py": "0" * 64}
     folder = run(tmp_path, versions=older, code_sha256="0" * 64, sources=gone)
-    assert replayed(folder).equal, "other versions are no difference as long as the bytes are equal"
+    assert replayed(folder).agreement is Agreement.EXACT, (
+        "other versions are no difference as long as the bytes are equal"
+    )
     EXTRA.update(text="more")
     found = replayed(folder)
     assert set(found.changed) == {
@@ -275,7 +278,7 @@ def test_a_step_that_failed_fails_again_in_the_same_words_wherever_the_run_folde
     folder = run(tmp_path / "first", REFUSING)
     (tmp_path / "moved").mkdir()
     moved = shutil.move(folder, tmp_path / "moved" / "run")
-    assert replayed(Path(moved)).equal
+    assert replayed(Path(moved)).agreement is Agreement.EXACT
     EXTRA.update(text=", another text")
     (failed,) = replayed(Path(moved)).steps
     assert failed.differences[0].startswith("failure.text: ")
@@ -307,3 +310,56 @@ def test_where_there_is_no_run_the_call_is_refused(tmp_path):
 def test_a_step_that_is_not_installed_is_named(tmp_path):
     with pytest.raises(InputError, match=r"own\.numbers"):
         replay_run(run(tmp_path))
+
+
+SMALLER_THAN_ANY_ROUNDING = 3e-13
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """A run that another processor made; its copy of a file names that file's content by its hash."""
+    return run(tmp_path, versions={**versions(), "BLAS": "openblas 0.3.30 Nehalem"})
+
+
+def test_a_run_of_another_processor_is_equal_within_the_tolerance_though_no_byte_of_its_files_is(elsewhere):
+    EXTRA.update(value=SMALLER_THAN_ANY_ROUNDING)
+    found = replayed(elsewhere)
+    assert found.agreement is Agreement.WITHIN_TOLERANCE
+    assert file_of(found, "enough.again").agreement is Agreement.WITHIN_TOLERANCE
+    assert not file_of(found, "enough.again").replayed_equal
+    assert "BLAS openblas 0.3.30 Nehalem → " in found.changed[0]
+    assert found.to_json()["agreement"] == "equal within the stated tolerance (other processor or library)"
+
+
+def test_last_digits_that_no_other_processor_or_library_explains_are_not_equal(tmp_path):
+    folder = run(tmp_path)
+    EXTRA.update(value=SMALLER_THAN_ANY_ROUNDING)
+    assert replayed(folder).agreement is Agreement.DIFFERENT
+
+
+@pytest.mark.parametrize("extra", [{"value": 0.01}, {"text": "more"}, {"text": "0.1\n"}])
+def test_what_another_processor_does_not_change_is_not_equal(elsewhere, extra):
+    EXTRA.update(extra)
+    assert replayed(elsewhere).agreement is Agreement.DIFFERENT
+
+
+def test_a_changed_file_in_the_folder_is_not_equal_on_any_processor(elsewhere):
+    (elsewhere / "copy.csv").write_text("edited")
+    assert replayed(elsewhere).agreement is Agreement.DIFFERENT
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "same"),
+    [
+        ('{"a":1.25}', '{"a":1.2500000001}', True),
+        ('{"a":0.0}', '{"a":-2.4e-17}', True),
+        ('{"a":12}', '{"a":13}', False),
+        ('{"a":1.25}', '{"a":1.26}', False),
+        ('{"a":1.25}', '{"a":1.25,"b":1}', False),
+        ("x 1.5", "y 1.5", False),
+        (f"{'a' * 64} and {'a' * 64}", f"{'b' * 64} and {'b' * 64}", True),
+        (f"{'a' * 64} and {'a' * 64}", f"{'b' * 64} and {'c' * 64}", False),
+    ],
+)
+def test_texts_are_the_same_within_the_tolerance_if_nothing_but_their_numbers_differ(before, now, same):
+    assert same_within_tolerance(before, now) is same

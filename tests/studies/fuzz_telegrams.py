@@ -63,7 +63,7 @@ class Line:
         deadline = time.monotonic() + 5.0
         while words[Slot.TELEGRAMS] + words[Slot.MALFORMED] < self.sent:
             if time.monotonic() > deadline or not self.process.alive():
-                raise RuntimeError(f"after {self.sent} telegrams: {self.process.last_error_line()}")
+                raise RuntimeError(f"after {self.sent} telegrams: {self.process.lost('robot')}")
 
     def garbled(self, chance: random.Random) -> bytes:
         kind = chance.random()

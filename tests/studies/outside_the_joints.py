@@ -1,17 +1,20 @@
 """Predictions outside the measured joints: a real UR10, fitted where one joint is low, judged where it is high.
 
-    uv run python tests/studies/outside_the_joints.py [--reversed] [--joints 1 2 3] [--draws 5]
+    uv run python tests/studies/outside_the_joints.py [--splits A1 A1r A2 A2r A3 A3r] [--draws 20] [--each FILE]
 
-800 rows with the joint below its 40 % quantile to fit, 1500 with it above its 60 % quantile to predict (`--reversed`:
-the other way round). The measurements are public (ipa-robot-accuracy data set) and not in this repository.
+800 rows with the joint below its 40 % quantile to fit, 1500 with it above its 60 % quantile to predict (`r`: the other
+way round). The draws are of one robot's rows and overlap: their spread is no confidence interval. `--each` adds a line
+of JSON for each draw to a file. The measurements are public (ipa-robot-accuracy data set) and not in this repository.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,8 +59,8 @@ def split(angle: np.ndarray, joint: int, draw: int, backwards: bool) -> tuple[np
     return rng.permutation(begin)[:FIT], rng.permutation(other)[:PREDICTED]
 
 
-def figures(q: np.ndarray, xyz: np.ndarray, count: int) -> dict[str, float]:
-    """Of rows of which the first `count` are fitted: means, mm, coverage, RMS stated and found, log scores."""
+def figures(q: np.ndarray, xyz: np.ndarray, count: int) -> dict[str, Any]:
+    """The model of the first `count` rows, and its figures on the others: means, mm, coverage, RMS, log scores."""
     chain = RobotFile.load(ROBOT).chain()
     rows = PositionRows(q, xyz, np.full(xyz.shape, REPEATABILITY_MM / np.sqrt(3.0)))
     held_out = np.arange(len(q)) >= count
@@ -70,6 +73,8 @@ def figures(q: np.ndarray, xyz: np.ndarray, count: int) -> dict[str, float]:
     nominal = identify(Task(RobotModel(chain), own, groups=frozenset())).identified.state
     geometry = identify(Task(RobotModel(chain), own, groups=frozenset({"geometry", "tool"}))).identified.state
     return {
+        "model": found.model,
+        "outside_mm": found.region.outside_mm,
         "nominal": found.nominal.mean,
         "geometry": float(rows.pick(np.flatnonzero(held_out)).errors(geometry).mean()),
         "auto": found.test.mean,
@@ -87,32 +92,54 @@ def score(errors: np.ndarray, variance: np.ndarray | float) -> float:
     return float(np.mean(-0.5 * (errors**2 / each + 3.0 * np.log(2.0 * np.pi * each))))
 
 
+def line(name: str, each: list[dict[str, Any]]) -> str:
+    """A line of the table: mean and range of the draws."""
+    of = {key: np.array([one[key] for one in each]) for key in each[0] if key != "model"}
+    better = np.minimum(of["nominal"], of["geometry"])
+    stated, found = np.sqrt(np.mean(of["stated"] ** 2)), np.sqrt(np.mean(of["found"] ** 2))
+    ratios = of["stated"] / of["found"]
+    cells = (
+        name,
+        str(len(each)),
+        *(f"{of[key].mean():.2f}" for key in ("nominal", "geometry")),
+        _spread(of["auto"]),
+        _spread(of["auto"] / better),
+        _spread(100.0 * of["coverage"], 1),
+        f"{stated / found:.2f} ({ratios.min():.2f} … {ratios.max():.2f})",
+        f"{of['nominal score'].mean():.1f} → {of['auto score'].mean():.1f}",
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _spread(values: np.ndarray, digits: int = 2) -> str:
+    mean, low, high = (f"{value:.{digits}f}" for value in (values.mean(), values.min(), values.max()))
+    return f"{mean} ({low} … {high})"
+
+
+HEAD = (
+    "| split | draws | nominal | geometry alone | auto | auto over the better | coverage, % | stated / found RMS "
+    "| log score, nominal → auto |\n|---|---|---|---|---|---|---|---|---|"
+)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--joints", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--draws", type=int, default=5)
-    parser.add_argument("--reversed", action="store_true")
+    parser.add_argument("--splits", nargs="+", default=["A1", "A2", "A3", "A1r", "A2r", "A3r"])
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--each", type=Path)
     asked = parser.parse_args()
     q, xyz = measured()
-    head = ("joint", "nominal", "geometry alone", "auto", "auto over the better, worst draw", "coverage")
-    print(f"| {' | '.join((*head, 'stated / found RMS', 'log score, nominal → auto'))} |")
-    print("|---|---|---|---|---|---|---|---|")
-    for joint in asked.joints:
-        chosen = [split(q[:, joint - 1], joint - 1, draw, asked.reversed) for draw in range(asked.draws)]
-        each = [figures(q[np.concatenate(rows)], xyz[np.concatenate(rows)], len(rows[0])) for rows in chosen]
-        of = {name: np.array([one[name] for one in each]) for name in each[0]}
-        better = min(of["nominal"].mean(), of["geometry"].mean())
-        worst = (of["auto"] / np.minimum(of["nominal"], of["geometry"])).max()
-        sure = np.sqrt(np.mean(of["stated"] ** 2) / np.mean(of["found"] ** 2))
-        cells = (
-            f"A{joint}{' reversed' if asked.reversed else ''}",
-            *(f"{of[name].mean():.2f}" for name in ("nominal", "geometry", "auto")),
-            f"{of['auto'].mean() / better:.2f}, {worst:.2f}",
-            f"{100.0 * of['coverage'].mean():.1f} %",
-            f"{sure:.2f}",
-            f"{of['nominal score'].mean():.1f} → {of['auto score'].mean():.1f}",
-        )
-        print(f"| {' | '.join(cells)} |", flush=True)
+    print(HEAD)
+    for name in asked.splits:
+        joint, each = int(name[1]) - 1, []
+        for draw in range(asked.draws):
+            fitted, predicted = split(q[:, joint], joint, draw, name.endswith("r"))
+            rows = np.concatenate([fitted, predicted])
+            each.append(figures(q[rows], xyz[rows], len(fitted)))
+            if asked.each is not None:
+                with asked.each.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({"split": name, "draw": draw, **each[-1]}) + "\n")
+        print(line(name.replace("r", " reversed"), each), flush=True)
 
 
 if __name__ == "__main__":

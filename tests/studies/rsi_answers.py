@@ -86,6 +86,7 @@ class Peer:
         self.correction = (0.0,) * 6
         self.sent: dict[int, float] = {}
         self.asked = 0
+        self.answered = 0
         self.delays_ms: list[float] = []
 
     def ask(self, ipoc: int) -> None:
@@ -95,7 +96,11 @@ class Peer:
         axes = zip(program, self.correction, strict=True)
         joints = " ".join(f'A{i}="{a + b:.4f}"' for i, (a, b) in enumerate(axes, 1))
         programmed = " ".join(f'A{i}="{angle:.4f}"' for i, angle in enumerate(program, 1))
-        telegram = f'<Rob Type="KUKA"><AIPos {joints}/><ASPos {programmed}/><Delay D="0"/><IPOC>{ipoc}</IPOC></Rob>'
+        self.answered = self.answered or ipoc
+        delay = max(0, (ipoc - self.answered) // self._cycle_ms - 1)  # cycles left out have no answer either
+        telegram = (
+            f'<Rob Type="KUKA"><AIPos {joints}/><ASPos {programmed}/><Delay D="{delay}"/><IPOC>{ipoc}</IPOC></Rob>'
+        )
         self.sent[ipoc] = time.perf_counter()
         self.line.send(telegram.encode())
         self.asked += 1
@@ -112,6 +117,7 @@ class Peer:
             began = self.sent.pop(int(found[1]), None) if found else None
             if began is not None:
                 self.delays_ms.append((now - began) * 1e3)
+                self.answered = max(self.answered, int(found[1]))
             axes = re.findall(r'A\d="([^"]+)"', answer)
             if len(axes) == 6:
                 self.correction = tuple(map(float, axes))

@@ -229,10 +229,11 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
 
 
 def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
-    """Covariance (F, F) of the free unknowns from pinned combinations, each uncertain by its whole tolerance; `own` is
-    the covariance with these exact.
+    """Covariance (F, F) of the free unknowns from pinned combinations, each uncertain by its whole tolerance, or by its
+    share 1/s of it (rows of length s > 1); `own` is the covariance with these exact.
     """
-    along = np.linalg.qr(pinned.T)[0]
+    along, lengths = np.linalg.qr(pinned.T)
+    along = along / np.maximum(np.abs(np.diag(lengths)), 1.0)
     owed = along - own @ (triangle.T @ (triangle @ along))
     return np.asarray(owed @ owed.T)
 

@@ -39,6 +39,13 @@ _NEVER_LOOSENED = ("points", "datums", "base")
 SCALE_SIGMA = 1.0
 """1 σ of the natural logarithm of such a scale about 0, before the data."""
 
+LARGEST: Mapping[Group, float] = {"links": 20.0, "zeros": 100.0, "tool": 500.0}
+"""Largest prior scale of the tolerances: links 10 mm off, joint zeros 5°, a tool a metre. Beyond it is no robot of this
+file; without a bound, rows in which links hardly show themselves make a scale of thousands, and the links follow the
+noise. Lost mastering has a flat prior instead (`--free zeros`). A prior model's σ is no tolerance: not bounded."""
+
+UNBOUNDED = float(np.exp(12.0))
+
 SHARP = 1e-5
 """Iteration stops at a relative change of the evidence below this."""
 
@@ -263,10 +270,14 @@ class System:
             return -value, -np.array([slopes[name] for name in names])
 
         start = np.array([*chosen.values(), *(self.guess(factor) for factor in more)])
-        scales = {name: (float(np.log(least)), float(np.log(most))) for name, (least, most) in self.of_effects.items()}
-        bounds = [scales.get(name, (0.0, 12.0)) for name in names]
+        bounds = [tuple(np.log(self._bounds(name)).tolist()) for name in names]
         found = minimize(improbable, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": SHARP})
         return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
+
+    def _bounds(self, factor: Factor) -> tuple[float, float]:
+        """Least and greatest value of a factor."""
+        group, _ = factor
+        return self.of_effects.get(factor, (1.0, LARGEST.get(group, UNBOUNDED) if self.independent else UNBOUNDED))
 
     def guess(self, factor: Factor) -> float:
         """Start value of a factor's logarithm: how much larger than predicted residuals, or parameters, are."""
@@ -294,7 +305,8 @@ class System:
             widened = np.diag(known @ (np.outer(x, x) + covariance) @ known - known)
         own = np.exp(2.0 * tolerances) * self.change * widened
         slopes.update({factor: float(own[self.groups == place].sum()) for place, factor in enumerate(self.loose)})
-        for factor in [each for each in self.of_effects if each in logs]:  # not a set's order: sums depend on it
+        penalised = self.loose if self.independent else tuple(self.of_effects)
+        for factor in [each for each in penalised if each in logs]:  # not a set's order: sums depend on it
             value -= 0.5 * (logs[factor] / SCALE_SIGMA) ** 2
             slopes[factor] -= logs[factor] / SCALE_SIGMA**2
         return float(value), slopes

@@ -21,8 +21,11 @@ from cellctl.calibration.outliers.inliers import OUTLYING, belonging
 from cellctl.calibration.prediction.predict import predict_rows
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.selection.cross_validation import Folded
+from cellctl.calibration.selection.folds import judging, random_folds
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
+    carried,
     may_join,
     scales_with,
     widened,
@@ -30,6 +33,7 @@ from cellctl.calibration.selection.model_error import (
     without_functions,
 )
 from cellctl.calibration.selection.sample import sampled
+from cellctl.calibration.selection.support import WORSE_AT_END, Gain, worst_end
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2
@@ -189,7 +193,30 @@ def _with_residual_model(
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
     start, known = nominal_start(wider, rows), weighed.weights.factors(rows)
     scales = scales_with(kind.group, weighed.found, start, sample, certain(task), known)
-    return None if scales is None else (wider, Weights.of(rows, scales))
+    if scales is None or not _predicts_better(kind, wider, start, rows, weighed, scales):
+        return None
+    return wider, Weights.of(rows, scales)
+
+
+def _predicts_better(
+    kind: type[ResidualModel],
+    task: Task,
+    unknowns: Unknowns,
+    rows: RowBlocks,
+    weighed: Weighed,
+    scales: Mapping[Factor, float],
+) -> bool:
+    """Whether held-out rows are predicted significantly better with the residual model that `task` adds to what was
+    `weighed`, with these scales. The evidence alone takes any scatter for a function of the joints.
+    """
+    some = rows.pick(judging(len(rows)))
+    begin = carried(weighed.found, unknowns)
+    folded = Folded.of(unknowns, begin, some, certain(task), random_folds(some.q), task.registration(unknowns))
+    without = ~unknowns.among(frozenset({kind.group}))[unknowns.free]
+    logs = [{f: float(np.log(v)) for f, v in each.items()} for each in (weighed.weights.factors(rows), scales)]
+    before, after = (without, logs[0]), (np.ones_like(without), logs[1])
+    gain = Gain.of(folded.predicted(*before).errors, folded.predicted(*after).errors, kind.group)
+    return gain.significant and worst_end(folded, some.q, before, after) <= WORSE_AT_END
 
 
 def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
@@ -244,8 +271,15 @@ def registered(task: Task, rows: RowBlocks) -> Estimate:
     unknowns = plain.unknowns(plain.start(rows))
     unknowns = unknowns.masked(plain.registration(unknowns))
     blocks = [*rows.blocks, *certain(task)]
-    found = estimate(replace(unknowns, pinned=_unseen(unknowns, blocks)), blocks)
+    found = estimate(replace(unknowns, pinned=_unseen(unknowns, blocks, plain.taught_mm)), blocks)
     return found if plain is task else widened(found, task.unknowns(_with_effects(found.unknowns.start, task)))
+
+
+def with_tool_registered(task: Task, rows: RowBlocks) -> Estimate:
+    """The robot as in its file, tied to the measurement by `rows`, and its tool found by them too."""
+    of_file = replace(without_functions(task.of_nominal), groups=frozenset({"tool"}), candidates=None)
+    unknowns = of_file.unknowns(of_file.start(rows))
+    return estimate(unknowns.masked(of_file.identification(unknowns)), [*rows.blocks, *certain(of_file)])
 
 
 def _with_effects(state: State, task: Task) -> State:
@@ -274,18 +308,25 @@ def _starts(task: Task, nominal: Estimate, rows: RowBlocks) -> list[Unknowns]:
     return [unknowns.restarted(state) for state in tools(unknowns, rows, certain(task))]
 
 
-def _unseen(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+def _unseen(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) -> Floats:
     """Combinations (H, P) of free base and tool that are unobservable in the rows, in units of the unknowns' σ.
 
     With one orientation in all rows, a longer tool acts like a base further in. Rounded joints cause small differences,
     lost in the geometry's own errors; if it is free, the fit diverges by metres.
+
+    taught: 1 σ, mm, of the tool's place beforehand. A direction along which rows and tolerances leave more of the tool
+    open than that is held too, as uncertain as it was taught: otherwise the noise of the joints moves the tool there.
     """
     if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
         return np.zeros((0, len(unknowns.names)))
     known = unknowns.among(frozenset({"datums"})) & (unknowns.sigma < FLAT)  # its prior holds it, not a pin
     unknowns = unknowns.masked(~known)
     _, singular, right = np.linalg.svd(seen_despite_tolerances(unknowns, blocks))
-    unseen = right[singular < INVISIBLE]
+    places = np.array([each.group == "tool" and not each.turns for each in unknowns.parameters])[unknowns.free]
+    moved = np.linalg.norm(right[:, places] * unknowns.sigma[unknowns.free][places], axis=1)  # mm of the tool
+    invisible, weak = singular < INVISIBLE, moved > taught * singular
+    scale = np.where(invisible, 1.0, moved / taught)  # see `Unknowns.pinned`
+    unseen = (right * scale[:, None])[invisible | weak]
     result = np.zeros((len(unseen), len(unknowns.names)))
     result[:, unknowns.free] = unseen
     return result

@@ -2,7 +2,8 @@
 
 With G, g, t for the base's rotation transposed, its offset and the tool, G m + g − R t = p for each measured point m,
 flange position p and flange rotation R is linear if G may be any matrix: no start value and no local minimum.
-Gauss–Newton steps on the rigid problem follow.
+Gauss–Newton steps on the rigid problem follow. They move the tool along no direction that they find worse than it was
+taught: with (nearly) one orientation in all rows the noise of the joints would decide it, decimetres away.
 """
 
 from __future__ import annotations
@@ -23,19 +24,30 @@ STEPS = 4
 HELD = 1e-6
 """Directions of base and tool whose share of the points' motion is smaller than this are not changed."""
 
+NORMAL_MEDIAN = 0.6745
+"""Median of the size of a normally distributed number, in its σ."""
+
+AS_WELL = 1.1
+"""A held tool leaves at most this many times the squares: where many rows are wrong their scatter says nothing."""
+
 PREFERRED = 0.25
 """The tool of the linear problem is used if its squared residual is below this share of the taught tool's: where
 orientation hardly changes it is poorly determined.
 """
 
 
-def on_instrument(model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group]) -> RobotModel:
-    """`model` with those of base and tool that are `free` fitted to the positions and poses among `blocks`."""
+def on_instrument(
+    model: RobotModel, blocks: Sequence[Measured], free: frozenset[Group], taught_mm: float = np.inf
+) -> RobotModel:
+    """`model` with those of base and tool that are `free` fitted to the positions and poses among `blocks`.
+
+    taught_mm: 1 σ of the model's own tool; inf where it is unknown.
+    """
     measured = [(block, xyz) for block in blocks if len(block) and (xyz := block.positions) is not None]
     if not measured or not free & PLACED:
         return model
     q, xyz = np.concatenate([block.q for block, _ in measured]), np.concatenate([places for _, places in measured])
-    chain = _placed(model.chain, q, xyz, free)
+    chain = _placed(model.chain, q, xyz, free, taught_mm)
     turned = [(block.q, turns) for block, _ in measured if (turns := block.orientations) is not None]
     if "tool" in free and turned:
         at, turns = (np.concatenate(part) for part in zip(*turned, strict=True))
@@ -64,14 +76,20 @@ def rigid_fit(points: Floats, measured: Floats) -> Floats:
     return pose(turn, there - turn @ centre)
 
 
-def base_and_tool(flange: Floats, measured: Floats, taught: Floats) -> tuple[Floats, Floats]:
+def base_and_tool(flange: Floats, measured: Floats, taught: Floats, taught_mm: float = np.inf) -> tuple[Floats, Floats]:
     """Base (4, 4) and tool (4, 4) that carry flange poses (N, 4, 4) nearest to `measured` (N, 3), mm; the tool keeps
-    the orientation of `taught` (4, 4).
+    the orientation of `taught` (4, 4), and its place along directions that the rows know worse than `taught_mm` (1 σ).
     """
-    base, tool = _refined(flange, measured, taught[:3, 3])
-    other = _refined(flange, measured, _relaxed_tool(flange, measured))
+    everywhere = np.eye(3)
+    base, tool = _refined(flange, measured, taught[:3, 3], everywhere)
+    other = _refined(flange, measured, _relaxed_tool(flange, measured), everywhere)
     if _left(flange, measured, *other) < PREFERRED * _left(flange, measured, base, tool):
         base, tool = other
+    known = _known_directions(flange, measured, base, tool, taught_mm)
+    if known.shape[1] < 3:
+        held = _refined(flange, measured, taught[:3, 3], known)
+        if _left(flange, measured, *held) <= AS_WELL * _left(flange, measured, base, tool):
+            base, tool = held
     return base, pose(taught[:3, :3], tool)
 
 
@@ -82,12 +100,12 @@ def turned_tool(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
     return chain.with_tool(pose(turn, chain.tool_now[:3, 3]))
 
 
-def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Group]) -> SerialChain:
+def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Group], taught_mm: float) -> SerialChain:
     """`chain` with base, tool, or both fitted to `measured` (N, 3), mm, at q (N, n), rad."""
     flange = chain.with_base(np.eye(4)).forward_flange(q)
     base, tool = chain.base_now, chain.tool_now
     if free >= PLACED:
-        base, tool = base_and_tool(flange, measured, tool)
+        base, tool = base_and_tool(flange, measured, tool, taught_mm)
         return chain.with_base(base).with_tool(tool)
     if "base" in free:
         return chain.with_base(rigid_fit(_tips(flange, np.eye(4), tool[:3, 3]), measured))
@@ -109,23 +127,47 @@ def _relaxed_tool(flange: Floats, measured: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(flat.T @ flat, flat.T @ flange[:, :3, 3].ravel(), rcond=1e-10)[0][12:])
 
 
-def _refined(flange: Floats, measured: Floats, tool: Floats) -> tuple[Floats, Floats]:
-    """Gauss–Newton from the rigid base that goes with `tool` (3,)."""
+def _refined(flange: Floats, measured: Floats, tool: Floats, along: Floats) -> tuple[Floats, Floats]:
+    """Gauss–Newton from the rigid base that goes with `tool` (3,), which moves along directions `along` (3, K) only."""
     base = rigid_fit(_tips(flange, np.eye(4), tool), measured)
     for _ in range(STEPS):
-        there = _tips(flange, base, tool)
-        arms = there - base[:3, 3]
-        size = max(float(np.abs(arms).max()), 1e-9)
-        lines = np.zeros((len(flange), 3, 9))
-        lines[:, :, :3] = np.cross(np.eye(3), arms[:, None, :]).swapaxes(1, 2) / size
-        lines[:, :, 3:6] = np.eye(3)
-        lines[:, :, 6:] = base[:3, :3] @ flange[:, :3, :3]
-        flat = lines.reshape(-1, 9)
-        step = np.linalg.lstsq(flat.T @ flat, flat.T @ (measured - there).ravel(), rcond=HELD)[0]
+        lines, residual, size = _linear(flange, measured, base, tool)
+        lines = np.hstack([lines[:, :6], lines[:, 6:] @ along])
+        step = np.linalg.lstsq(lines.T @ lines, lines.T @ residual, rcond=HELD)[0]
         turn = Rotation.from_rotvec(step[:3] / size).as_matrix()
         base = pose(turn @ base[:3, :3], base[:3, 3] + step[3:6])
-        tool = tool + step[6:]
+        tool = tool + along @ step[6:]
     return base, tool
+
+
+def _linear(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> tuple[Floats, Floats, float]:
+    """Derivative (3 N, 9) of the points by turns of the base (times `size`, mm), its slides and the tool; what is left
+    (3 N,), mm; and `size`.
+    """
+    there = _tips(flange, base, tool)
+    arms = there - base[:3, 3]
+    size = max(float(np.abs(arms).max()), 1e-9)
+    lines = np.zeros((len(flange), 3, 9))
+    lines[:, :, :3] = np.cross(np.eye(3), arms[:, None, :]).swapaxes(1, 2) / size
+    lines[:, :, 3:6] = np.eye(3)
+    lines[:, :, 6:] = base[:3, :3] @ flange[:, :3, :3]
+    return lines.reshape(-1, 9), (measured - there).ravel(), size
+
+
+def _known_directions(flange: Floats, measured: Floats, base: Floats, tool: Floats, taught_mm: float) -> Floats:
+    """Directions (3, K) of the tool that the points know to `taught_mm` (1 σ) or better, whatever the base is.
+
+    σ = s / √λ of the tool's information with the base eliminated (Schur complement), s: the scatter about the best fit,
+    from the median, which outliers hardly change.
+    """
+    if np.isinf(taught_mm):
+        return np.eye(3)
+    lines, residual, _ = _linear(flange, measured, base, tool)
+    of_base = np.linalg.qr(lines[:, :6])[0]
+    own = lines[:, 6:] - of_base @ (of_base.T @ lines[:, 6:])
+    scatter = float(np.median(np.abs(residual))) / NORMAL_MEDIAN
+    information, directions = np.linalg.eigh(own.T @ own)
+    return np.asarray(directions[:, scatter**2 <= taught_mm**2 * information])
 
 
 def _tips(flange: Floats, base: Floats, tool: Floats) -> Floats:

@@ -105,6 +105,11 @@ class Task:
         return replace(self, model=self.nominal or self.model, groups=None, prior=None, nominal=None, region=None)
 
     @property
+    def taught_mm(self) -> float:
+        """1 σ of the place of the tool in the robot file; inf with a prior model, whose tool may be new."""
+        return self.tolerances.tool_mm if self.prior is None else np.inf
+
+    @property
     def registers_only(self) -> bool:
         """Whether only the registration to the measurement is free."""
         unknowns = self.unknowns(self._somewhere())
@@ -230,5 +235,6 @@ class Task:
         models: list[RobotModel] = []
         for number, session in enumerate(self.sessions):
             begin, free = (models[0], session.own) if models else (self.model, groups)
-            models.append(on_instrument(begin, [block for block in rows.blocks if block.session == number], free))
+            own = [block for block in rows.blocks if block.session == number]
+            models.append(on_instrument(begin, own, free, self.taught_mm))
         return models

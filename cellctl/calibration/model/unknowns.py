@@ -129,7 +129,8 @@ class Unknowns:
     parameters (P); sigma (P,): prior 1 σ, in the parameters' units; free (P,): may change; start: expected values.
     prior (P, P): covariance in place of `sigma`, where more is known; parameters that are not free then have an
     uncertainty too, carried over into all results. pinned (H, P): combinations, in units of `sigma`, that stay
-    at their start because they are unobservable; that does not make them certain.
+    at their start because they are unobservable; that does not make them certain: a row of length s > 1 has σ 1/s, one
+    of length 1 the whole tolerance.
     """
 
     start: State

@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration.effects import ResidualModel
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.posture_basis import PostureBasis
+from cellctl.calibration.residuals.posture_basis import PostureBasis, left_among
 from cellctl.kinematics import Floats
 
 INFORMED = 0.8
@@ -32,7 +32,7 @@ class Coverage(Protocol):
     """Remaining variance at other postures: a `PostureBasis`, or its equivalent from an old model file."""
 
     def joined(self, q: Floats) -> tuple[Self, float]:
-        """With postures q (N, n), rad, added; and the mean share left at all these postures."""
+        """With postures q (N, n), rad, added; and the share left at one of all these that is left out."""
         ...
 
     def remainder(self, q: Floats) -> Floats:
@@ -45,11 +45,12 @@ class Coverage(Protocol):
 class MeasuredRegion:
     """The postures of the rows that determined a model's own parameters, and how much σ grows outside them.
 
-    lower, upper (n,): least and greatest model angles, rad. coverage: gives the share of the variance of a smooth error
-    that these postures leave at another one: the measure of how far it is outside. within: mean of that share at the
-    rows themselves, which their noise already includes. outside_mm: 1 σ, 3-D, mm, of a prediction where all of that
-    variance is left. scatter_mm: scatter of the rows beyond their stated σ, 1 σ, 3-D, mm: errors of the robot that
-    change too fast for the model. residual_models: those of the model; the one with the larger share outside counts.
+    lower, upper (n,): least and greatest model angles, rad. coverage: gives the share of the variance of a smooth
+    error that these postures leave at another one: the measure of how far it is outside. within: that share at one
+    of the rows that is left out (95 % have less), whose error their noise already includes. outside_mm: 1 σ, 3-D,
+    mm, of a prediction where all of that variance is left. scatter_mm: scatter of the rows beyond their stated σ, 1
+    σ, 3-D, mm: errors of the robot that change too fast for the model. residual_models: those of the model; the one
+    with the larger share outside counts.
     """
 
     lower: Floats
@@ -69,8 +70,7 @@ class MeasuredRegion:
         residual_models: tuple[ResidualModel, ...] = (),
     ) -> Self:
         """The region of rows at angles (N, n), rad."""
-        basis = PostureBasis.over(angles)
-        within = float(basis.remainder(angles).mean())
+        basis, within = PostureBasis.over(angles), left_among(angles)
         return cls(angles.min(axis=0), angles.max(axis=0), outside_mm, basis, within, scatter_mm, residual_models)
 
     def with_angles(self, angles: Floats) -> Self:

@@ -12,10 +12,9 @@ from cellctl.calibration.estimation.linear import squared_distances
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.prediction.sigma import BLOCK, prediction_sigma
 from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Bools, Floats
-
-BLOCK = 4096
 
 
 @final
@@ -29,19 +28,12 @@ class Prediction:
 
 def predict(model: RobotModel, covariance: Floats, at: At) -> Prediction:
     """Tool poses at postures, or model angles (N, n), rad, with the uncertainty that `covariance` (P, P) of the
-    parameters leaves.
+    parameters leaves in the base frame.
 
     The variance left open by the model's residual models is included. The robot's repeatability and unmodelled errors
-    are not.
+    are not: `prediction_sigma` with a measured region has them.
     """
-    postures = Postures.of(at)
-    variance = 3.0 * model.open_variance(postures)
-    for start in range(0, len(postures), BLOCK):
-        part = np.s_[start : start + BLOCK]
-        columns = model.jacobian(postures.pick(part))[:, :3]
-        moved = (columns.reshape(-1, len(covariance)) @ covariance).reshape(columns.shape)
-        variance[part] += np.einsum("nkp,nkp->n", moved, columns)
-    return Prediction(model.pose(postures), np.sqrt(np.maximum(variance, 0.0)))
+    return Prediction(model.pose(Postures.of(at)), prediction_sigma(model, covariance, at))
 
 
 @final

@@ -1,4 +1,4 @@
-"""Uncertainty of TCPs relative to each other, without a common rigid motion."""
+"""Places of TCPs relative to each other, without a common rigid motion."""
 
 from __future__ import annotations
 
@@ -12,38 +12,28 @@ POINTS = 256
 """Points over which the uncertainty in a joint region is averaged."""
 
 
-def shape_sigma(model: RobotModel, covariance: Floats, at: At) -> Floats:
-    """1 σ (N,), 3-D, mm, of each TCP relative to all at postures, or model angles (N, n), rad, N ≥ 4.
+def shape_columns(model: RobotModel, at: At, over: At | None = None) -> Floats:
+    """Derivative by parameter of the relative places of the TCPs at postures, or model angles (N, n), rad.
 
-    covariance (P, P): of the model's parameters. Common rigid motions are left out: the place of the model's frame
-    depends on the source of the joints. Three points and fewer have hardly any shape: ValueError.
-    """
-    shape = shape_columns(model, at)
-    variance = np.sum((shape @ covariance) * shape, axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance.reshape(-1, 3).sum(axis=1) + 3.0 * model.open_variance(at), 0.0)))
-
-
-def shape_columns(model: RobotModel, at: At) -> Floats:
-    """Derivative by parameter of the relative places of the TCPs at postures, or model angles (N, n), rad, N ≥ 4.
-
-    (3 N, P), mm per unit of each, common rigid motions removed. ValueError for fewer points.
+    (3 N, P), mm per unit of each; the rigid motion that the TCPs at `over` (M ≥ 4, default: `at`) have in common is
+    removed: three points and fewer have hardly any shape. ValueError for fewer.
     """
     postures = Postures.of(at)
-    if len(postures) < 4:
-        raise ValueError(f"{len(postures)} points have no shape to speak of")
-    columns = model.jacobian(postures)[:, :3].reshape(3 * len(postures), -1)
-    together, _ = np.linalg.qr(_rigid_motions(model.tcp(postures)))
-    return np.asarray(columns - together @ (together.T @ columns))
+    reference = postures if over is None else Postures.of(over)
+    if len(reference) < 4:
+        raise ValueError(f"{len(reference)} points have no shape to speak of")
+    points = model.tcp(reference)
+    middle = points.mean(axis=0)
+    spread = max(float(np.abs(points - middle).max()), 1e-9)
+    columns = _columns(model, reference)
+    motion = np.linalg.lstsq(_rigid_motions((points - middle) / spread), columns, rcond=None)[0]
+    if over is None:
+        return np.asarray(columns - _rigid_motions((points - middle) / spread) @ motion)
+    return np.asarray(_columns(model, postures) - _rigid_motions((model.tcp(postures) - middle) / spread) @ motion)
 
 
-def sigma_among(model: RobotModel, covariance: Floats, at: At) -> float:
-    """`shape_sigma` as RMS over the rows, mm."""
-    return float(np.sqrt(np.mean(shape_sigma(model, covariance, at) ** 2)))
-
-
-def sigma_over_region(model: RobotModel, covariance: Floats, lower: Floats, upper: Floats) -> float:
-    """`sigma_among` for points spread evenly (Sobol) over the joint region lower (n,) … upper (n,), rad; mm."""
-    return sigma_among(model, covariance, spread_over(lower, upper))
+def _columns(model: RobotModel, postures: Postures) -> Floats:
+    return np.asarray(model.jacobian(postures)[:, :3].reshape(3 * len(postures), -1))
 
 
 def spread_over(lower: Floats, upper: Floats, points: int = POINTS) -> Floats:
@@ -53,10 +43,8 @@ def spread_over(lower: Floats, upper: Floats, points: int = POINTS) -> Floats:
     return np.asarray(lower + qmc.Sobol(len(lower), scramble=False).random(points) * (upper - lower))
 
 
-def _rigid_motions(points: Floats) -> Floats:
-    """How points (N, 3) move under three slides and three turns about their middle (3 N, 6), per mm and per spread."""
-    arms = points - points.mean(axis=0)
-    arms = arms / max(float(np.abs(arms).max()), 1e-9)
+def _rigid_motions(arms: Floats) -> Floats:
+    """How points at `arms` (N, 3) from their middle, per spread, move under three slides and turns (3 N, 6)."""
     turns = [np.cross(axis, arms) for axis in np.eye(3)]
     slides = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)]
     return np.stack([motion.reshape(-1) for motion in (*slides, *turns)], axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self, TypeAlias, final
@@ -22,6 +22,9 @@ prior of each band of each joint before the data scale it. Joints 1 to 3 of the 
 
 BANDS = ((1, 2), (3, 5), (6, 11), (12, 23), (24, 48))
 """Waves per turn, octave by octave: the amplitude of a band is one number, found from the data."""
+
+SLOW = 5
+"""Up to so many waves per turn a band extrapolates by some tens of degrees; faster ones cancel beyond the rows."""
 
 Wave: TypeAlias = tuple[int, int]
 """A joint, from 1, and how many waves it makes per turn."""
@@ -106,6 +109,15 @@ class Harmonics(ResidualModel):
         pairs = zip(self.waves, self.bands[::2], strict=True)
         waves = dict.fromkeys(wave for wave, band in pairs if band in bands)
         return replace(self, orders=(), ripple=tuple(waves))
+
+    def fewer_bands(self) -> Sequence[frozenset[str]]:
+        """The slow bands of a joint, which extrapolate; all bands of a joint; the slow bands of all joints."""
+        waves = list(zip(self.waves, self.bands[::2], strict=True))
+        joints = dict.fromkeys(joint for (joint, _), _ in waves)
+        slow = {(joint, band) for (joint, order), band in waves if order <= SLOW}
+        of_slow = [frozenset(band for own, band in slow if own == joint) for joint in joints]
+        of_all = [frozenset(band for (own, _), band in waves if own == joint) for joint in joints]
+        return (*of_slow, *of_all, frozenset(band for _, band in slow))
 
     def turns(self, nominal: SerialChain, at: Postures) -> OwnTurns:
         """Each wave turns its own joint."""

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
+from cellctl.calibration.selection.folds import random_folds
 from cellctl.kinematics import Floats
 
 LENGTHS_RAD = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
@@ -20,6 +21,9 @@ and geometry change over some tens of degrees. Longer where the postures are too
 LEFT = 0.1
 """Half of the postures leave at most this share of the variance at the others, on average; else the length is too
 short."""
+
+MOST_AMONG = 0.4
+"""`left_among` of postures that are so few that they hardly show which others are among them."""
 
 CENTRES = 64
 MOST = 1000
@@ -53,10 +57,9 @@ class PostureBasis:
         return _over(angles.tobytes(), angles.shape[1])
 
     def joined(self, q: Floats) -> tuple[PostureBasis, float]:
-        """From its own centres and postures q (N, n), rad; and the mean share of variance left at all of these."""
+        """From its own centres and postures q (N, n), rad; and `left_among` all of these."""
         both = np.vstack([q, self.centres])
-        basis = self.over(both)
-        return basis, float(basis.remainder(both).mean())
+        return self.over(both), left_among(both)
 
     def values(self, q: Floats) -> Floats:
         """The functions φ (N, M) at q (N, n), rad: of unit variance where their squares sum to 1."""
@@ -72,6 +75,18 @@ class PostureBasis:
 
     def _kernel(self, q: Floats) -> Floats:
         return np.asarray(np.exp(-0.5 * cdist(q, self.centres, "sqeuclidean") / self.length_rad**2))
+
+
+def left_among(q: Floats) -> float:
+    """The share of variance that postures q (N, n), rad, leave at one of them that is left out: 95 % have less.
+
+    A posture with no more than this is among them; the noise of their rows has its error already.
+    """
+    folds = random_folds(q)
+    if len(folds) < 2:
+        return 0.0
+    left = [PostureBasis.over(np.delete(q, fold, axis=0)).remainder(q[fold]) for fold in folds]
+    return float(min(np.quantile(np.concatenate(left), 0.95), MOST_AMONG))
 
 
 @lru_cache(maxsize=8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Self, final
 
@@ -61,3 +61,7 @@ class ResidualModel(Effect):
     def reduced(self, bands: Collection[str]) -> Self:
         """The same without the amounts whose band (`Parameter.band`) is not among `bands`."""
         return self
+
+    def fewer_bands(self) -> Sequence[frozenset[str]]:
+        """Sets of bands to leave out, one at a time, where the whole model fails at the ends of the joint ranges."""
+        return ()

@@ -18,6 +18,10 @@ SAME_RAD = 1e-3
 END = 0.25
 """The share of the rows at either end of a joint's range that is left out at a time."""
 
+FIFTH = 0.2
+"""The same for a residual model. A share of the rows, not of the angles: the outer fifth of the angles may have one row
+or half of all rows (a wrist that was only at 0° and 180°), and neither shows how a function ends."""
+
 END_AT_MOST = 0.45
 """With more than this share of the rows at one end (a joint that hardly moved), too few are left to predict them."""
 
@@ -46,13 +50,15 @@ def random_folds(q: Floats) -> list[Any]:
     return [np.flatnonzero(fold[posture.ravel()] == place) for place in range(min(FOLDS, count))]
 
 
-def end_folds(q: Floats) -> list[Any]:
-    """Sets of indices, two for each joint that moved: the rows at its lower end, and those at its upper end."""
+def end_folds(q: Floats, share: float = END) -> list[Any]:
+    """Sets of indices, two for each joint that moved: the `share` of the rows at the lower end of its range, and at the
+    upper end.
+    """
     found = []
     for angle in q.T:
         if np.ptp(angle) < MOVED_RAD:
             continue
-        lower, upper = np.quantile(angle, [END, 1.0 - END])
+        lower, upper = np.quantile(angle, [share, 1.0 - share])
         ends = (np.flatnonzero(angle <= lower), np.flatnonzero(angle >= upper))
         found += [end for end in ends if 0 < len(end) <= END_AT_MOST * len(angle)]
     return found

@@ -1,8 +1,9 @@
 """Which model terms the rows support: from registration to geometry, then effect by effect.
 
-A term is kept only if held-out rows gain by more than the standard error of that gain. These are rows of the fit
-(cross-validation): the rows that judge the result have no influence on it. If most predictions are needed outside the
-measured joints, the ends of the joint ranges decide between nominal, geometry and more.
+A term is kept only if held-out rows gain by more than the standard error of that gain; a residual model needs two, and
+must not fail at the ends of the joint ranges (`support`). These are rows of the fit (cross-validation): the rows that
+judge the result have no influence on it. If most predictions are needed outside the measured joints, the ends of the
+joint ranges decide between nominal, geometry and more.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Effect, ResidualModel, in_order, kinds
+from cellctl.calibration.effects import Effect, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.estimation.evidence import Factor
 from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
@@ -25,10 +26,8 @@ from cellctl.calibration.selection.cross_validation import Folded
 from cellctl.calibration.selection.folds import end_folds, judging, random_folds
 from cellctl.calibration.selection.model_error import carried
 from cellctl.calibration.selection.remainder import remainder, shifts_of_tcp
+from cellctl.calibration.selection.support import WORSE_AT_END, Gain, worst_end
 from cellctl.kinematics import Bools, Floats
-
-WORTH = 0.01
-"""A gain below this share of the previous distance does not justify a term, even if it is significant."""
 
 SHOWN = 0.25
 """A band of a joint's harmonics that moves the rows by less than this share of their noise is left out."""
@@ -41,7 +40,8 @@ WORTH_ENDS = 0.1
 @dataclass(frozen=True, slots=True)
 class Step:
     """A model that was tried: its mean error on held-out rows of the fit, mm; the gain over the best model before, and
-    its standard error, mm; whether it was kept.
+    its standard error, mm; whether it was kept. worst_end: for a residual model with a significant gain, the largest
+    ratio of errors with and without it at an end of a joint's range; 0 where that was not looked at.
     """
 
     model: str
@@ -49,6 +49,7 @@ class Step:
     gain_mm: float = 0.0
     standard_error_mm: float = 0.0
     kept: bool = False
+    worst_end: float = 0.0
 
 
 @final
@@ -64,11 +65,14 @@ class Climbed:
 @final
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A candidate model: names of its groups, noise and prior scales, held-out errors (N,), mm."""
+    """A candidate model: names of its groups, noise and prior scales, held-out errors (N,), mm. without: bands of
+    residual models that it does not have.
+    """
 
     groups: tuple[Group, ...]
     logs: Mapping[Factor, float]
     errors: Floats
+    without: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:
@@ -86,7 +90,7 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
     ladder = _Ladder.of(replace(task, candidates=None), first, rows)
     nominal = ladder.tried((), {})
     geometry = ladder.tried((GEOMETRY,), nominal.logs)
-    steps = [Step(nominal.name, float(nominal.errors.mean()), kept=True), _step(nominal, geometry)]
+    steps = [Step(nominal.name, float(nominal.errors.mean()), kept=True), ladder.step(nominal, geometry, GEOMETRY)]
     if not steps[-1].kept:  # effects need geometry
         return Climbed(ladder.task_of(nominal), None, tuple(steps))
     best, waiting = geometry, [effect.group for effect in first]
@@ -95,8 +99,8 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
         again = False
         for number, group in enumerate(waiting):
             progress(group, len(steps) / (len(steps) + len(waiting) - number + 1))
-            wider = ladder.tried(_ordered((*best.groups, group)), best.logs)
-            steps.append(_step(best, wider))
+            wider, step = ladder.extended(best, group)
+            steps.append(step)
             if steps[-1].kept:
                 best, again = wider, bool(missed)
             else:
@@ -109,17 +113,10 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
         progress(effect.group, len(steps) / (len(steps) + 1))
         fitted = ladder.with_fitted(effect, best)
         if fitted is not None:
-            wider = fitted.tried(_ordered((*best.groups, effect.group)), best.logs)
-            steps.append(_step(best, wider))
+            wider, step = fitted.extended(best, effect.group)
+            steps.append(step)
             ladder, best = (fitted, wider) if steps[-1].kept else (ladder, best)
     return Climbed(ladder.task_of(best), ladder.weights(best) if best.groups else None, tuple(steps))
-
-
-def _step(before: _Model, tried: _Model) -> Step:
-    gain = before.errors - tried.errors
-    error = float(gain.std(ddof=1) / np.sqrt(gain.size)) if gain.size > 1 else np.inf
-    pays = bool(gain.mean() > max(error, WORTH * float(before.errors.mean())))
-    return Step(tried.name, float(tried.errors.mean()), float(gain.mean()), error, pays)
 
 
 def _ordered(groups: tuple[Group, ...]) -> tuple[Group, ...]:
@@ -154,17 +151,56 @@ class _Ladder:
         it.
         """
         assert isinstance(effect, ResidualModel)
-        kept = self._columns(best.groups)
+        kept = self._columns(best)
         prior = replace(self.folded.system.restricted(kept), numbers={}).posterior(best.logs)
         shifts = shifts_of_tcp(self.task, self.rows)
         fitted = effect.fitted_to(remainder(self.rows, self.folded.linear, np.flatnonzero(kept), prior, shifts))
         return None if fitted is None else _Ladder.of(self.task, (*self.candidates, fitted), self.rows)
 
-    def tried(self, groups: tuple[Group, ...], begin: Mapping[Factor, float]) -> _Model:
+    def tried(
+        self, groups: tuple[Group, ...], begin: Mapping[Factor, float], without: frozenset[str] = frozenset()
+    ) -> _Model:
         """The model of these terms on the held-out rows."""
-        kept = self._columns(groups)
-        logs, _ = self.folded.system.restricted(kept).tuned(begin)
-        return _Model(groups, logs, self.folded.predicted(kept, logs).errors)
+        model = _Model(groups, begin, np.zeros(0), without)
+        logs, _ = self.folded.system.restricted(self._columns(model)).tuned(begin)
+        return self._predicted(replace(model, logs=logs))
+
+    def _predicted(self, model: _Model) -> _Model:
+        """`model` with its errors on the held-out rows."""
+        return replace(model, errors=self.folded.predicted(self._columns(model), model.logs).errors)
+
+    def extended(self, best: _Model, group: Group) -> tuple[_Model, Step]:
+        """`best` with the term `group`, and whether the rows support it. Bands of a residual model that are why it
+        fails at an end of a joint's range are left out.
+        """
+        wider = self.tried(_ordered((*best.groups, group)), best.logs, best.without)
+        step = self.step(best, wider, group)
+        if step.worst_end > WORSE_AT_END:
+            reduced = self._reduced(best, wider, group)
+            return (wider, step) if reduced is None else (reduced, self.step(best, reduced, group))
+        return wider, step
+
+    def _reduced(self, best: _Model, wider: _Model, group: Group) -> _Model | None:
+        """The most accurate of `wider` with fewer bands that does not fail at the ends; None where all do.
+
+        They keep the noise and prior scales of `wider`: fewer bands with larger scales would fail in the same way.
+        """
+        (effect,) = (each for each in self.candidates if each.group == group)
+        fewer = effect.fewer_bands() if isinstance(effect, ResidualModel) else ()
+        models = [replace(wider, without=wider.without | bands) for bands in fewer]
+        held = [self._predicted(model) for model in models if self._worst_end(best, model) <= WORSE_AT_END]
+        return min(held, key=lambda model: float(model.errors.mean()), default=None)
+
+    def step(self, before: _Model, wider: _Model, group: Group) -> Step:
+        """`wider`, which adds `group` to the model `before`, and whether the rows support it."""
+        gain, end = Gain.of(before.errors, wider.errors, group), 0.0
+        if gain.significant and group in functions():
+            end = self._worst_end(before, wider)
+        kept = gain.significant and end <= WORSE_AT_END
+        return Step(wider.name, float(wider.errors.mean()), gain.mean, gain.error, kept, end)
+
+    def _worst_end(self, before: _Model, wider: _Model) -> float:
+        return worst_end(self.folded, self.rows.q, *((self._columns(each), each.logs) for each in (before, wider)))
 
     def best_at_the_ends(self, models: list[_Model]) -> _Model:
         """The first of `models`, unless another predicts the ends of the joint ranges better from the other rows."""
@@ -172,7 +208,7 @@ class _Ladder:
         if not ends:
             return models[0]
         outer = self.folded.with_folds(ends)
-        errors = [outer.predicted(self._columns(model.groups), model.logs).errors for model in models]
+        errors = [outer.predicted(self._columns(model), model.logs).errors for model in models]
         best = 0
         for place in range(1, len(models)):
             gain = errors[best] - errors[place]
@@ -199,15 +235,16 @@ class _Ladder:
             band
             for band in bands
             if np.sum(shown[system.groups == place[band]]) * np.exp(2.0 * model.logs.get((band, 0), 0.0)) > SHOWN**2
-        }
+        } - model.without
         return effect.reduced(large)
 
     def weights(self, model: _Model) -> Weights:
         """Its noise and prior scales."""
         return Weights.of(self.rows, {factor: float(np.exp(log)) for factor, log in model.logs.items()})
 
-    def _columns(self, groups: tuple[Group, ...]) -> Bools:
-        """The unknowns (F,) of a model with these terms; those that `task` always has belong to geometry."""
-        added = {effect.group for effect in self.candidates}
-        mine = ~np.isin(self.groups, list(added - set(groups)))
-        return np.asarray(mine if GEOMETRY in groups else self.registering)
+    def _columns(self, model: _Model) -> Bools:
+        """The unknowns (F,) of a model; those that `task` always has belong to geometry."""
+        added, system = {effect.group for effect in self.candidates}, self.folded.system
+        left_out = [place for place, (name, _) in enumerate(system.loose) if name in model.without]
+        mine = ~np.isin(self.groups, list(added - set(model.groups))) & ~np.isin(system.groups, left_out)
+        return np.asarray(mine if GEOMETRY in model.groups else self.registering)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self, final
+from typing import Any, Literal, Self, final
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.observability.other_postures import in_their_sockets
 from cellctl.calibration.observability.reason import Rowed
 from cellctl.calibration.observability.unobservable import Observability, observability
-from cellctl.calibration.prediction.measured_region import MeasuredRegion, informed
-from cellctl.calibration.prediction.shape import sigma_over_region
+from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion, informed
+from cellctl.calibration.prediction.shape import spread_over
+from cellctl.calibration.prediction.sigma import sigma_among
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import Step, climb
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
@@ -27,6 +28,8 @@ from cellctl.calibration.verdict.proof import doubts, sigma_doubts
 from cellctl.calibration.verdict.reliability import Reliability, mostly_outside
 from cellctl.calibration.verdict.split import Split
 from cellctl.kinematics import Floats
+
+_GAPS = "most combinations of these joint angles were not measured"
 
 
 @final
@@ -38,11 +41,16 @@ class FitResult:
     nominal is that of the fit rows, and the verdict is `no better`: there is no proof. verdict_reason: the reason, in
     words. sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: no row was held out), and why.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, without common rigid motions: residuals
-    on spheres cannot show it. unpredicted: indices of held-out rows far beyond the model's prediction, unpredicted_mm:
-    their errors, predicted_mm: 1 σ (3-D) predicted for each; they are included in the figures. ladder: the models
-    tried, if the task left the terms open.
+    on spheres cannot show it. It has the scatter of errors too fast for the model. at_postures: it is over the measured
+    and held-out postures instead, because combinations of base and tool are unobservable (`placement`: at other
+    orientations the tool would be wrong by up to their whole tolerance), or because the rows leave most of the joint
+    ranges open (`gaps`). unpredicted: indices of held-out rows far beyond the model's
+    prediction, unpredicted_mm: their errors, predicted_mm: 1 σ (3-D) predicted for each; they are included in the
+    figures. ladder: the models tried, if the task left the terms open.
 
-    prior: a prior model, registered, on the rows of `nominal`; None without one. against: what decided the verdict.
+    nominal_with_tool: of socket visits, nominal with its tool registered too: `nominal` has only the sockets' places
+    fitted, and the verdict compares with this one. prior: a prior model, registered, on the rows of `nominal`; None
+    without one. against: what decided the verdict.
     placing: how far the prior model was off before it was registered. informed: whether the rows determined the robot's
     own parameters: a prior model's measured region grows by these rows only then.
     """
@@ -73,8 +81,20 @@ class FitResult:
     prior: ErrorFigures | None = None
     prior_errors: Floats | None = None
     against: Baseline = "nominal"
+    nominal_with_tool: ErrorFigures | None = None
+    nominal_with_tool_errors: Floats | None = None
     placing: Placing | None = None
     informed: bool = True
+    at_postures: Literal["", "placement", "gaps"] = ""
+
+    @property
+    def predicted_over(self) -> str:
+        """In words: where `predicted_volumetric_rms` holds, and if it does not hold elsewhere, the reasons."""
+        if self.at_postures:
+            hidden = [each.reason for each in self.observability.hidden if not each.harmless]
+            reasons = hidden if self.at_postures == "placement" else [_GAPS]
+            return "the measured and held-out postures" + (f" (not elsewhere: {', '.join(reasons)})" if reasons else "")
+        return "the joints of the fit" if self.prior is None else "the measured region"
 
     @property
     def n_parameters(self) -> int:
@@ -94,6 +114,7 @@ class FitResult:
             "unobservable": list(self.observability.unseen),
             "unseen": [hidden.summary() for hidden in self.observability.hidden],
             "nominal": asdict(self.nominal),
+            "nominal_with_tool": asdict(self.nominal_with_tool) if self.nominal_with_tool else None,
             "prior": asdict(self.prior) if self.prior else None,
             "prior_as_is_rms": self.placing.as_is_mm if self.placing else None,
             "informed": self.informed,
@@ -103,6 +124,8 @@ class FitResult:
             "coverage_95": self.coverage_95 if self.n_test else None,
             "tails": self.reliability.tails,
             "predicted_volumetric_rms": self.predicted_volumetric_rms,
+            "scatter_mm": self.region.scatter_mm,
+            "predicted_over": self.predicted_over,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
             "compared_with": self.against,
@@ -173,6 +196,8 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
     )
     own_parameters = informed(final_one.identified)
     region = whole.reliability.region if task.region is None or own_parameters else task.region
+    ranges = spread_over(region.lower, region.upper)
+    at_postures = _why_at_postures(final_one.identified, ranges, region)
     return FitResult(
         identification=final_one,
         observability=_observability(task, final_one, own),
@@ -184,7 +209,11 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         test=ErrorFigures.of(held_out.identified),
         predicted_test_rms=held_out.predicted_rms,
         coverage_95=float(held_out.inside.mean()) if held_out.inside.size else 0.0,
-        predicted_volumetric_rms=_over_region(final_one.identified, region),
+        predicted_volumetric_rms=_over(
+            final_one.identified,
+            np.concatenate([own.q, task.rows.pick(predicted).q]) if at_postures else ranges,
+            region,
+        ),
         verdict=judgement.verdict,
         verdict_reason=judgement.reason,
         sigma_ok=judgement.sigma_ok,
@@ -198,8 +227,11 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         prior=None if prior is None else ErrorFigures.of(prior),
         prior_errors=prior,
         against=judgement.against,
+        nominal_with_tool=None if held_out.with_tool is None else ErrorFigures.of(held_out.with_tool),
+        nominal_with_tool_errors=held_out.with_tool,
         placing=place,
         informed=own_parameters,
+        at_postures=at_postures,
     )
 
 
@@ -244,10 +276,20 @@ def _unpredicted(split: Split, held_out: HeldOut) -> dict[str, Any]:
     return {"unpredicted": rows, "unpredicted_mm": errors, "predicted_mm": expected}
 
 
-def _over_region(found: Estimate, region: MeasuredRegion) -> float:
+def _why_at_postures(found: Estimate, ranges: Floats, region: MeasuredRegion) -> Literal["", "placement", "gaps"]:
+    """Why σ over the joint ranges (N, n), rad, says nothing: combinations of base and tool are open by their whole
+    tolerance (`Unknowns.pinned`); or most of the ranges is outside the measured region. Empty: it does.
+    """
+    pinned = found.unknowns.pinned
+    if pinned is not None and bool((np.linalg.norm(pinned, axis=1) <= 1.0 + 1e-9).any()):
+        return "placement"
+    return "gaps" if float(np.median(region.coverage.remainder(ranges))) > OUTSIDE else ""
+
+
+def _over(found: Estimate, q: Floats, region: MeasuredRegion) -> float:
+    """1 σ, 3-D, mm, of the model at angles q (N, n), rad, without common rigid motions."""
     robot = found.unknowns.robot
-    model, covariance = found.state.model, found.covariance[:robot, :robot]
-    return sigma_over_region(model, covariance, region.lower, region.upper)
+    return sigma_among(found.state.model, found.covariance[:robot, :robot], q, region)
 
 
 def _model_name(found: Identification) -> str:

@@ -13,15 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import Estimate, estimate
-from cellctl.calibration.estimation.identify import Identification, registered
+from cellctl.calibration.estimation.identify import Identification, registered, with_tool_registered
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows
+from cellctl.calibration.rows import SocketRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.verdict.judgement import HeldOut
 from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Bools, Floats
+
+_PLACES = frozenset({"base", "tool", "points", "datums"})
 
 
 def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: Reliability) -> HeldOut:
@@ -54,6 +57,7 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
         p_value=np.concatenate([np.zeros(0), *(each.p_value for each in predicted)]),
         left=np.full(len(rows), _share_left(rows, hidden)),
         prior=None if task.nominal is None else before,
+        with_tool=_with_tool(task, by.identified.unknowns, used, rows),
     )
 
 
@@ -61,6 +65,20 @@ def nominal_errors(task: Task, used: RowBlocks, rows: RowBlocks) -> Floats:
     """Distances (N,), mm, of `rows` from the robot as in its file, registered on the rows `used`."""
     nominal = task.of_nominal
     return held_out_errors(nominal, registered(nominal, used), used, rows)
+
+
+def _with_tool(task: Task, unknowns: Unknowns, used: RowBlocks, rows: RowBlocks) -> Floats | None:
+    """Distances (N,), mm, of `rows` from the robot as in its file with the tool registered on the rows `used`; None
+    where registration has the tool anyway, the fit does not find it, or finds nothing but it.
+
+    Visits of sockets register no tool, as only the sockets' places tie them: a tool that was never taught would count
+    as an error of the robot that the model removes.
+    """
+    sockets = all(isinstance(block, SocketRows) for block in (*used.blocks, *rows.blocks) if len(block))
+    tool, robot = unknowns.among(frozenset({"tool"})), ~unknowns.among(_PLACES)
+    if not sockets or not (unknowns.free & tool).any() or not (unknowns.free & robot).any():
+        return None
+    return held_out_errors(task.of_nominal, with_tool_registered(task, used), used, rows)
 
 
 def _noise_of(used: RowBlocks, by: Identification) -> Floats:

@@ -62,7 +62,8 @@ class HeldOut:
     """Held-out rows: distances from the nominal and from the identified robot (N,), mm; variance (N,) of the latter as
     predicted, mm²; p_value (N,) of the error found, by that prediction; left (N,): the share of each row that remains
     after a fit to these very rows (None: all of it). prior: distances from a prior model that was updated, registered;
-    None where there was none.
+    None where there was none. with_tool: distances from nominal with its tool registered too, where `nominal` is that
+    with the tool as stated; else None.
     """
 
     nominal: Floats
@@ -71,6 +72,7 @@ class HeldOut:
     p_value: Floats
     left: Floats | None = None
     prior: Floats | None = None
+    with_tool: Floats | None = None
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
@@ -83,7 +85,15 @@ class HeldOut:
             p_value=_joined(part.p_value for part in each),
             left=_joined(np.ones(part.nominal.size) if part.left is None else part.left for part in each),
             prior=_joined(priors) if (priors := [part.prior for part in each if part.prior is not None]) else None,
+            with_tool=_joined(tooled) if (tooled := [p.with_tool for p in each if p.with_tool is not None]) else None,
         )
+
+    @property
+    def baseline(self) -> Floats:
+        """Distances (N,), mm, of nominal as the identified robot is compared with it: a tool that was never taught is
+        no error of the robot.
+        """
+        return self.nominal if self.with_tool is None else self.with_tool
 
     @property
     def count(self) -> float:
@@ -131,7 +141,7 @@ def judge(
     held-out errors are those predicted.
     """
     sigma = _sigma_trusted(rows, sigma_doubts)
-    verdict, reason = _compared(rows, rows.nominal, doubts)
+    verdict, reason = _compared(rows, rows.baseline, doubts)
     over_nominal = Judgement(verdict, reason, *sigma)
     if rows.prior is None:
         return over_nominal
@@ -227,14 +237,19 @@ def verdict_sentence(
     reason: str = "the difference is within its own scatter",
     prior: ErrorFigures | None = None,
     against: Baseline = "nominal",
+    *,
+    with_tool: bool = False,
 ) -> str:
     """The verdict in sentences: what was measured, before, after; then better, no better (and the `reason`) or worse.
 
-    rows: how many were held out; kind: their name. prior: figures of a prior model; against: the deciding baseline.
+    rows: how many were held out; kind: their name. prior: figures of a prior model; against: the deciding baseline;
+    with_tool: `nominal` has its tool registered.
     """
-    names = ("nominal robot", "prior model", "identified robot") if prior else ("before", "after")
+    named = "nominal with the tool registered" if with_tool else "nominal"
+    before = "nominal robot" if not with_tool else named
+    names = (before, "prior model", "identified robot") if prior else (named if with_tool else "before", "after")
     figures = (nominal, prior, test) if prior else (nominal, test)
-    than = {"nominal": "nominal", "prior": "the prior model", "both": "nominal and the prior model"}[against]
+    than = {"nominal": named, "prior": "the prior model", "both": f"{named} and the prior model"}[against]
     measured = f"Error of held-out {kind}: {compared_errors(names, figures, rows)}."
     match verdict:
         case "better":

@@ -14,7 +14,7 @@ from cellctl.console.api.answers import COMMANDS, READS, CellName, Commander, Re
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.journal import fold, read_journal
-from cellctl.operations.cell_state import CellState, cell_state, last_examination, run_on
+from cellctl.operations.cell_state import CellState, cell_state, last_examination, last_run_on, run_on
 from cellctl.operations.checking import FileChoice, choices
 
 router = APIRouter(prefix="/api", tags=["cells"])
@@ -46,7 +46,7 @@ class DeviceOut(BaseModel):
 
 
 class CellOut(BaseModel):
-    """State of a cell, from the run that is active on it, else from its last examination."""
+    """State of a cell, from the run that is active on it, else from the last run or examination."""
 
     name: str
     file: str
@@ -56,7 +56,7 @@ class CellOut(BaseModel):
     guard: str = Field(description="`closed`, `open` or `not known`")
     mode: str = Field(description="Operating mode as the controller names it, or `not known`")
     source: str = Field(description="`run NAME`, `doctor`, or empty: nothing is known yet")
-    at: str = Field(description="UTC: begin of that run, or time of that examination")
+    at: str = Field(description="UTC: begin of that run if it is active, else its end; or time of that examination")
     run: str = Field(description="Run that is active on this cell; empty: none")
 
 
@@ -100,8 +100,8 @@ async def state_of(file: Path) -> CellState:
     def read() -> CellState:
         runs = console().runs
         active = run_on(file, runs)
-        state = (active, fold(read_journal(runs / active))) if active else None
-        return cell_state(loaded, state, last_examination(loaded, runs))
+        state = (active, fold(read_journal(runs / active))) if active else last_run_on(loaded, runs)
+        return cell_state(loaded, state, last_examination(loaded, runs), active=bool(active))
 
     return await asyncio.to_thread(read)
 

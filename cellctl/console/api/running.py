@@ -18,6 +18,7 @@ from cellctl.engine.tree_node import Node
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction
 from cellctl.operations.detached import question_of
+from cellctl.operations.run_end import RunEnd
 
 router = APIRouter(prefix="/api/runs/{name}", tags=["run"])
 
@@ -41,8 +42,11 @@ class StatusOut(BaseModel):
     held_by: str = Field(description="Why the run is paused; empty: it is not")
     broken: list[str] = Field(description="Interlocks that do not hold")
     verdict: str = Field(description="`better`, `no better`, …; empty: none yet")
-    sentence: str = Field(description="The verdict in one sentence; empty: none yet")
-    problem: str = Field(description="Why the journal, or the rest of it, cannot be read; empty: it can")
+    sentence: str = Field(
+        description="How it ended, with cause, cure, state of robot and data; else its verdict; empty: none yet"
+    )
+    problem: str = Field(description="Why it ended early, or why its journal cannot be read; empty: neither")
+    cure: str = Field(description="What to do about the problem; empty: nothing")
 
 
 class NodeOut(BaseModel):
@@ -153,6 +157,12 @@ async def confirm(name: RunName, confirmed: Confirmed, operator: Commander) -> D
     return await _act(commands.act_on(operator, _folder(name), "confirm", confirmed.step), name)
 
 
+@router.post("/reset", responses=COMMANDS)
+async def reset(name: RunName, operator: Commander) -> Done:
+    """Press the reset of the run's simulated cell: emergency stop, guard, the robot's messages. A real cell refuses."""
+    return await _act(commands.act_on(operator, _folder(name), "reset"), name)
+
+
 @router.get("/retry", responses=READS)
 async def question(name: RunName) -> Question:
     """What a person has to check before the run is continued at the step that it did not finish."""
@@ -168,7 +178,8 @@ async def retry(name: RunName, how: Retry, operator: Commander) -> Done:
 
 def status_out(found: Snapshot) -> StatusOut:
     """A snapshot for JSON."""
-    now = found.status
+    now, broken = found.status, found.problem
+    end = None if broken else RunEnd.of(found.folder, found.state, running=found.active)
     return StatusOut(
         run=found.run,
         version=found.version,
@@ -184,8 +195,9 @@ def status_out(found: Snapshot) -> StatusOut:
         held_by=now.held_by,
         broken=list(now.broken),
         verdict=found.verdict,
-        sentence=found.sentence,
-        problem=str(found.problem or ""),
+        sentence=end.sentence if end else found.sentence,
+        problem=str(broken) if broken else end.problem if end else "",
+        cure=broken.cure if broken else end.cure if end else "",
     )
 
 

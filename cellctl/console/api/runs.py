@@ -55,7 +55,11 @@ class RunOut(BaseModel):
     )
     points: int | None = Field(default=None, description="Measurements that count")
     verdict: str | None = None
-    sentence: str | None = Field(default=None, description="The verdict in a sentence, or why the run is unreadable")
+    sentence: str | None = Field(
+        default=None, description="The verdict in a sentence, or how the run ended without one"
+    )
+    problem: str | None = Field(default=None, description="Why it ended early")
+    cure: str | None = Field(default=None, description="What to do about that")
     before: ErrorFigures | None = Field(default=None, description="Measured held-out errors with nominal joints, mm")
     after: ErrorFigures | None = Field(default=None, description="The same with compensated joints, mm")
     table_state: str | None = Field(default=None, description="proved, taken back, or not proved, may be in force")

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, StringConstraints
 from cellctl.console import commands
 from cellctl.console.api.answers import COMMANDS, READS, Commander, ProblemOut, ProcedureName, Refused
 from cellctl.console.api.cells import cell_file
+from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
 from cellctl.files import Problem
 from cellctl.operations.checking import check, choices, form_of, line_of
@@ -126,7 +127,7 @@ async def procedure(name: ProcedureName) -> ProcedureOut:
 async def checked(order: Order, operator: Commander) -> CheckOut:
     """All errors of procedure, cell and settings, each at its line; opens no device, moves nothing."""
     given = await asyncio.to_thread(order_of, order)
-    found = await check(given.procedure, given.cell, given.settings)
+    found = await check(given.procedure, given.cell, given.settings, console().runs)
     return CheckOut(
         problems=_placed(found.problems),
         warnings=_placed(found.warnings),

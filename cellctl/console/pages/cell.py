@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from datetime import datetime
 from pathlib import Path
 from typing import Any, final
 from urllib.parse import quote
@@ -10,6 +11,7 @@ from urllib.parse import quote
 from fastapi import Request
 from nicegui import ui
 
+from cellctl.clock import calendar_time
 from cellctl.console import commands
 from cellctl.console.following import follow, follow_event
 from cellctl.console.frame import frame
@@ -20,7 +22,7 @@ from cellctl.devices.cell import Cell
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.journal import RunState
-from cellctl.operations.cell_state import CellState, DeviceState, cell_state, is_on, last_examination
+from cellctl.operations.cell_state import CellState, DeviceState, cell_state, is_on, last_examination, last_run_on
 from cellctl.operations.checking import FileChoice, choices
 
 _DEVICE: dict[str, State] = {"in order": "good", "failed": "bad", "not known": "unknown"}
@@ -72,6 +74,7 @@ class _CellPage:
     def __init__(self, cell: Cell, file: Path) -> None:
         self._cell, self._file = cell, file
         self._doctor: dict[str, Any] | None = None
+        self._last: tuple[str, RunState] | None = None
         with ui.element("div").classes("row"):
             self._examine = command_button("Examine devices", self._on_examine, icon="troubleshoot", important=True)
             self._working = ui.label("Connecting to each device …").props("role=status")
@@ -91,13 +94,16 @@ class _CellPage:
         self._set_working(commands.being_examined(file))
 
     async def show_latest(self) -> None:
-        """Read the last examination, and show the cell."""
+        """Read the last examination and the last run, and show the cell."""
         self._doctor = await asyncio.to_thread(last_examination, self._cell, console().runs)
+        self._last = await asyncio.to_thread(last_run_on, self._cell, console().runs)
         self.show()
 
     def show(self) -> None:
-        """Show what the active run reported, else the last examination."""
-        state = cell_state(self._cell, self._active(), self._doctor)
+        """Show what the active run reported, else the last run or the last examination."""
+        active = self._active()
+        self._last = active or self._last
+        state = cell_state(self._cell, self._last, self._doctor, active=bool(active))
         for name, (word, value) in _safety_of(state).items():
             self._safety[name].show(word, value)
         for device in state.devices:
@@ -188,9 +194,23 @@ def _source(state: CellState) -> str:
             f"From run {state.run}, begun {_time(state.at)}: health and latency as of its connection to the devices, "
             "inputs as of the last border between two steps."
         )
+    if state.source == "doctor":
+        return f"From the last examination (doctor), {_time(state.at)}, {_age(state.at)} ago. {_NOW_UNKNOWN}"
     if state.source:
-        return f"From the last examination (doctor), {_time(state.at)}."
-    return "Not examined yet, and no run is active on this cell."
+        when = f"{_time(state.at)}, {_age(state.at)} ago"
+        return f"As the last run on this cell, {state.source}, saw it at its end, {when}. {_NOW_UNKNOWN}"
+    return "Not examined yet, and no run was on this cell."
+
+
+_NOW_UNKNOWN = "How it is now shows an examination."
+
+
+def _age(utc: str) -> str:
+    """`5 min`, as of now."""
+    minutes = round((datetime.fromisoformat(calendar_time()) - datetime.fromisoformat(utc)).total_seconds() / 60.0)
+    if minutes < 120:
+        return f"{minutes} min"
+    return f"{minutes // 60} h" if minutes < 48 * 60 else f"{minutes // 1440} days"
 
 
 def _time(utc: str) -> str:

@@ -29,6 +29,7 @@ from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.export import Form
+from cellctl.operations.replay import Agreement
 from cellctl.operations.run_files import RunFile, run_files, run_named
 from cellctl.operations.run_list import RunRow, run_row
 from cellctl.report.numbers import fixed
@@ -136,7 +137,7 @@ class _Replay:
 
     def __init__(self, place: Path) -> None:
         self._place = place
-        note = "Computes data set, model and table again from the journal alone, and compares byte for byte."
+        note = "Computes data set, model and table again from the journal alone, and compares them with the record."
         with section("Replay", note=note):
             with ui.element("div").classes("row"):
                 self._button = command_button("Replay", lambda: with_operator(self._start), icon="replay")
@@ -149,13 +150,12 @@ class _Replay:
 
     @staticmethod
     def _show(found: dict[str, Any]) -> None:
-        equal = found["equal"]
-        state_word("good" if equal else "bad", "equal, byte for byte" if equal else "not equal", large=True)
+        state_word("bad" if found["agreement"] == Agreement.DIFFERENT else "good", found["agreement"], large=True)
         for text in found["changed"]:
             ui.label(f"Changed since the run: {text}").classes("note")
         rows = [_artefact(each) for each in found["artefacts"]]
         rows += [
-            [each["step"], _word(each["equal"]), "; ".join((*each["differences"][:3], *each["why"]))]
+            [each["step"], each["agreement"], "; ".join((*each["differences"][:3], *each["why"]))]
             for each in found["steps"]
         ]
         figures(words("File or step", "Outcome", "Difference and reason"), rows, label="Replay")
@@ -165,11 +165,7 @@ def _artefact(each: dict[str, Any]) -> list[str]:
     first = each["first"]
     where = f"first at byte {first['byte']}" if isinstance(first, dict) and "byte" in first else ""
     hashes = f"sha256 {(each['replayed'] or 'not made')[:12]}"
-    return [each["name"], _word(each["equal"]), "; ".join(part for part in (hashes, where, *each["why"]) if part)]
-
-
-def _word(equal: object) -> str:
-    return "equal" if equal else "differs"
+    return [each["name"], each["agreement"], "; ".join(part for part in (hashes, where, *each["why"]) if part)]
 
 
 @final

@@ -21,6 +21,7 @@ from cellctl.console.pages.run_tree import RunTree
 from cellctl.console.run_sentence import progress_of, sentence_of
 from cellctl.console.shared import console
 from cellctl.files import InputError
+from cellctl.operations.run_summary import is_simulated
 
 
 @ui.page("/run")
@@ -58,6 +59,9 @@ class _RunPage:
         self._live = console().live.run(snapshot.run)
         self._problems: tuple[object, ...] = ()
         with ui.element("div").classes("run-head"):
+            if snapshot.state.started:
+                real = not is_simulated(snapshot.state)
+                state_word("warning" if real else "off", "REAL" if real else "SIMULATED")
             with ui.element("div").props("role=status aria-live=polite"):
                 self._sentence = state_word("unknown", "", large=True)
             with ui.element("div").classes("run-progress"):

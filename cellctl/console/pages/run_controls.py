@@ -1,4 +1,4 @@
-"""Buttons of a run: pause, continue, confirm, abort, retry. Each is enabled only where it applies."""
+"""Buttons of a run: pause, continue, confirm, reset, abort, retry. Each is enabled only where it applies."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ class RunControls:
         with ui.element("div").classes("row"):
             self._pause = command_button("Pause", lambda: self._act("pause"), icon="pause")
             self._resume = command_button("Continue", lambda: self._act("resume"), icon="play_arrow")
+            self._reset = command_button("Reset the simulated cell", lambda: self._act("reset"), icon="restart_alt")
             self._abort = command_button("Abort …", self._on_abort, icon="stop", dangerous=True)
             self._retry = command_button("Retry …", self._on_retry, icon="replay")
             self._result = link_button("Result and report", f"/run/{quote(self._run)}/result", icon="description")
@@ -48,6 +49,7 @@ class RunControls:
         self._ask(*((status.step, status.confirm) if status.confirm and active else ("", "")))
         enable(self._pause, active and not ending and not pausing and status.state != "paused")
         enable(self._resume, active and (pausing or status.state == "paused"))
+        self._reset.set_visibility(active and bool(status.broken) and is_simulated(now))
         enable(self._abort, active and not ending)
         enable(self._retry, can_retry(now))
         self._retry.set_visibility(can_retry(now))
@@ -105,6 +107,11 @@ class RunControls:
     async def _resume_run(self, operator: Operator, *, acknowledged: bool) -> None:
         ui.notify("Continuing: the run checks again, and connects to its devices …")
         await commands.retry(operator, self._folder, acknowledged=acknowledged)
+
+
+def is_simulated(now: Snapshot) -> bool:
+    """Whether simulators answered for the devices of the run."""
+    return any(identity["simulated"] for identity in now.state.identities.values())
 
 
 def can_retry(now: Snapshot) -> bool:

@@ -117,7 +117,9 @@ class _RunList:
         cells = [_cells(row) for row in found]
         if cells != self._table.rows:
             self._table.rows = cells
-        self._table.selected = [row for row in self._table.rows if row["run"] in self._chosen()]
+        kept = [row for row in self._table.rows if row["run"] in self._chosen()]
+        if kept != self._table.selected:  # else it would take back what was chosen on the page since
+            self._table.selected = kept
         reading = ", reading more …" if console().live.reading else ""
         self._count.set_text(f"{len(found)} of {len(self._rows)} runs in {console().runs}{reading}")
         self._show_choice()

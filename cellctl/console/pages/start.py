@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
+from pathlib import Path
 from typing import final
 
 from nicegui import ui
@@ -25,9 +27,11 @@ from cellctl.operations.checking import (
     first_choice,
     form_of,
     line_of,
+    missing_devices,
 )
 from cellctl.operations.detached import RunOrder
 from cellctl.procedure import load_procedure
+from cellctl.procedure.registry import BrokenSteps
 
 _CLOCKS = {"": "as the cell file states", "lockstep": "lockstep: as fast as it can", "realtime": "real time"}
 
@@ -46,10 +50,27 @@ async def start(procedure: str = "", cell: str = "") -> None:
             _selects(procedures, cells, chosen, "")
             problem_list(error.problems)
             return
-        default = given.stem if given else form.cell.stem if form.cell else ""
-        cell = next((name for name in (cell, default) if name in cells), next(iter(cells)))
-        _selects(procedures, cells, chosen, cell)
-        _StartPage(form, cells[cell])
+        usual = (cell, given.stem if given else "", form.cell.stem if form.cell else "")
+        offered = [name for name in dict.fromkeys(usual) if name in cells] or [next(iter(cells))]
+        named = cell in cells
+        place, missing = await asyncio.to_thread(_first_fitting, form.file, [cells[name] for name in offered], named)
+        _selects(procedures, cells, chosen, place.name)
+        _StartPage(form, place, missing)
+
+
+def _first_fitting(procedure: Path, cells: Sequence[FileChoice], named: bool) -> tuple[FileChoice, tuple[str, ...]]:
+    """The first cell with the devices of the procedure, else the first one; what it lacks. named: by a person."""
+
+    def missing(cell: FileChoice) -> tuple[str, ...]:
+        try:
+            return missing_devices(procedure, cell.file)
+        except (InputError, LookupError, ValueError, BrokenSteps):  # the check reports it, at its line
+            return ()
+
+    first = cells[0], missing(cells[0])
+    if named or not first[1]:
+        return first
+    return next(((cell, ()) for cell in cells[1:] if not missing(cell)), first)
 
 
 def _selects(procedures: dict[str, FileChoice], cells: dict[str, FileChoice], chosen: FileChoice, cell: str) -> None:
@@ -74,8 +95,8 @@ def _kind(cell: FileChoice) -> str:
 class _StartPage:
     """The form below the choice of procedure and cell. A run can be started once its check found no error."""
 
-    def __init__(self, form: ProcedureForm, cell: FileChoice) -> None:
-        self._form, self._cell = form, cell
+    def __init__(self, form: ProcedureForm, cell: FileChoice, missing: Sequence[str]) -> None:
+        self._form, self._cell, self._missing = form, cell, missing
         with ui.element("div").classes("start-columns"):
             with section("Parameters", note="Empty or unchanged fields keep the default."):
                 self._fields = ParameterFields(form, load_procedure(form.file), self._changed)
@@ -104,6 +125,8 @@ class _StartPage:
         facts([*rows, *(("You will confirm", text) for text in form.confirms)])
         if cell.simulated is False:
             state_word("warning", "The robot of a real cell will move.")
+        for what in self._missing:
+            state_word("bad", f"This cell does not do for the procedure: it needs {what}. Choose another cell.")
 
     def _changed(self) -> None:
         """The form is not the one that was checked."""
@@ -126,7 +149,7 @@ class _StartPage:
         self._working.set_text("Checking procedure, cell and parameters …")
         try:
             order = self._order()
-            found = await check(order.procedure, order.cell, order.settings)
+            found = await check(order.procedure, order.cell, order.settings, console().runs)
             if order != self._order():
                 return  # the form was changed meanwhile
         except InputError as error:

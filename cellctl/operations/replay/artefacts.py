@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Self, final
 
 from cellctl.files import sha256_of
-from cellctl.operations.replay.difference import FirstDifference
+from cellctl.operations.replay.difference import Agreement, FirstDifference, same_within_tolerance
 from cellctl.operations.replay.recompute import Attempt
 from cellctl.records import ArtefactRow
 
@@ -30,7 +30,7 @@ class ArtefactReplay:
     """One file: its SHA-256 (hex) in the journal and in the replay, None if it was not made.
 
     first: first difference of the replayed file from the one in the run folder, unless both differ from the journal;
-    why: reasons for what differs.
+    why: reasons for what differs; agreement: of the replay's bytes with the journal's.
     """
 
     name: str
@@ -40,13 +40,17 @@ class ArtefactReplay:
     replayed: str | None
     folder: FolderFile
     first: FirstDifference | None
+    agreement: Agreement
     why: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, name: str, recorded: Attempt, now: Attempt, folder: Path | None, why: Sequence[str]) -> Self:
+    def of(
+        cls, name: str, recorded: Attempt, now: Attempt, folder: Path | None, why: Sequence[str], step: Agreement | None
+    ) -> Self:
         """The file `name` of an attempt; folder: the run folder, None if a later step wrote that file again.
 
-        why: reasons for different bytes that are known before the comparison.
+        why: reasons for different bytes that are known before the comparison; step: agreement of the step's result and
+        rows, by which a file is judged whose own bytes are gone; None if not even the last digits may differ.
         """
         row, content = recorded.artefacts.get(name), now.contents.get(name)
         there = _content(folder / name) if folder else None
@@ -55,6 +59,11 @@ class ArtefactReplay:
         differs = (row.sha256 if row else None) != replayed
         known = there is not None and (state is FolderFile.AS_RECORDED or not differs)  # else: of two differences one
         first = FirstDifference.of(there, content) if known and there is not None and content is not None else None
+        agreement = Agreement.DIFFERENT if differs else Agreement.EXACT
+        if differs and row and content is not None and step not in (None, Agreement.DIFFERENT):
+            gone = state in (FolderFile.MISSING, FolderFile.REPLACED)
+            if gone or (state is FolderFile.AS_RECORDED and there is not None and _same(there, content)):
+                agreement = Agreement.WITHIN_TOLERANCE
         reasons = [*(why if differs else ()), *_about_folder(state, differs)]
         return cls(
             name=name,
@@ -64,6 +73,7 @@ class ArtefactReplay:
             replayed=replayed,
             folder=state,
             first=first,
+            agreement=agreement,
             why=tuple(reasons),
         )
 
@@ -73,9 +83,13 @@ class ArtefactReplay:
         return self.recorded == self.replayed
 
     @property
-    def equal(self) -> bool:
-        """Whether the file in the run folder, if present, has the same bytes."""
-        return self.replayed_equal and self.folder is not FolderFile.CHANGED
+    def confirmed(self) -> Agreement:
+        """How the replay agrees with the journal, and the file in the run folder, if present, with both."""
+        return Agreement.DIFFERENT if self.folder is FolderFile.CHANGED else self.agreement
+
+
+def _same(before: bytes, now: bytes) -> bool:
+    return same_within_tolerance(before.decode("utf-8", "replace"), now.decode("utf-8", "replace"))
 
 
 def _about_folder(state: FolderFile, differs: bool) -> list[str]:

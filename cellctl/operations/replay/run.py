@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.files import InputError, Problem
+from cellctl.files import InputError, Problem, canonical_json
 from cellctl.journal import Entry, RunResumed, RunStarted, fold, journal_in, read_journal
 from cellctl.operations.provenance import changed_sources, code_hash, versions
 from cellctl.operations.replay.artefacts import ArtefactReplay
-from cellctl.operations.replay.difference import json_differences
+from cellctl.operations.replay.difference import TOLERANCE, Agreement, json_differences, same_within_tolerance
 from cellctl.operations.replay.recompute import Recomputed, recomputed, sources_of
 from cellctl.procedure import StepRegistry
 
@@ -20,19 +20,18 @@ from cellctl.procedure import StepRegistry
 @final
 @dataclass(frozen=True, slots=True)
 class StepReplay:
-    """An attempt at a computing step. differences: of its result and rows from the record; why: reasons."""
+    """An attempt at a computing step. differences: of its result and rows from the record; why: reasons.
+
+    agreement: of result and rows with the record.
+    """
 
     step: str
     attempt: int
     do: str
     rows: int
     differences: tuple[str, ...]
+    agreement: Agreement
     why: tuple[str, ...] = ()
-
-    @property
-    def equal(self) -> bool:
-        """Whether result and rows are as recorded."""
-        return not self.differences
 
 
 @final
@@ -50,18 +49,24 @@ class Replay:
     contents: Mapping[str, bytes]
 
     @property
-    def equal(self) -> bool:
-        """Whether all repeated results equal the record, and no file in the run folder was changed."""
-        return all(step.equal for step in self.steps) and all(file.equal for file in self.artefacts)
+    def agreement(self) -> Agreement:
+        """The least of all repeated results and files; a file that was changed in the run folder is not equal."""
+        found = {*(step.agreement for step in self.steps), *(file.confirmed for file in self.artefacts)}
+        return next((worst for worst in reversed(Agreement) if worst in found), Agreement.EXACT)
 
     def to_json(self) -> dict[str, Any]:
         """As `cellctl replay --json` shows it."""
         return {
             "run": self.run,
-            "equal": self.equal,
+            "equal": self.agreement is Agreement.EXACT,
+            "agreement": self.agreement,
+            "tolerance": TOLERANCE,
             "changed": list(self.changed),
-            "artefacts": [{**asdict(each), "equal": each.equal} for each in self.artefacts],
-            "steps": [{**asdict(each), "equal": each.equal} for each in self.steps],
+            "artefacts": [
+                {**asdict(each), "equal": each.confirmed is Agreement.EXACT, "agreement": each.confirmed}
+                for each in self.artefacts
+            ],
+            "steps": [{**asdict(each), "equal": each.agreement is Agreement.EXACT} for each in self.steps],
         }
 
 
@@ -95,11 +100,16 @@ def _compared(
         before = [each.name for each in artefacts if not each.replayed_equal]
         why = tuple(changed) or (() if before else (_UNEXPLAINED,))
         why += tuple(f"{name}, made before it, differs as well" for name in dict.fromkeys(before))
-        compared.append(_step(step, why))
+        tolerant = bool(changed)  # on the same computer the same code gives the same bytes, or something is wrong
+        compared.append(_step(step, why, tolerant))
         names = {**step.recorded.artefacts, **step.now.artefacts}
         for name in names:
             place = folder if last[name] is step else None
-            artefacts.append(ArtefactReplay.of(name, step.recorded, step.now, place, why))
+            artefacts.append(
+                ArtefactReplay.of(
+                    name, step.recorded, step.now, place, why, compared[-1].agreement if tolerant else None
+                )
+            )
     return tuple(compared), tuple(artefacts)
 
 
@@ -108,15 +118,19 @@ _UNEXPLAINED = (
 )
 
 
-def _step(step: Recomputed, why: tuple[str, ...]) -> StepReplay:
+def _step(step: Recomputed, why: tuple[str, ...], tolerant: bool) -> StepReplay:
     ended, recorded, now = step.recorded.ended, step.recorded.values, step.now.values
     differences = _differences(recorded, now)
+    agreement = Agreement.DIFFERENT if differences else Agreement.EXACT
+    if differences and tolerant and same_within_tolerance(canonical_json(recorded), canonical_json(now)):
+        agreement = Agreement.WITHIN_TOLERANCE
     return StepReplay(
         step=ended.step,
         attempt=ended.attempt,
         do=step.do,
         rows=len(recorded["rows"]),
         differences=tuple(differences),
+        agreement=agreement,
         why=why if differences else (),
     )
 

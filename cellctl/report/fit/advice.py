@@ -37,7 +37,7 @@ def advice(story: FitStory, region: RegionSigma) -> Section | None:
     asked = shape_columns(found.state.model, region.postures)
     everything = np.zeros((len(asked), found.covariance.shape[0]))
     everything[:, : asked.shape[1]] = asked
-    advised = next_rows(found.covariance, everything, columns, ROWS)
+    advised = next_rows(found.covariance, everything, columns, ROWS).beside(region.besides)
     starts = np.cumsum([0, *(len(block) for block in blocks)])
     rows = []
     for place, chosen in enumerate(advised.chosen):

@@ -8,7 +8,7 @@ from typing import Self, final
 
 import numpy as np
 
-from cellctl.calibration import RobotModel
+from cellctl.calibration import MeasuredRegion, RobotModel, prediction_sigma
 from cellctl.calibration.prediction.shape import spread_over
 from cellctl.kinematics import Floats
 from cellctl.report.fit.story import FitStory
@@ -22,14 +22,15 @@ _STEPS, _SAMPLES = 25, 64
 @final
 @dataclass(frozen=True, eq=False)
 class RegionSigma:
-    """1 σ, 3-D, mm, of TCPs predicted by a model whose parameters have the covariance `root` rootᵀ.
+    """1 σ, 3-D, mm, of TCPs predicted by a model whose parameters have the covariance (P, P), as `ModelFile.sigma`.
 
     Points among themselves: the rigid motion of all points of the region lower … upper (n,), rad, that is nearest to
     each possible error of the model is subtracted, inside the region and outside it.
     """
 
     model: RobotModel
-    root: Floats
+    covariance: Floats
+    region: MeasuredRegion
     lower: Floats
     upper: Floats
 
@@ -37,39 +38,28 @@ class RegionSigma:
     def of(cls, story: FitStory) -> Self:
         """Of a fit, over the joints of its rows."""
         found, robot = story.found, story.found.unknowns.robot
-        values, vectors = np.linalg.eigh(found.covariance[:robot, :robot])
         q = story.task.rows.pick(story.used).q
-        return cls(found.state.model, vectors * np.sqrt(np.maximum(values, 0.0)), q.min(axis=0), q.max(axis=0))
+        covariance = found.covariance[:robot, :robot]
+        return cls(found.state.model, covariance, story.result.region, q.min(axis=0), q.max(axis=0))
 
     @cached_property
     def postures(self) -> Floats:
         """Postures (N, n) spread over the region."""
         return spread_over(self.lower, self.upper)
 
-    @cached_property
-    def _rigid(self) -> Floats:
-        """The rigid motion (6, K) nearest to each error."""
-        columns, moves = _motions(self.model.tcp(self.postures)), self._moves(self.postures)
-        return np.asarray(np.linalg.lstsq(columns.reshape(-1, 6), moves.reshape(-1, moves.shape[-1]), rcond=None)[0])
-
     def in_frame(self, q: Floats) -> Floats:
         """1 σ (N,) at q (N, n) in the measuring frame: base and heading count."""
-        return np.asarray(np.sqrt(np.sum(self._moves(q) ** 2, axis=(1, 2))))
+        return prediction_sigma(self.model, self.covariance, q, self.region)
 
     def among(self, q: Floats) -> Floats:
         """1 σ (N,) at q (N, n) relative to the region."""
-        left = self._moves(q) - np.tensordot(_motions(self.model.tcp(q)), self._rigid, 1)
-        return np.asarray(np.sqrt(np.sum(left**2, axis=(1, 2))))
+        return prediction_sigma(self.model, self.covariance, q, self.region, kind="among", over=self.postures)
 
-    def _moves(self, q: Floats) -> Floats:
-        # tensordot: one product; `@` multiplies a stack one by one, several times slower
-        return np.asarray(np.tensordot(self.model.jacobian(q)[:, :3], self.root, 1))
-
-
-def _motions(points: Floats) -> Floats:
-    """Motion of points (N, 3), mm, with three translations and three rotations (per metre): (N, 3, 6)."""
-    turns = np.stack([np.cross(axis, points / 1000.0) for axis in np.eye(3)], axis=-1)
-    return np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), turns], axis=-1)
+    @cached_property
+    def besides(self) -> float:
+        """RMS over the region of what no further row of this kind lowers: scatter, open variance, outside; mm."""
+        scatter = self.region.sigma(self.postures) ** 2 + 3.0 * self.model.open_variance(self.postures)
+        return float(np.sqrt(np.mean(scatter)))
 
 
 def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:

@@ -61,6 +61,9 @@ class OnlineCorrection(SessionTask):
         self._model: OnlineModel | None = None
         with beside_other_processes():
             self._take_newest_model()
+            if self._model and not self._model.is_within(limits.online_correction_deg):
+                self._model = None  # cut to the limit it would be no correction
+                self._fade(Cause.OVER_LIMIT)
 
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False

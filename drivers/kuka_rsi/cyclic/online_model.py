@@ -9,6 +9,7 @@ one cycle to the next δ changes by some 0.1 mm at 100 deg/s, and one step leave
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Mapping, Sequence
 from typing import final
 
@@ -47,6 +48,23 @@ class OnlineModel:
             beyond = max(beyond, low - reading, reading - high)
         share = max(0.0, 1.0 - beyond / self._fade_deg)
         return share * share * (3.0 - 2.0 * share)
+
+    def is_within(self, limit_deg: float) -> bool:
+        """Whether all axes of the correction stay within `limit_deg` somewhere in the measured region: in its middle,
+        or at one of 64 joints spread over it.
+        """
+        last, spread = self._last, random.Random(0)
+        shares = [[0.5] * AXES, *([spread.random() for _ in range(AXES)] for _ in range(64))]
+        try:
+            return any(max(map(abs, self._settled(share))) <= limit_deg for share in shares)
+        finally:
+            self._last = last
+
+    def _settled(self, share: Sequence[float]) -> tuple[float, ...]:
+        """The correction, deg, at a share of the measured region in each axis, from zero: three steps leave 1 µm."""
+        readings = [low + part * (high - low) for low, part, high in zip(self._lower, share, self._upper, strict=True)]
+        self._last = np.zeros(AXES)
+        return [self.correction(readings) for _ in range(3)][-1]
 
     def correction(self, readings: Sequence[float]) -> tuple[float, ...]:
         """The correction of A1…A6, deg, at the programmed joints `readings`, deg, one step from the last cycle's."""

@@ -11,7 +11,7 @@ from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorre
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S, Following, Follows
 from drivers.kuka_rsi.cyclic.limits import Correction, CycleWatch, Limit, SearchLimits
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission
 from drivers.kuka_rsi.cyclic.session_task import SessionTask
 from drivers.kuka_rsi.cyclic.set_point import SetPoint
 from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
@@ -57,7 +57,17 @@ class SearchCycle(SessionTask):
         self._written = WrittenCorrections(mode)
         self._held_cycles = 0
         self._stood_by_stop = False
+        self._programmed: tuple[float, ...] | None = None
         self._recent: deque[tuple[float, ...]] = deque(maxlen=_STANDING_CYCLES)
+
+    def admit(self, telegram: Telegram) -> Admission:
+        """As every task; and a search moves no program: programmed joints that change are those of another session."""
+        if telegram.programmed and not self._session.over:
+            moved = zip(telegram.programmed, self._programmed or telegram.programmed, strict=True)
+            if max(abs(a - b) for a, b in moved) > telegram.resolution_deg:
+                self._session.end(telegram)
+            self._programmed = self._programmed or telegram.programmed
+        return super().admit(telegram)
 
     def answer(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], *, leave: bool = False

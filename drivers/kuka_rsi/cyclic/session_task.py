@@ -38,7 +38,8 @@ class SessionTask:
         """Whether `telegram` may be answered. Otherwise it is only counted."""
         admission = self._session.admit(telegram)
         if self._session.over and self.phase is not Phase.OVER:
-            self.cause, self.detail, self.phase = Cause.LOST, self._session.over_by, Phase.OVER
+            self.cause = Cause.RESTARTED if self._session.restarted else Cause.LOST
+            self.detail, self.phase = self._session.over_by, Phase.OVER
         return admission
 
     def _guard_is_silent(self, now_ns: int, beats: Sequence[int]) -> bool:

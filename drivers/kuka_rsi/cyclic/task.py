@@ -45,6 +45,10 @@ class Cause(IntEnum):
     """On-line correction: no valid model."""
     NOT_TAKEN = 13
     """On-line correction: for as many telegrams as the controller tolerates, no answer was known to be taken."""
+    RESTARTED = 14
+    """The controller has ended RSI and switched it on again, or nothing shows that it has not."""
+    OVER_LIMIT = 15
+    """On-line correction: the model's correction is over the limit in the whole measured region."""
 
 
 @final

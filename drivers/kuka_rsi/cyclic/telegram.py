@@ -18,7 +18,11 @@ LARGEST_IPOC = 10**15
 LARGEST_DELAY = 10**9
 FARTHEST_JOINT_DEG = 3600.0
 LARGEST_CURRENT = 1e6
+LARGEST_MARK = 1e6
 """Ranges of the values in a telegram; others show that it is not from a controller."""
+
+MARK = "C21", "C22"
+"""Parameters of function generator 2 (DEF_Tech.C2) with the session's mark and its negative; else it is no mark."""
 
 COARSEST_DEG = 0.1
 """Step of the joints at `Precision` 1, the coarsest that RSI has by default."""
@@ -34,7 +38,8 @@ class Telegram:
     `ipoc_text`: its count as written, to be echoed unchanged; `ipoc`: the count, 0 … 10^15; `joints`: A1…A6 actual
     (AIPos), degrees, ±3600; `delay`: its own count of late answers, 0 … 10^9, if it sends one; `resolution_deg`:
     last decimal of the joints; `currents`: motor currents (MACur), None if it sends none or not six numbers;
-    `programmed`: A1…A6 of the program (ASPos), which a correction does not move, degrees; None as with currents.
+    `programmed`: A1…A6 of the program (ASPos), which a correction does not move, degrees; None as with currents;
+    `mark`: number that the controller's program gives its RSI session (`MARK`), 0 if it gives none.
     """
 
     ipoc_text: str
@@ -44,6 +49,7 @@ class Telegram:
     resolution_deg: float = COARSEST_DEG
     currents: tuple[float, ...] | None = None
     programmed: tuple[float, ...] | None = None
+    mark: int = 0
 
 
 def read_telegram(datagram: bytes) -> Telegram:
@@ -67,7 +73,19 @@ def read_telegram(datagram: bytes) -> Telegram:
     resolution = min(COARSEST_DEG, 10.0 ** -max(decimals for _, decimals in axes))
     currents = _optional(root.find("MACur"), LARGEST_CURRENT)
     programmed = _optional(root.find("ASPos"), FARTHEST_JOINT_DEG)
-    return Telegram(ipoc, _count(ipoc), tuple(value for value, _ in axes), late, resolution, currents, programmed)
+    joints_deg = tuple(value for value, _ in axes)
+    return Telegram(ipoc, _count(ipoc), joints_deg, late, resolution, currents, programmed, _mark(root.find("Tech")))
+
+
+def _mark(element: ElementTree.Element | None) -> int:
+    """Two numbers of opposite sign: a program that uses the generator for something else is not taken for one."""
+    if element is None:
+        return 0
+    try:
+        mark, negative = (_number(element.get(name, ""), -LARGEST_MARK, LARGEST_MARK)[0] for name in MARK)
+    except ValueError:
+        return 0
+    return round(mark) if mark == -negative > 0 else 0
 
 
 def _optional(element: ElementTree.Element | None, largest: float) -> tuple[float, ...] | None:

@@ -161,6 +161,12 @@ class EkiChannel:
             if silent_s > SILENCE_S:
                 self._fail(f"nothing heard from the controller for {silent_s:.1f} s")
 
+    def give_up(self, loss: DeviceLost) -> None:
+        """End the commands in progress with `loss`; later ones, a halt first of all, are sent."""
+        for pending in self._pending.values():
+            pending.put(loss)
+        self._pending.clear()
+
     def _fail(self, what: str) -> None:
         cure = (
             "The controller's program stops the robot when it loses the connection. Make sure that the robot stands, "
@@ -170,6 +176,4 @@ class EkiChannel:
         self._first_stat.set()
         if self._wire:
             self._wire.close()
-        for pending in self._pending.values():
-            pending.put(self._lost)
-        self._pending.clear()
+        self.give_up(self._lost)

@@ -59,12 +59,17 @@ class DocumentStream:
         self._buffer += data
         documents = []
         while end := self._end_of_document():
+            self._refuse_longer(end)
             documents.append(self._buffer[:end].strip())
             self._buffer = self._buffer[end:].lstrip()
             self._scanned = self._depth = 0
-        if len(self._buffer) > LARGEST_DOCUMENT:
-            raise ValueError(f"a document of more than {LARGEST_DOCUMENT} bytes")
+        self._refuse_longer(len(self._buffer))
         return documents
+
+    @staticmethod
+    def _refuse_longer(size: int) -> None:
+        if size > LARGEST_DOCUMENT:
+            raise ValueError(f"a document of more than {LARGEST_DOCUMENT} bytes")
 
     def _end_of_document(self) -> int:
         while (at := self._buffer.find(b"<", self._scanned)) >= 0:

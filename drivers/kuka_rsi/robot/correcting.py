@@ -25,7 +25,7 @@ from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.eki.refusals import refusal
 from drivers.kuka_rsi.robot.holding import Holding
 from drivers.kuka_rsi.robot.lines import ControllerLines
-from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
+from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words, restarted
 
 _POLL_S = 0.02
 _BEGINS_S = 2.0
@@ -82,6 +82,7 @@ class Correcting:
         self._limits = limits
         self._tail = 0
         self._before: tuple[OnlineStatus, tuple[int, ...]] | None = None
+        self._unreported: DeviceFault | None = None  # a message ended it; the next `end` reports it
 
     async def begin(self, order: SearchOrder, model: CorrectionModel, mode: CorrectionMode) -> None:
         """RSI on, at rest. Raises DeviceRefused, DeviceFault, DeviceLost."""
@@ -93,8 +94,15 @@ class Correcting:
         block.online.words[OnlineSlot.ORDER] = order.number
         block.keep_stop(order.number)
         block.place_order(order)
+        self._unreported = None
         self._holding.correcting = True
         await self._order_taken(order.number)
+        if block.status().cause is Cause.OVER_LIMIT:
+            self._released()
+            most = self._limits.online_correction_deg
+            what = f"the model's correction is over the limit of {most:g} deg in all of its measured region"
+            cure = "Correct the nominal robot (joint zeros, tool, base), or raise online_correction_deg."
+            raise DeviceRefused(self._device, what, cure)
         reply = await eki.ask("CORRON")
         if reply.code:
             self._released()
@@ -109,11 +117,17 @@ class Correcting:
         self._check_on()
         self._place(model)
 
+    def fade(self) -> None:
+        """Let it fade to zero from now on, also while the robot moves."""
+        self._lines.process.block.online.words[OnlineSlot.RAMP_OUT] = self._holding.search
+
     async def end(self) -> CorrectionReport:
         """Fade to zero, RSI off. Raises DeviceFault, DeviceLost."""
+        if not self.is_on() and (fault := self._unreported):
+            self._unreported = None
+            raise fault
         self._check_on()
-        online = self._lines.process.block.online
-        online.words[OnlineSlot.RAMP_OUT] = self._holding.search
+        self.fade()
         limits = self._limits
         ramp_s = 3 * limits.online_correction_deg / limits.online_rate_deg_s
         ramp_s += 2 * limits.online_rate_deg_s / limits.online_acceleration_deg_s2
@@ -144,14 +158,16 @@ class Correcting:
         """Why the correction is no longer applied as ordered; None if it is, or none is on."""
         if not self._holding.correcting:
             return None
-        if not self._lines.process.alive():
-            return DeviceLost(self._device, f"the RSI process ended: {self._lines.process.last_error_line()}")
+        if lost := self._lines.process.lost(self._device):
+            return lost
         status = self._lines.process.block.status()
         if status.number != self._holding.search:
             return None
         if status.cause is Cause.LOST:
             what = f"RSI was lost during the on-line correction: the controller's count has risen by {status.detail}"
             return DeviceLost(self._device, what, "Look at the network and at what else runs on this computer.")
+        if status.cause is Cause.RESTARTED:
+            return restarted(self._device, "the on-line correction is over, and nothing is answered any more")
         if status.cause is Cause.CYCLE:
             what = f"telegrams come every {status.detail * 1e-6:g} ms, and the address has "
             what += f"{in_words(self._lines.process.cycle)}; nothing was corrected"
@@ -170,8 +186,8 @@ class Correcting:
         try:
             with self._clock.standing():
                 while process.block.status().number != number and not process.block.words[Slot.STOP]:
-                    if not process.alive():
-                        raise DeviceLost(self._device, f"the RSI process ended: {process.last_error_line()}", _ENDED)
+                    if lost := process.lost(self._device):
+                        raise DeviceLost(self._device, lost.what, _ENDED)
                     if time.monotonic() > deadline:
                         what = f"the RSI process did not prepare the model within {_PREPARED_S:g} s; RSI is off"
                         raise DeviceLost(self._device, what, "Look at what else runs on this computer.")
@@ -197,9 +213,18 @@ class Correcting:
         if not self._holding.correcting:
             raise DeviceRefused(self._device, "no on-line correction is on")
 
+    def is_on(self) -> bool:
+        """Whether it is on: a message of the controller ends RSI, and with it the correction. Raises DeviceLost."""
+        if self._holding.correcting and self._lines.eki.stat.program == "ERROR":
+            self._unreported = self._stopped_by_controller()
+            self._released()  # it stays off when the message is acknowledged
+        return self._holding.correcting
+
     def _check_setup(self, mode: CorrectionMode) -> None:
-        if self._holding.correcting:
-            raise DeviceRefused(self._device, "an on-line correction is on already")
+        if self.is_on():
+            trouble = self.trouble()
+            what = "an on-line correction is on already" + (f", in trouble: {trouble.what}" if trouble else "")
+            raise DeviceRefused(self._device, what, "End it first.")
         if mode is not CorrectionMode.ABSOLUTE:
             what = (
                 "on-line correction needs RSI_ON(#ABSOLUTE): with increments, each lost answer would stay as an error"
@@ -226,9 +251,14 @@ class Correcting:
             if self.trouble() or (status.number == self._holding.search and status.phase in {*phases, Phase.OVER}):
                 return
             if self._lines.eki.stat.program == "ERROR":
-                raise DeviceFault(self._device, f"the controller shows a message: {self._lines.eki.stat.message}")
+                self._released()
+                raise self._stopped_by_controller()
             await self._clock.sleep(_POLL_S)
         raise DeviceLost(self._device, f"the on-line correction did not begin or end within {limit_s:.1f} s")
+
+    def _stopped_by_controller(self) -> DeviceFault:
+        what = f"the controller shows a message: {self._lines.eki.stat.message}; the on-line correction is off"
+        return DeviceFault(self._device, what, "Look at the pendant, remove the cause, then acknowledge it.")
 
     def _counts(self) -> tuple[int, ...]:
         return tuple(self._lines.process.block.words[slot] for slot in _COUNTS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cellctl.devices import DeviceLost, Health
+from cellctl.devices import Health
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.robot.lines import ControllerLines
 from drivers.kuka_rsi.robot.searching import foreign_datagrams
@@ -26,12 +26,10 @@ _WITHOUT = {
 }
 
 
-def health_of(device: str, lines: ControllerLines) -> Health:
+def health_of(lines: ControllerLines) -> Health:
     """State of controller and RSI process; counts since the lines were opened. Raises DeviceLost."""
     process, eki = lines.process, lines.eki
     stat = eki.stat
-    if not process.alive():
-        raise DeviceLost(device, f"the RSI process ended: {process.last_error_line()}")
     words = process.block.words
     figures = {slot.name.lower(): float(words[slot]) for slot in _COUNTED}
     figures |= {"cycle_ms": words[Slot.CYCLE] * 1e-6, "real_time": float(process.granted["fifo"])}

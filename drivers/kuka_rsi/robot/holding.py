@@ -6,12 +6,14 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import final
 
+from cellctl.clock import Clock
 from cellctl.devices import DeviceError, DeviceFault, DeviceLost, DeviceRefused, DeviceUncertain, LimitExceeded
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.robot.lines import ControllerLines
 from drivers.seen_through import see_through
 
 _HALT_S = 10.0
+_LOOK_S = 0.02
 
 
 @final
@@ -41,11 +43,12 @@ class Holding:
         """Hold the robot in any state. Raises DeviceUncertain if the controller does not confirm it."""
         self.stop_now()
         if not self._stands() and not await see_through(self._halt()):
-            raise DeviceUncertain(
-                self._device,
-                "the controller has not confirmed that the robot stands: it may still be moving",
-                "Keep away from it, stop it at the pendant, then look at the EthernetKRL line.",
-            )
+            raise self._uncertain()
+
+    async def until_free(self, clock: Clock) -> None:
+        """Wait for the end of the command in progress, if there is one; its own time limit bounds it."""
+        while self._busy:
+            await clock.sleep(_LOOK_S)
 
     @contextmanager
     def one_at_a_time(self) -> Iterator[None]:
@@ -66,10 +69,19 @@ class Holding:
                 yield
             except (DeviceRefused, DeviceFault, LimitExceeded):
                 raise
-            except BaseException:
+            except BaseException as error:
                 self.stop_now()
-                await see_through(self._halt())
-                raise
+                if not await see_through(self._halt()) and isinstance(error, Exception):
+                    raise self._uncertain(error.what if isinstance(error, DeviceError) else str(error)) from error
+                raise  # a cancellation: whoever cancelled stops the robot, and is told
+
+    def _uncertain(self, cause: str = "") -> DeviceUncertain:
+        what = "the controller has not confirmed that the robot stands: it may still be moving"
+        return DeviceUncertain(
+            self._device,
+            f"{what} ({cause})" if cause else what,
+            "Keep away from it, stop it at the pendant, then look at the EthernetKRL line.",
+        )
 
     def _put_stop(self, number: int) -> None:
         if block := self._lines.block:
@@ -83,7 +95,7 @@ class Holding:
         if self._lines.connected:
             self._adrift = True
             with suppress(DeviceError):
-                process, eki = self._lines.process, self._lines.eki
+                process, eki = self._lines.process, self._lines.halting
                 await eki.ask("HALT", timeout_s=_HALT_S)
                 process.block.release()
                 self.leave_correction()
@@ -101,6 +113,6 @@ class Holding:
             return True
         with suppress(DeviceLost):
             return not (
-                self._busy or self._adrift or self.correcting or self._lines.eki.stat.program in ("MOVING", "RSI")
+                self._busy or self._adrift or self.correcting or self._lines.halting.stat.program in ("MOVING", "RSI")
             )
         return False

@@ -107,7 +107,7 @@ class KukaRobot:
 
     async def health(self) -> Health:
         """State of controller and cyclic process; counts since `connect`. Raises DeviceLost."""
-        return health_of(self.name, self._lines)
+        return health_of(self._lines)
 
     def conditions(self) -> Mapping[str, str]:
         """The conditions that an interlock can name."""
@@ -121,6 +121,7 @@ class KukaRobot:
 
     async def reset(self) -> None:
         """Acknowledge messages and select the program again. Raises DeviceRefused, DeviceFault, DeviceLost."""
+        self._correcting.is_on()  # one that a message ended is off after it, too
         reply = await self._lines.eki.ask("RESET")
         if reply.code:
             raise refusal(self.name, reply, "reset")
@@ -214,12 +215,15 @@ class KukaRobot:
 
     async def correction_off(self) -> CorrectionReport:
         """Let the correction fade to zero, then RSI off; see CorrectingRobot."""
+        if self._holding.correcting:
+            self._correcting.fade()
+        await self._holding.until_free(self._clock)
         async with self._holding.held_in_trouble():
             return await self._correcting.end()
 
     def correction_id(self) -> str:
         """The id of the model in force; see CorrectingRobot."""
-        return self._correcting.model_id if self._holding.correcting else ""
+        return self._correcting.model_id if self._correcting.is_on() else ""
 
     async def programmed_joints(self) -> JointReadings:
         """Where its own program has the robot; see CorrectingRobot."""

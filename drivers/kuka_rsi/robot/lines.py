@@ -65,7 +65,14 @@ class ControllerLines:
 
     @property
     def eki(self) -> EkiChannel:
-        """The EthernetKRL channel. Raises DeviceLost if the robot is not connected."""
+        """The EthernetKRL channel. Raises DeviceLost if the robot is not connected, or its RSI process has ended."""
+        if lost := self._lost_process():
+            raise lost
+        return self.halting
+
+    @property
+    def halting(self) -> EkiChannel:
+        """The EthernetKRL channel, also without the RSI process. Raises DeviceLost if the robot is not connected."""
         if self._eki is None:
             raise DeviceLost(self._device, "not connected")
         return self._eki
@@ -99,6 +106,9 @@ class ControllerLines:
             with self._clock.standing():
                 await process.end()
 
+    def _lost_process(self) -> DeviceLost | None:
+        return self._process and self._process.lost(self._device)
+
     async def _start_process(self) -> CyclicProcess:
         config = read_ethernet_config(self._settings)
         if config.errors:
@@ -130,7 +140,14 @@ class ControllerLines:
         return Identity(self._device, serial, model, f"KSS {kss}", serial.startswith("SIM-"))
 
     async def _beat(self, engine: Guard) -> None:
-        """The engine's own proof of life: if its loop hangs, the beats stop and the RSI process holds the robot."""
+        """The engine's own proof of life: if its loop hangs, the beats stop and the RSI process holds the robot.
+
+        If the RSI process ends, no command goes on: nobody else would notice it during a motion of the controller.
+        """
+        known = False
         while True:
+            if self._eki and not known and (lost := self._lost_process()):
+                known = True  # a halt that is sent next goes on
+                self._eki.give_up(lost)
             engine.beat(self._clock.now_ns())
             await self._clock.sleep(_BEAT_S)

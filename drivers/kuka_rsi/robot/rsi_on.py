@@ -1,10 +1,10 @@
-"""Compares what the controller's program passes to RSI_ON with the robot's address."""
+"""What a controller's RSI_ON is, compared with the robot's address and with the session that is answered."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellctl.devices import DeviceRefused
+from cellctl.devices import DeviceLost, DeviceRefused
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.settings import RsiSettings
 
@@ -31,3 +31,14 @@ def refusal_of_program(device: str, ident: Mapping[str, str], settings: RsiSetti
     rsi_on = ",".join(f"#{value}" for value in named.values())
     what = f"the controller's program has RSI_ON({rsi_on}), and the address mode={settings.mode}"
     return DeviceRefused(device, f"{what} and {in_words(settings.cycle)}", REMEDY)
+
+
+def restarted(device: str, what_now: str) -> DeviceLost:
+    """RSI was switched off and on within the tolerance, or telegrams were lost and no Delay refutes it."""
+    return DeviceLost(
+        device,
+        "the controller's telegrams are not those of one RSI session (its count went on; its Delay, mark or programmed "
+        f"joints are those of a new one): {what_now}",
+        "Look at the pendant whether RSI was switched off and on, or the program reset. Where telegrams are only lost, "
+        "look at the network; with DEF_Delay, or files written by `cellctl krl`, lost telegrams alone end no session.",
+    )

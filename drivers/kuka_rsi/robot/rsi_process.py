@@ -12,7 +12,7 @@ import tempfile
 from dataclasses import asdict
 from typing import IO, Any, Self, final
 
-from cellctl.devices import DeviceUnreachable
+from cellctl.devices import DeviceLost, DeviceUnreachable
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.process import CyclicOrders
@@ -101,9 +101,12 @@ class CyclicProcess:
         """Whether it runs."""
         return self._child.poll() is None
 
-    def last_error_line(self) -> str:
-        """The last line of its error output."""
-        return _last_line(self._errors)
+    def lost(self, device: str) -> DeviceLost | None:
+        """The loss of `device` if the process has ended by itself, else None."""
+        if self.alive():
+            return None
+        what = f"the RSI process ended: {_last_line(self._errors)}"
+        return DeviceLost(device, what, "Look at this computer's log and memory, then go on.")
 
     async def end(self) -> None:
         """End it: by request, then by a kill if it does not exit."""

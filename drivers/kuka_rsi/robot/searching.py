@@ -16,7 +16,7 @@ from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending
 from drivers.kuka_rsi.eki.documents import Reply
 from drivers.kuka_rsi.eki.refusals import refusal
-from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words
+from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words, restarted
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.robot.search_record import SearchRecord
 
@@ -140,10 +140,10 @@ class Search:
         return None
 
     def _look_for_loss(self) -> None:
-        if not self.process.alive():
-            raise DeviceLost(self.device, f"the RSI process ended: {self.process.last_error_line()}")
+        if lost := self.process.lost(self.device):
+            raise lost
         status = self._status()
-        if status.cause is Cause.LOST:
+        if status.cause in (Cause.LOST, Cause.RESTARTED):
             raise self._lost(status)
 
     def _status(self) -> SearchStatus:
@@ -199,6 +199,8 @@ class Search:
         )
 
     def _lost(self, status: SearchStatus) -> DeviceLost:
+        if status.cause is Cause.RESTARTED:
+            return restarted(self.device, "the search is over, and nothing is answered any more")
         return DeviceLost(
             self.device,
             f"the controller's count has risen by {status.detail} since the last answer: the search is over, and the "
@@ -221,7 +223,7 @@ class Search:
                 )
             case Cause.START:
                 return DeviceFault(self.device, "the pose at RSI_ON is not the one that the search was planned from")
-            case Cause.LOST:
+            case Cause.LOST | Cause.RESTARTED:
                 return self._lost(status)
             case Cause.CYCLE:
                 what = f"telegrams come every {status.detail * 1e-6:g} ms, and the address has "

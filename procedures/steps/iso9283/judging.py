@@ -29,7 +29,7 @@ class JudgeInputs(StepInputs):
     reflectors: Annotated[int, Field(ge=1, le=8)]
 
 
-@step("iso9283.judge", needs={"robot": TableStore}, moves=True, verdict=IsoVerdict, title="judging the table")
+@step("iso9283.judge", needs={"robot": TableStore}, verdict=IsoVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """State the figures; withdraw a table by which the five points are not better."""
     from procedures.steps.iso9283.verdict import verdict_of

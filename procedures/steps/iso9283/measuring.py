@@ -39,7 +39,6 @@ class VisitInputs(PointInputs):
     "iso9283.measure",
     needs={**NEEDS, "robot": TableRobot},
     uses=USES,
-    moves=True,
     errors=(NotSettled, NestsDisagree),
     title="measuring the five points",
 )

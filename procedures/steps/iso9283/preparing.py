@@ -27,7 +27,13 @@ class ReadModel(StepResult):
     found: bool
 
 
-@step("iso9283.read_model", reads_files=True, title="reading the model")
+def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.tracker.model_reading import check_model
+
+    check_model(context, known)
+
+
+@step("iso9283.read_model", check=_check_model, reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadInputs) -> ReadModel:
     """Read the model that an earlier run identified, and record it; refuse that of another controller."""
     from procedures.steps.tracker.model_reading import read_model_of
@@ -116,7 +122,7 @@ async def register(context: StepContext, inputs: NoInputs) -> None:
     await context.record(await context.clock.compute(station_row, context))
 
 
-@step("iso9283.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
+@step("iso9283.push", needs={"robot": TableStore}, title="pushing the table")
 async def push(context: StepContext, inputs: PushInputs) -> None:
     """Push the table of the five points; to be done again on resume (`on_resume: always`)."""
     from procedures.steps.table_push import push_of_run

@@ -105,7 +105,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     return Compensation(rounds=found.rounds, table=found.row.table)
 
 
-@step("sphere.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
+@step("sphere.push", needs={"robot": TableStore}, title="pushing the table")
 async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
 
@@ -134,7 +134,6 @@ class StoodOff(StepResult):
 @step(
     "sphere.standoff",
     needs={"robot": CompensatedRobot, "probe": ContactProbe},
-    moves=True,
     title="measuring stand-offs",
 )
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
@@ -160,7 +159,7 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     return StoodOff(error_mm=row.error_mm)
 
 
-@step("sphere.judge", needs={"robot": TableStore}, moves=True, verdict=SphereVerdict, title="judging the table")
+@step("sphere.judge", needs={"robot": TableStore}, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
     from procedures.steps.sphere.judging import verdict_of
@@ -172,7 +171,7 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     return Judged.of(found)
 
 
-@step("sphere.withdraw", needs={"robot": TableStore}, moves=True)
+@step("sphere.withdraw", needs={"robot": TableStore})
 async def withdraw(context: StepContext, inputs: NoInputs) -> None:
     """For the clean-up: take the run's table out of force where the run ended before it was proved."""
     from procedures.steps.table_push import take_back_unproved

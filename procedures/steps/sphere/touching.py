@@ -102,7 +102,6 @@ class Touched(StepResult):
 @step(
     "sphere.touch",
     needs={"robot": SearchingRobot, "probe": ContactProbe},
-    moves=True,
     title="touching spheres",
 )
 async def touch(context: StepContext, inputs: TouchInputs) -> Touched:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from cellctl.devices import MovingRobot
+from cellctl.devices import JointReader
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.tool.on_sphere import Solved
 from procedures.steps.tool.rows import ToolPoseRow, ToolVerdict
@@ -24,10 +24,10 @@ class ReadPose(StepResult):
     joints: list[float]
 
 
-@step("tool.read_pose", needs={"robot": MovingRobot}, title="reading the joints")
+@step("tool.read_pose", needs={"robot": JointReader}, title="reading the joints")
 async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
     """Read the joints with the tip at the fixed point; nothing moves."""
-    robot: MovingRobot = context.device("robot")
+    robot: JointReader = context.device("robot")
     joints = tuple(round(value, 6) for value in await robot.joints())
     await context.record(ToolPoseRow(number=inputs.number, joints=joints))
     return ReadPose(joints=list(joints))

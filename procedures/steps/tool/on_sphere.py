@@ -56,7 +56,7 @@ class TouchInputs(StepInputs):
     transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
 
 
-@step("tool.touch", needs={"robot": SearchingRobot, "probe": ContactProbe}, moves=True, title="touching the sphere")
+@step("tool.touch", needs={"robot": SearchingRobot, "probe": ContactProbe}, title="touching the sphere")
 async def touch(context: StepContext, inputs: TouchInputs) -> None:
     """Go to the sphere, search along the planned line until contact, note the joints at its time, retreat."""
     robot: SearchingRobot = context.device("robot")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cellctl.devices import (
-    CellIO,
+    CellReadings,
     CorrectingRobot,
     CorrectionModel,
     CurrentSource,
@@ -39,8 +39,7 @@ class Correction(StepResult):
 @step(
     "tracker.correction_on",
     needs={"robot": CorrectingRobot},
-    uses={"plc": CellIO},
-    moves=True,
+    uses={"plc": CellReadings},
     title="switching the on-line correction on",
 )
 async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correction:
@@ -49,7 +48,7 @@ async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correcti
 
     if inputs.table is None:
         return Correction(id=None)
-    plc: CellIO | None = context.optional_device("plc")
+    plc: CellReadings | None = context.optional_device("plc")
     arm_c = (await plc.temperatures()).arm if plc else None
     robot: CorrectingRobot = context.device("robot")
     file = await context.clock.compute(correction_file, context, arm_c)
@@ -66,8 +65,7 @@ async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correcti
 @step(
     "tracker.measure_corrected",
     needs={"robot": CorrectingRobot, "tracker": PointSource},
-    uses={"plc": CellIO, "drives": CurrentSource},
-    moves=True,
+    uses={"plc": CellReadings, "drives": CurrentSource},
     errors=(NotSettled,),
     title="measuring corrected targets",
 )
@@ -90,7 +88,6 @@ async def measure_corrected(context: StepContext, inputs: MeasureInputs) -> Meas
 @step(
     "tracker.correction_off",
     needs={"robot": CorrectingRobot},
-    moves=True,
     title="switching the on-line correction off",
 )
 async def correction_off(context: StepContext, inputs: NoInputs) -> None:

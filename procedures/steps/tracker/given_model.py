@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
+from collections.abc import Mapping
+from typing import Any
+
+from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.judged import Judged
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow, TrackerVerdict
 
@@ -22,7 +25,13 @@ class ReadModel(StepResult):
     found: bool
 
 
-@step("tracker.read_model", reads_files=True, title="reading the model")
+def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
+    from procedures.steps.tracker.model_reading import check_model
+
+    check_model(context, known, of_reflector=True)
+
+
+@step("tracker.read_model", check=_check_model, reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel:
     """Read the model of an earlier run, if one is named; refuse that of another controller, robot or tool."""
     from procedures.steps.tracker.model_reading import read_model_of

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from cellctl.devices import CellIO, DeviceFault, PointSource, Reflector, Weather
+from cellctl.devices import CellReadings, DeviceFault, PointSource, Reflector, Weather
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.tracker.rows import SetUpRow, TwoFaceRow, When
 
@@ -30,7 +30,7 @@ def _check_prepare(context: CellContext, known: Mapping[str, Any]) -> None:
 @step(
     "tracker.prepare",
     needs={"tracker": PointSource},
-    uses={"plc": CellIO},
+    uses={"plc": CellReadings},
     check=_check_prepare,
     title="preparing the instrument",
 )
@@ -49,7 +49,7 @@ async def prepare(context: StepContext, inputs: NoInputs) -> Prepared:
     if not levelled:
         raise DeviceFault(tracker.name, "its compensator is off", "level it and switch the compensator on")
     weather = await update_weather(context)
-    plc: CellIO | None = context.optional_device("plc")
+    plc: CellReadings | None = context.optional_device("plc")
     await context.record(
         SetUpRow(
             levelled=levelled,
@@ -68,7 +68,7 @@ async def prepare(context: StepContext, inputs: NoInputs) -> Prepared:
 
 async def update_weather(context: StepContext) -> Weather | None:
     """Write the air's state from the PLC to the instrument; None without a PLC. Raises the devices' errors."""
-    plc: CellIO | None = context.optional_device("plc")
+    plc: CellReadings | None = context.optional_device("plc")
     if plc is None:
         return None
     weather = await plc.weather()

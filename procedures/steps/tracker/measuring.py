@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from cellctl.devices import (
-    CellIO,
+    CellReadings,
     CurrentSource,
     JointReadings,
     MeasuredPoint,
@@ -27,7 +27,7 @@ from procedures.steps.tracker.pointing import NestsDisagree, NotSettled, Settlin
 from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TurnRow
 
 NEEDS = {"robot": MovingRobot, "tracker": PointSource}
-USES = {"plc": CellIO, "drives": CurrentSource}
+USES = {"plc": CellReadings, "drives": CurrentSource}
 
 NEAR_SHARE = 0.4
 """Share of the transfer speed from the approach to the pose."""
@@ -78,7 +78,6 @@ def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
     check=_check_currents,
     needs=NEEDS,
     uses=USES,
-    moves=True,
     errors=(NotSettled, NestsDisagree),
     title="measuring poses",
 )
@@ -93,7 +92,6 @@ async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
     "tracker.measure_compensated",
     needs={**NEEDS, "robot": TableRobot},
     uses=USES,
-    moves=True,
     errors=(NotSettled,),
     title="measuring compensated targets",
 )
@@ -137,7 +135,7 @@ async def measured_fields(
     currents = await _currents(context, len(joints))
     place = seen_from_instrument(context, reflector_at(context, pose.reflector, _array(joints))[0])
     point = await settled_point(context.device("tracker"), context.clock, place, _search_mm(context), settling)
-    plc: CellIO | None = context.optional_device("plc")
+    plc: CellReadings | None = context.optional_device("plc")
     return {
         "number": pose.number,
         "reflector": pose.reflector,

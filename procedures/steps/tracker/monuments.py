@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import dist
 from typing import Any
 
-from cellctl.devices import CellIO, DeviceFault, PointSource, Vector3
+from cellctl.devices import CellReadings, DeviceFault, PointSource, Vector3
 from cellctl.files import InputError
 from cellctl.formats.station import Nest, station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepResult, step
@@ -50,7 +50,7 @@ _LEAST_NESTS = 3
     "tracker.monuments",
     check=_check_nests,
     needs={"tracker": PointSource},
-    uses={"plc": CellIO},
+    uses={"plc": CellReadings},
     errors=(NotSettled, NestsDisagree),
     title="visiting the monuments",
 )

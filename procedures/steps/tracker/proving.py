@@ -50,7 +50,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     return Compensation(rounds=found.rounds, table=found.row.table)
 
 
-@step("tracker.push", needs={"robot": TableStore}, moves=True, title="pushing the table")
+@step("tracker.push", needs={"robot": TableStore}, title="pushing the table")
 async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
 
@@ -62,7 +62,7 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     return Pushed(active=await push_unless_judged(context, inputs.table, judged))
 
 
-@step("tracker.judge", needs={"robot": TableStore}, moves=True, verdict=TrackerVerdict, title="judging the table")
+@step("tracker.judge", needs={"robot": TableStore}, verdict=TrackerVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets; withdraw a table that is not better."""
     from procedures.steps.table_push import withdrawn_unless_better
@@ -76,7 +76,7 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     return Judged.of(found)
 
 
-@step("tracker.withdraw", needs={"robot": TableStore}, moves=True)
+@step("tracker.withdraw", needs={"robot": TableStore})
 async def withdraw(context: StepContext, inputs: NoInputs) -> None:
     """For the clean-up: take the run's table out of force where the run ended before it was proved."""
     from procedures.steps.table_push import take_back_unproved

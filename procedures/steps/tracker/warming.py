@@ -42,7 +42,6 @@ class Warm(StepResult):
     "tracker.warm_up",
     needs=NEEDS,
     uses=USES,
-    moves=True,
     errors=(NotSettled,),
     title="warming up",
 )

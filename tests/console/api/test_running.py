@@ -115,11 +115,12 @@ def test_a_damaged_journal_is_shown_with_its_problem_and_takes_no_command(tmp_pa
     assert (refused.status_code, retried.status_code) == (409, 409)
 
 
-def test_a_damaged_journal_is_refused_with_its_file_and_the_cure(client: ApiClient, tmp_path: Path) -> None:
+def test_a_damaged_journal_is_refused_with_its_file_and_the_cure(tmp_path: Path) -> None:
     journal = tmp_path / "damaged-1" / "journal.sqlite"
     journal.parent.mkdir()
     journal.write_text("no journal at all")
-    answer = client.get("/api/runs/damaged-1/retry")
+    with api_client(tmp_path) as client:
+        answer = client.get("/api/runs/damaged-1/retry")
     (problem,) = answer.json()["problems"]
     assert (answer.status_code, problem["file"]) == (409, str(journal))
     assert problem["what"] == answer.json()["what"]

@@ -11,8 +11,11 @@ from api_client import ApiClient, api_client
 from cell_runs import CELL, cell_with
 
 from cellctl.console.jobs import Jobs
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
 from cellctl.files import sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile
+from cellctl.operations.device_locks import DeviceLocks
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}
 
@@ -82,12 +85,11 @@ def test_a_second_run_on_a_real_cell_is_refused_while_one_is_active(
     cell = cell_with(tmp_path)
     cell.write_text(cell.read_text().partition("\nsimulate:")[0])
     monkeypatch.chdir(tmp_path)
-    source = SourceFile(str(cell), cell.read_text(), sha256_of(cell.read_text()))
-    with Journal.create(tmp_path / "runs" / "run-1", lambda: 0) as journal:
-        journal.append(RunStarted(source, source, {}, 1, "realtime", "me", "2026-01-02T03:04:05Z", "", {}))
+    drivers = DriverRegistry()
+    with DeviceLocks.held(Cell.load(cell, drivers), drivers, run="run-1"):  # before its journal exists
         refused = client.post("/api/runs", json={"procedure": "sphere_selfcal", "cell": "cell"}, headers=ADA)
-    assert (refused.status_code, refused.json()["what"]) == (422, "run run-1 is active on this cell")
-    assert [folder.name for folder in (tmp_path / "runs").glob("*/")] == ["run-1"]
+    assert (refused.status_code, "is in use by run run-1 (process" in refused.json()["what"]) == (409, True)
+    assert not list((tmp_path / "runs").glob("*/"))
 
 
 def test_a_run_on_a_real_cell_is_refused_while_a_table_is_changed(
@@ -99,7 +101,7 @@ def test_a_run_on_a_real_cell_is_refused_while_a_table_is_changed(
     push = SimpleNamespace(operation="act_on_table", ended_already=False)
     monkeypatch.setattr(Jobs, "all", lambda _: [push])
     refused = client.post("/api/runs", json={"procedure": "sphere_selfcal", "cell": "cell"}, headers=ADA)
-    assert (refused.status_code, refused.json()["cure"]) == (422, "start when that has ended")
+    assert (refused.status_code, refused.json()["cure"]) == (409, "start when that has ended")
     assert not list((tmp_path / "runs").glob("*/"))
 
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from child_process import child
 from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot, tail, whole_log
@@ -175,9 +176,7 @@ sys.stdin.read()
     command = [sys.executable, "-c", code, str(tmp_path / "run")]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "helpers")}
     live = followed(tmp_path / "run")
-    with subprocess.Popen(
-        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
+    with child(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
         assert process.stdout.readline() == "written\n"
         running = shown(live)

@@ -190,6 +190,23 @@ def test_the_edge_of_an_earlier_search_sent_again_does_not_stop_the_next(bench):
     bench.run(script)
 
 
+def test_an_edge_older_than_the_arming_that_was_never_received_stops_the_robot_and_is_a_fault(bench):
+    async def script(b):
+        await b.arm()
+        await b.probe.disarm()
+        unheard = b.fake.tick()
+        await b.clock.sleep(0.2)
+        await b.arm()
+        b.fake.say("EDGE", unheard)
+        with pytest.raises(DeviceFault, match="from before it was armed"):
+            async with b.clock.timeout(2.0):
+                await b.probe.contact()
+        assert b.stop.times == 1
+        assert (await b.probe.health()).figures["refused_edges"] == 1
+
+    bench.run(script)
+
+
 def test_the_guard_hears_of_every_valid_line_while_armed_and_of_none_after(bench):
     async def script(b):
         await b.arm()
@@ -621,7 +638,7 @@ def test_whatever_halts_the_robot_ends_the_search_and_no_contact_is_later_than_i
     """Else `contact` would wait for ever with the robot held."""
     halts, timers, ticks = [], Timers(), TickClock(2_000_000)
     ticks.add_line(100_000, 50 * MS, 0)
-    search = Search("probe", timers, ticks, lambda: halts.append(1), lambda _: None)
+    search = Search("probe", timers, ticks, lambda: halts.append(1), lambda _: None, frozenset({100_050}))
     search.armed()
     for k, (message, new) in enumerate(lines, 1):
         line = Line(k, 100_000 + 100 * k, message)

@@ -98,6 +98,7 @@ class FakeController:
     def __post_init__(self) -> None:
         self.now_ns = 0
         self.eki_silent = False
+        self.unanswered = 0
         self.time_file = self.folder / "time"
         self.time_file.write_bytes(bytes(8))
         with self.time_file.open("r+b") as stream:
@@ -193,9 +194,11 @@ class FakeController:
         self._follow(target, offset)
         self.ipoc += self.ipoc_step
         if self.silent or cycle in self.unsent:
+            self.unanswered += 1
             return
         for _ in range(3 if cycle == self.burst_at else 0):
             self._send(self._telegram(self.ipoc))
+            self.unanswered += 1
             self.ipoc += self.ipoc_step
             self._pass_time(self.cycle_ns)
         if self.garbage:
@@ -209,7 +212,8 @@ class FakeController:
 
     def _telegram(self, ipoc: int) -> bytes:
         q = " ".join(f'A{i}="{value:.4f}"' for i, value in enumerate(self.joints, 1))
-        late = f'<Delay D="{len(self.answers) // 100}"/>' if self.delay_counts else ""
+        count = self.unanswered + len(self.answers) // 100 * self.delay_counts
+        late = f'<Delay D="{count}"/>' if self.delay_counts or self.unanswered else ""
         return (
             f'{self.root}<RIst X="1.0" Y="2.0" Z="3.0" A="0.0" B="0.0" C="0.0"/>'
             f"<AIPos {q}/>{late}<IPOC>{ipoc}</IPOC></Rob>"

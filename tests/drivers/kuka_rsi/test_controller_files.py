@@ -339,7 +339,7 @@ def test_a_text_parameter_without_brackets_in_the_header_does_not_load() -> None
 
 
 @pytest.mark.parametrize("mode", ["absolute", "relative"])
-@pytest.mark.parametrize(("cycle", "length"), [("ipo_fast", "0.4 s at 4 ms"), ("ipo", "1.2 s at 12 ms")])
+@pytest.mark.parametrize(("cycle", "length"), [("ipo_fast", "0.4 s at 4 ms"), ("ipo", "0.492 s at 12 ms")])
 def test_rsi_is_switched_on_as_the_address_says_and_each_file_names_it(
     tmp_path: Path, mode: str, cycle: str, length: str
 ) -> None:
@@ -513,11 +513,22 @@ def test_a_halt_right_behind_rsi_on_switches_rsi_off(made: dict[str, str]) -> No
     builtins = {"RSI_CREATE": lambda *_: 0, "RSI_ON": rsi_on, "RSI_DELETE": lambda *_: 0}
     builtins["RSI_OFF"] = lambda: called.append("off") or 0
     krl = Krl([made["cellctl.src"], made["cellctl.dat"]], builtins)
-    krl.variables |= {"RSIOK": 0, "$FLAG": {(404,): False}}
+    krl.variables |= {"RSIOK": 0, "$FLAG": {(404,): False}, "$TECHPAR_C": {}}
     with pytest.raises(Resumed):
         krl.call("CC_BEGIN_RSI")
     krl.call("CC_CLEAR")
     assert called == ["on", "off"]
+
+
+def test_each_rsi_session_has_a_mark_of_its_own_before_it_is_switched_on(made: dict[str, str]) -> None:
+    marks = []
+    builtins = {"RSI_CREATE": lambda *_: 0, "RSI_ON": lambda *_: marks.append(dict(parameters)) or 0}
+    krl = Krl([made["cellctl.src"], made["cellctl.dat"]], builtins)
+    krl.variables |= {"RSIOK": 0, "$TECHPAR_C": (parameters := {})}
+    for krl.variables["CC_MARK"] in (0, 1, 9999):
+        krl.call("CC_BEGIN_RSI")
+    assert marks == [{(2, 1): mark, (2, 2): -mark} for mark in (1, 2, 1)]
+    assert '<ELEMENT TAG="DEF_Tech.C2" TYPE="DOUBLE" INDX="INTERNAL"/>' in made["rsi_ethernet.xml"]
 
 
 @pytest.mark.parametrize("operation", ["PTP", "HALT"])

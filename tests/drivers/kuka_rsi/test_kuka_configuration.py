@@ -106,7 +106,11 @@ def test_a_root_of_another_kind_is_named(tmp_path):
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&controller=", "controller= is no IP address"),
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&cycle=4", "cycle=4 is none of ipo_fast (4 ms), ipo (12 ms)"),
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=0", "tolerance=0 is no number of cycles within 1"),
-        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=1001", "tolerance=1001"),
+        (
+            "kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=126",
+            "tolerance=126 is no number of cycles within 1 … 125 (0.5 s at 4 ms)",
+        ),
+        ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&cycle=ipo&tolerance=42", "within 1 … 41 (0.5 s at 12 ms)"),
         ("kuka+rsi://127.0.0.1:0?ethernet=f&eki=h:1&tolerance=1e2", "tolerance=1e2"),
     ],
 )

@@ -235,7 +235,7 @@ def test_a_controller_that_falls_silent_is_lost(controller, connected, run):
     async def wait():
         async with connected() as robot:
             controller.eki_silent = True
-            with pytest.raises(DeviceLost, match="nothing heard"):
+            with pytest.raises(DeviceUncertain, match=r"may still be moving .*nothing heard"):
                 await robot.move(TARGET, 10)
             with pytest.raises(DeviceLost):
                 await robot.health()
@@ -247,7 +247,7 @@ def test_a_robot_whose_standstill_is_not_confirmed_is_not_called_held(controller
     async def lose_it_in_a_move():
         async with connected() as robot:
             controller.eki_silent = True
-            with pytest.raises(DeviceLost):
+            with pytest.raises(DeviceUncertain, match="may still be moving"):
                 await robot.move(TARGET, 10)
             with pytest.raises(DeviceUncertain, match="may still be moving"):
                 await robot.stop()
@@ -297,6 +297,29 @@ def test_a_killed_rsi_process_is_noticed_and_the_robot_halted(controller, connec
 
     run(search())
     assert controller.commands[-1] == "HALT"
+
+
+def test_an_rsi_process_killed_during_a_move_of_the_controller_ends_it_and_every_later_command(
+    controller, connected, run
+):
+    controller.move_takes_s = 1000.0
+
+    async def move():
+        async with connected() as robot:
+            task = asyncio.create_task(robot.move(TARGET, 10))
+            while "PTP" not in controller.commands:
+                await asyncio.sleep(0.001)
+            kill(robot._lines.process.pid)
+            with pytest.raises(DeviceLost, match="RSI process ended"):
+                await task
+            assert controller.commands[-1] == "HALT"
+            robot.clear_stop()
+            for command in (robot.move(TARGET, 10), robot.joints(), robot.reset(), robot.read_table()):
+                with pytest.raises(DeviceLost, match="RSI process ended"):
+                    await command
+            await robot.stop()
+
+    run(move())
 
 
 def kill(child: int) -> None:

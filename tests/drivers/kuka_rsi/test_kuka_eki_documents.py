@@ -64,6 +64,14 @@ def test_a_document_that_never_ends_is_refused_at_four_kibibytes():
         stream.feed(b"x" * 1000)
 
 
+def test_a_whole_document_above_four_kibibytes_is_refused_though_it_comes_in_one_piece():
+    long = b"<Rep Id='1' Code='0' Text='" + b"x" * 4096 + b"'/>"
+    with pytest.raises(ValueError, match="4096"):
+        DocumentStream().feed(long)
+    short = b"<Rep Id='1' Code='0'/>"
+    assert len(DocumentStream().feed(short * 1000)) == 1000
+
+
 @given(st.binary(max_size=300))
 def test_no_bytes_break_the_splitter(data):
     stream = DocumentStream()

@@ -50,7 +50,7 @@ class Line(FaultyLine):
         relative = self.mode is CorrectionMode.RELATIVE
         krc = Krc(relative, self.cycle_of_krc.milliseconds, counts, precision, ipoc=10**12)
         self.connect(krc, lambda order: SearchCycle(order, LIMITS, self.mode, TIMEOUT, self.stated))
-        self.next_search()
+        self.next_session()
         assert any(self.krc.offset) == (self.stated is self.cycle_of_krc)
 
     def check(self, step_before: tuple[float, ...]) -> None:
@@ -80,9 +80,15 @@ class Line(FaultyLine):
 
     @rule(by=st.sampled_from([2, 9, 30]), then=CALM)
     def the_count_skips(self, by: int, then: int) -> None:
+        """Without an answer missed: no session of one controller does that."""
+        self.spell(2, Weather())
         self.krc.ipoc += by * self.krc.cycle_ms
         self.calm = 0
+        self.spell(1, Weather())
+        stands = self.krc.offset
         self.spell(then, Weather())
+        assert self.krc.offset == stands
+        self.next_session()
 
     @rule(what=st.sampled_from(ENDS), then=CALM)
     def an_end(self, what: str, then: int) -> None:
@@ -105,9 +111,9 @@ class Line(FaultyLine):
         stands = krc.offset
         self.spell(then + 20, Weather())
         assert what in ("stop", "half a cycle") or krc.offset == stands
-        self.next_search()
+        self.next_session()
 
-    def next_search(self) -> None:
+    def next_session(self) -> None:
         """Ordered once the last one was ended; its session is announced after some telegrams."""
         self.end_session()
         self.block.place_order(SearchOrder(self.number, self.krc.joints, LINE, SPEED, (0,) * 8))

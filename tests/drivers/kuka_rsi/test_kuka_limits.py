@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -98,11 +99,15 @@ class Rig:
         self.ipoc = 1000
         self.beats = [-(1 << 62)] * 8
         self.correction = HOME
+        self.unanswered = 0
 
-    def cycle(self, *, stopped=False, gap=1, leave=False, joints=None, delay=None):
+    def cycle(self, *, stopped=False, gap=1, leave=False, joints=None, delay=None, telegram=None):
         self.now_ns += 4_000_000 * gap
         self.ipoc += 4 * gap
-        telegram = Telegram(str(self.ipoc), self.ipoc, joints or self.correction, delay)
+        self.unanswered += gap - 1
+        count = self.unanswered if delay is None else delay
+        plain = Telegram(str(self.ipoc), self.ipoc, joints or self.correction, count)
+        telegram = replace(plain, **(telegram or {}))
         assert self.search.admit(telegram) is Admission.ANSWERABLE
         self.correction, stop = self.search.answer(telegram, self.now_ns, stopped, self.beats, leave=leave)
         return stop
@@ -146,8 +151,16 @@ def test_while_answers_are_late_the_set_point_waits_and_then_goes_on_from_stands
         assert rig.correction == before
     rig.cycle(delay=29)
     assert 0 < rig.correction[1] - before[1] < 1e-4
-    rig.run(100, delay=0)
+    rig.run(100, delay=29)
     assert rig.correction[1] > before[1] + 0.5
+
+
+def test_a_count_that_good_answers_do_not_set_back_falls_only_with_a_new_session():
+    rig = Rig()
+    rig.run(100, delay=5)
+    ipoc = rig.ipoc + 4
+    assert rig.search.admit(Telegram(str(ipoc), ipoc, rig.correction, 0)) is Admission.BEYOND
+    assert rig.search.cause is Cause.RESTARTED
 
 
 @pytest.mark.parametrize("resets", [False, True])
@@ -188,7 +201,7 @@ def test_what_is_answered_is_newer_and_within_the_tolerance(gap, admission):
     rig = Rig()
     rig.run(100)
     ipoc = rig.ipoc + 4 * gap
-    assert rig.search.admit(Telegram(str(ipoc), ipoc, rig.correction, None)).name == admission
+    assert rig.search.admit(Telegram(str(ipoc), ipoc, rig.correction, gap - 1)).name == admission
 
 
 def test_a_gap_beyond_the_tolerance_is_the_end_also_for_telegrams_that_would_fit_again():
@@ -197,6 +210,48 @@ def test_a_gap_beyond_the_tolerance_is_the_end_also_for_telegrams_that_would_fit
     for ipoc in (rig.ipoc + 100_000, rig.ipoc + 4, rig.ipoc + 100_004):
         assert rig.search.admit(Telegram(str(ipoc), ipoc, rig.correction, None)).name == "BEYOND"
     assert (rig.search.cause, rig.search.phase, rig.search.detail) == (Cause.LOST, Phase.OVER, 100_000)
+
+
+def sessions(after, **telegram):
+    """Whether a search goes on with a telegram of a session that began `after` cycles after its last answer."""
+    rig = Rig()
+    rig.run(100, telegram={name: before for name, (before, _) in telegram.items()})
+    ipoc = rig.ipoc + 4 * after
+    again = Telegram(str(ipoc), ipoc, rig.correction, 0, 1e-4)
+    admission = rig.search.admit(replace(again, **{name: now for name, (_, now) in telegram.items()}))
+    assert (admission is Admission.ANSWERABLE) == (rig.search.cause is Cause.NONE)
+    assert admission is Admission.ANSWERABLE or (rig.search.cause, rig.search.phase) == (Cause.RESTARTED, Phase.OVER)
+    return admission is Admission.ANSWERABLE
+
+
+@pytest.mark.parametrize("after", [3, 4, 50, 99])
+def test_a_session_that_began_three_cycles_later_or_more_ends_the_search(after):
+    assert not sessions(after)
+
+
+def test_what_delay_cannot_show_the_programmed_joints_or_the_mark_show():
+    """After one or two cycles: then the robot would move by the whole offset, in one cycle."""
+    assert sessions(1)
+    assert sessions(2)
+    for after in (1, 2):
+        assert not sessions(after, programmed=(HOME, axis2(0.5)))
+        assert not sessions(after, mark=(3, 4))
+        assert not sessions(after, mark=(3, 0))
+
+
+def test_a_mark_that_stays_shows_that_telegrams_were_only_lost():
+    assert sessions(80, mark=(3, 3))
+    assert sessions(80, mark=(3, 3), delay=(None, None))
+
+
+def test_programmed_joints_that_stay_confirm_no_session():
+    assert not sessions(3, programmed=(HOME, HOME))
+
+
+@pytest.mark.parametrize("after", [2, 99])
+def test_without_delay_any_gap_ends_the_search(after):
+    assert sessions(1, delay=(None, None))
+    assert not sessions(after, delay=(None, None))
 
 
 @pytest.mark.parametrize("missing", [2, 20, 99])

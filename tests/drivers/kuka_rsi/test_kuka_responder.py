@@ -42,6 +42,7 @@ class Bench:
         self.reading_takes_ns = 0
         self.ipoc = 1000
         self.offset = 0.0
+        self.late = 0
         self.responder = Responder(self.line, self.block, ReplyFormat(TEMPLATE), self.clock, task_of)
 
     def clock(self) -> int:
@@ -59,7 +60,8 @@ class Bench:
 
     def telegram(self) -> bytes:
         axes = " ".join(f'A{i}="{self.offset if i == 1 else 0:.4f}"' for i in range(1, 7))
-        return f'<Rob Type="KUKA"><AIPos {axes}/><IPOC>{self.ipoc}</IPOC></Rob>'.encode()
+        late = f'<Delay D="{self.late}"/>' if self.late else ""
+        return f'<Rob Type="KUKA"><AIPos {axes}/>{late}<IPOC>{self.ipoc}</IPOC></Rob>'.encode()
 
     def receive(self) -> tuple[int, float, bool]:
         """Count, correction of A1 and stop of the next reply."""
@@ -130,7 +132,7 @@ def test_of_several_waiting_telegrams_only_the_newest_is_answered(bench):
     bench.order()
     for _ in range(20):
         bench.cycle()
-    for _ in range(4):
+    for bench.late in range(4):
         bench.send()
     bench.responder.answer()
     assert bench.receive()[0] == bench.ipoc
@@ -239,7 +241,7 @@ def test_a_stall_beyond_the_tolerance_ends_the_session_whatever_waits_in_between
     bench.order()
     for _ in range(100):
         bench.cycle()
-    for _ in range(101):
+    for bench.late in range(101):
         bench.send()
     bench.responder.answer()
     assert bench.nothing_came()

@@ -541,14 +541,14 @@ def test_a_count_that_leaps_ends_the_search_with_the_robot_held_and_halted(contr
 
 
 def test_a_gap_within_the_tolerance_that_the_address_states_is_bridged(controller, connected, run):
-    controller.unsent = range(100, 280)
+    controller.unsent = range(100, 220)
 
     async def search():
-        async with connected(more="&tolerance=200") as robot:
+        async with connected(more="&tolerance=125") as robot:
             return await robot.search(TWO_DEG, 2.0)
 
     result = run(search())
-    assert (result.end, result.lost) == (SearchEnd.TRAVEL, 180)
+    assert (result.end, result.lost) == (SearchEnd.TRAVEL, 120)
     assert max(steps_of(controller)) <= 0.008 + 2e-6
 
 

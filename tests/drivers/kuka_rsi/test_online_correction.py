@@ -61,7 +61,7 @@ class Controller:
         for _ in range(round(seconds / CYCLE_S)):
             self.now_ns += self.cycles_apart * 4_000_000
             self.ipoc += self.cycles_apart * 4
-            self.late += answers_lost
+            self.late += answers_lost + self.cycles_apart - 1
             moved = zip(self.programmed, self.velocity, strict=True)
             self.programmed = tuple(at + CYCLE_S * by for at, by in moved)
             joints = tuple(a + self.follows * b for a, b in zip(self.programmed, self.offset, strict=True))
@@ -119,7 +119,7 @@ def test_a_silent_engine_lets_it_fade_to_zero():
 
 
 def test_the_end_of_its_process_lets_it_fade_to_zero_within_the_time_that_the_process_waits():
-    krc = Controller(model=30.0).run(5)
+    krc = Controller(model=12.0).run(5)
     assert max(map(abs, krc.last)) > 0.45
     krc.leave = True
     krc.run(2.9)
@@ -170,6 +170,23 @@ def test_answers_that_are_never_known_to_be_taken_hold_it_and_end_it_as_soon_as_
     assert krc.never_leapt()
 
 
+@pytest.mark.parametrize("marks", [(0, 0), (6, 7)])
+@pytest.mark.parametrize("after", [1, 2])
+def test_rsi_that_restarts_after_one_or_two_cycles_leaps_by_the_correction_at_most_and_with_a_mark_not_at_all(
+    after, marks
+):
+    """Delay cannot show it: 0 late answers are those of a session of one cycle. Its zero is where the robot stands."""
+    krc = Controller(model=12.0).run(3, mark=marks[0])
+    held, krc.cycles_apart = krc.last, after
+    krc.programmed = tuple(a + b for a, b in zip(krc.programmed, held, strict=True))
+    krc.offset, answered = (0.0,) * 6, len(krc.sent)
+    krc.late = 1 - after  # `run` counts the cycles between as late; the new session has none
+    krc.run(CYCLE_S, mark=marks[1])
+    leap = max(map(abs, krc.offset))
+    assert (len(krc.sent) > answered) == (leap > 0) == (marks == (0, 0))
+    assert leap <= LIMITS.online_correction_deg
+
+
 def test_a_new_model_takes_over_without_a_leap():
     krc = Controller(model=0.5).run(2)
     before, version = krc.last, krc.place(1.0)
@@ -214,7 +231,7 @@ def test_outside_the_measured_region_it_fades_to_zero_and_comes_back():
 
 
 def test_at_its_limit_it_is_cut_in_proportion_and_counted():
-    krc = Controller(model=30.0).run(4)
+    krc = Controller(model=12.0).run(4)
     small = Controller(model=0.1).run(4)
     assert max(map(abs, krc.last)) == pytest.approx(LIMITS.asked_deg(CYCLE_S), abs=1e-5)
     largest = max(range(6), key=lambda axis: abs(small.last[axis]))
@@ -308,3 +325,10 @@ def test_a_correction_beyond_what_axiscorr_lets_through_is_found_before_anything
     (found,) = findings(address, Surroundings(WallClock(), tmp_path, limits))
     assert (found.limit, found.warning) == ("online_correction_deg", False)
     assert "above correction_deg 1" in found.what
+
+
+def test_a_model_whose_correction_is_over_the_limit_everywhere_is_refused_before_any_cycle():
+    krc = Controller(model=40.0)
+    assert krc.task.cause is Cause.OVER_LIMIT
+    assert not any(any(sent) for sent in krc.run(3).sent)
+    assert Controller(model=3.0).task.cause is Cause.NONE

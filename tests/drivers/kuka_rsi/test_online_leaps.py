@@ -23,7 +23,7 @@ from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
 from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "12"))
 LIMITS = OnlineLimits()
@@ -150,7 +150,8 @@ class Online(FaultyLine):
             case _:
                 self.krc.ipoc += 100_000
                 self.calm = 0
-        lost = what in ("stall", "leap of the count") or not self.krc.on
+        over = self.block.status().cause in (Cause.LOST, Cause.RESTARTED)  # by a count that was off before
+        lost = over or what in ("stall", "leap of the count") or not self.krc.on
         self.spell(1, Weather())
         held = self.krc.offset
         self.spell(500, Weather())

@@ -35,17 +35,21 @@ class Preparing:
         self.block, fd = SharedBlock.create()
         os.close(fd)
         self.asked, self.alive = [], True
-        process = SimpleNamespace(block=self.block, alive=lambda: self.alive, last_error_line=lambda: "killed")
-        stat = SimpleNamespace(program="READY", message="")
+        process = SimpleNamespace(block=self.block, lost=self.lost)
+        eki = SimpleNamespace(ask=self.ask, stat=SimpleNamespace(program="READY", message=""))
         lines = SimpleNamespace(
             process=process,
             block=self.block,
             connected=True,
             sends_programmed=True,
-            eki=SimpleNamespace(ask=self.ask, stat=stat),
+            eki=eki,
+            halting=eki,
         )
         self.holding = Holding("robot", lines)
         self.correcting = Correcting("robot", WallClock(), lines, self.holding, OnlineLimits())
+
+    def lost(self, device):
+        return None if self.alive else DeviceLost(device, "the RSI process ended: killed")
 
     async def ask(self, operation, timeout_s=0.0):
         self.asked.append(operation)

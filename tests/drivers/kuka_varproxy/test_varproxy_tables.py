@@ -92,6 +92,16 @@ def test_a_connection_lost_during_a_push_leaves_the_old_table_in_force(on_wire):
     on_wire(work)
 
 
+def test_a_push_cut_in_its_first_bytes_says_that_the_old_table_is_in_force(on_wire):
+    async def work(wire):
+        robot, serial = wire.robot, wire.identity.serial
+        await wire.fault("varproxy.cut")
+        with pytest.raises(DeviceLost, match="was not activated, the old one is in force"):
+            await robot.push_table(table("b" * 64, serial))
+
+    on_wire(work)
+
+
 def test_a_cancelled_push_leaves_the_old_table_in_force(on_wire):
     async def work(wire):
         robot, serial = wire.robot, wire.identity.serial

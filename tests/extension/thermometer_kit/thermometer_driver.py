@@ -4,11 +4,12 @@ import asyncio
 from contextlib import suppress
 from typing import Protocol
 
-from cellctl.devices import Device, DeviceLost, DeviceUnreachable, DriverDescription, Health, Identity
+from cellctl.devices import Device, DeviceLost, DeviceUnreachable, DriverDescription, Health, Identity, observes
 
 ANSWER_S = 1.0
 
 
+@observes
 class TemperatureSource(Device, Protocol):
     """A device that measures a temperature."""
 

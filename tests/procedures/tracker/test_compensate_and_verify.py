@@ -14,14 +14,17 @@ from fake_tracker_cell import CELL, PROCEDURES, ROBOT, FakeRobot, FakeRun, Fault
 from kr5_model import kr5_model
 from own_arm import pose_of
 from scipy.spatial.transform import Rotation
+from step_contexts import Context
 
 from cellctl.engine import State
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import ModelFile, TableFile
+from cellctl.operations.campaign import load_campaign
 from cellctl.procedure import CellFiles
 from cellctl.records import TableStateRow
 from cellctl.report import write_report
 from procedures.steps.tracker.methods import check_method
+from procedures.steps.tracker.model_reading import check_model, read_model_of
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, SetUpRow, TargetPlanRow, TargetsRow, TrackerVerdict
 
 PROCEDURE = PROCEDURES / "compensate_and_verify.yaml"
@@ -232,6 +235,35 @@ def test_a_model_that_is_not_there_or_named_twice_is_refused(runs: Path, own: Fa
     assert "no.json" in refused(nothing)
     twice = run_fake(PROCEDURE, runs, FEW | {"model_file": "a.json", "model_run": "own"}, name="twice")
     assert "name the run or the file" in refused(twice)
+
+
+def test_the_check_finds_a_model_that_is_missing_damaged_named_twice_or_of_another_robot(
+    runs: Path, own: FakeRun
+) -> None:
+    def said(**named: str) -> str:
+        with pytest.raises(InputError) as refused:
+            check_model(CellFiles(load_yaml(CELL), ROBOT, 1, runs), named, of_reflector=True)
+        return str(refused.value)
+
+    damaged, other = runs / "damaged.json", runs / "other.json"
+    damaged.write_text((runs / "own" / "model.json").read_text()[:1000])
+    other.write_text((runs / "own" / "model.json").read_text().replace("KUKA KR5 R1400", "KUKA KR6"))
+    assert "it is no JSON" in said(file=str(damaged))
+    assert "name the run or the file" in said(file=str(damaged), run="own")
+    assert "KUKA KR6" in said(file=str(other))
+    with pytest.raises(InputError, match="there is no run 'none'"):
+        load_campaign(PROCEDURE, None, ["model_run=none"], runs=runs)
+
+
+def test_a_model_file_that_states_no_controller_is_taken_for_that_of_the_connected_one(
+    runs: Path, own: FakeRun
+) -> None:
+    model = ModelFile.load(runs / "own" / "model.json")
+    (runs / "fitted").mkdir()
+    path = runs / "fitted" / "fitted.json"
+    model.model_copy(update={"provenance": {}}).save(path)
+    context = Context(robot_file=ROBOT, cell=load_yaml(CELL), serial="SIM-1")
+    assert read_model_of(context, "", str(path), True).serial == "SIM-1"
 
 
 def test_a_model_from_touches_is_refused_as_its_tool_is_not_the_reflector(runs: Path) -> None:

@@ -63,6 +63,9 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
         "precision": 4,
         "timeout_cycles": 100,
         "counter": "total",
+        "mark": "session",
+        "port": "kept",
+        "restart_cycles": 3,
         "mode": None,
         "hello": "rsi_on",
     }

@@ -12,6 +12,7 @@ from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.krc.rsi_link import target_of
+from sims.scene.safety import Safety
 from sims.wires import Wire
 
 MS = 1_000_000
@@ -57,8 +58,15 @@ class Cell:
     def __init__(self, mode="lockstep", *, wait_for_host=False):
         self.kernel, self.targets = Kernel(mode), []
         self.faults, self.wire = Faults(self.kernel, catalogue()), Wire()
-        requests = {"robot": {"rsi_target": lambda message: self.targets.append(target_of(message))}}
-        self.port = ControlPort(self.kernel, self.faults, requests, {"probe": self.wire})
+        self.safety, self.acknowledged = Safety(self.faults), []
+        requests = {
+            "robot": {
+                "rsi_target": lambda message: self.targets.append(target_of(message)),
+                "acknowledge": lambda _: self.acknowledged.append(self.safety.ok),
+            },
+            "probe": {},
+        }
+        self.port = ControlPort(self.kernel, self.faults, requests, self.safety, {"probe": self.wire})
         self.kernel.after(7 * MS, self._beat)
         if wait_for_host:
             self.port.wait_for_host()
@@ -287,3 +295,10 @@ def test_a_line_without_end_is_hung_up_on(host):
 
     with pytest.raises((ConnectionError, json.JSONDecodeError)):
         talk_on()
+
+
+def test_a_reset_closes_the_safety_chain_before_it_acknowledges(cell, host):
+    cell.safety.open_guard()
+    cell.safety.open_emergency_stop()
+    assert host.ask(op="reset") == {"ok": True}
+    assert cell.acknowledged == [True]

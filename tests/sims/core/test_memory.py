@@ -63,3 +63,10 @@ def test_who_has_the_memory_is_named_to_the_next(tmp_path, monkeypatch):
     refused = pytest.raises(BadMemory, match=f"runs: process {os.getpid()}, .*python")
     with sole_user(path), refused, sole_user(path):
         pass
+
+
+def test_another_seed_is_named_with_the_one_that_fits(tmp_path):
+    path = tmp_path / "memory.json"
+    path.write_text('{"cell": {"name": "c", "seed": 3}}')
+    with pytest.raises(BadMemory, match="with seed 3, not with seed 4: leave --seed out, or give --seed 3"):
+        Memory(path, {"name": "c", "seed": 4})

@@ -23,7 +23,7 @@ def test_the_shipped_configuration_is_read_in_its_order():
     config = read_config(SHIPPED)
     assert config.sentype == "CELLCTL"
     assert not config.only_send
-    assert [element.tag for element in config.send] == ["RIst", "AIPos", "ASPos", "MACur", "Delay"]
+    assert [element.tag for element in config.send] == ["RIst", "AIPos", "ASPos", "MACur", "Delay", "Tech.C2"]
     assert config.correction == tuple(f"AK.A{i}" for i in range(1, 7))
     assert config.stop == "Stop"
     assert [element.hold_on for element in config.receive] == [True] * 6 + [False]

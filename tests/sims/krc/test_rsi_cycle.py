@@ -48,7 +48,7 @@ def test_a_telegram_has_the_configurations_tags_in_its_order_and_ipoc_last(bench
     pc.rsi_on()
     (telegram,) = pc.cycles(1)
     assert telegram.startswith('<Rob Type="KUKA"><RIst X="')
-    assert re.findall(r"<(\w+)[ >]", telegram) == ["Rob", "RIst", "AIPos", "ASPos", "MACur", "Delay", "IPOC"]
+    assert re.findall(r"<(\w+)[ >]", telegram) == ["Rob", "RIst", "AIPos", "ASPos", "MACur", "Delay", "Tech", "IPOC"]
     assert re.search(r'<AIPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="45.0000" A6="0.0000"/>', telegram)
     assert telegram.endswith("</IPOC></Rob>")
 
@@ -184,7 +184,7 @@ def test_lost_cycles_add_up_or_are_forgiven_as_the_setting_says(bench, counter, 
         pc.state(['Prog="ERROR"', 'Msg="KSS29002'])
     else:
         (telegram,) = pc.cycles(1)
-        assert delay_of(telegram) == 6
+        assert delay_of(telegram) == 0
         assert pc.finish()[1] == 0
 
 
@@ -346,3 +346,30 @@ def test_a_controller_with_another_sentype_takes_no_answer(bench):
     pc.rsi_on()
     pc.cycles(4, a1(1.0))
     assert pc.reply()[1:3] == (31, HOME)
+
+
+def mark_of(telegram):
+    return tuple(float(value) for value in re.findall(r'C2[12]="([^"]*)"', telegram))
+
+
+@pytest.mark.parametrize(("port", "same"), [("kept", True), ("new", False)])
+@pytest.mark.parametrize("after", [3, 1000])
+def test_rsi_that_is_switched_off_and_on_goes_on_counting_with_a_delay_and_a_zero_of_its_own(bench, port, same, after):
+    restart = {"fault": "rsi.restart", "search": 1, "after_ms": 200}
+    pc = bench(rsi={"port": port, "restart_cycles": after}, faults=[restart])
+    pc.rsi_on()
+    before = pc.ramp(a1(0.3))
+    ports = [pc.robot[1]]
+    while mark_of(again := pc.telegram()) == mark_of(before):
+        pc.answer(before := again, a1(0.3))
+    assert ipoc_of(again) - ipoc_of(before) >= 4 * after
+    assert (delay_of(again), mark_of(before), mark_of(again)) == (0, (1, -1), (2, -2))
+    assert axes_of(before, "ASPos") == HOME
+    assert axes_of(again, "ASPos") == pytest.approx(axes_of(again), abs=1e-3), "its zero is where the robot stands"
+    assert (pc.robot[1] in ports) is same
+
+
+def test_a_program_that_marks_no_session_sends_zeros(bench):
+    pc = bench(rsi={"mark": "none"})
+    pc.rsi_on()
+    assert mark_of(pc.telegram()) == (0, 0)
