@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from cellctl.kinematics import Floats, JointMap, SerialChain, inverse
-from cellctl.kinematics.configuration import status_of
+from cellctl.kinematics.controller_readings import status_of
 
 _STARTS = 64
 _AT_ZERO_DEG = 1e-3

@@ -2,6 +2,7 @@
 
 from cellctl.kinematics.arrays import Bools, Floats
 from cellctl.kinematics.chain import CONVENTIONS, Convention, SerialChain
+from cellctl.kinematics.controller_readings import JointMap
 from cellctl.kinematics.conversion import settled, to_craig, to_mdh, to_poe
 from cellctl.kinematics.frames import (
     abc_from_rotation,
@@ -13,10 +14,8 @@ from cellctl.kinematics.frames import (
     rotation_from_quaternion,
     rotation_vector,
 )
+from cellctl.kinematics.geometry import AxisTable, JointAxis, Link, LinkTable, TableConvention
 from cellctl.kinematics.inverse import InverseResult, inverse
-from cellctl.kinematics.joint_axes import AxisTable, JointAxis
-from cellctl.kinematics.joint_map import JointMap
-from cellctl.kinematics.link_table import Link, LinkTable, TableConvention
 
 __all__ = [
     "CONVENTIONS",

@@ -16,9 +16,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.kinematics.arrays import Bools, Floats
-from cellctl.kinematics.elementary import Segment, frame_motions, motion_matrix, segment_matrix
-from cellctl.kinematics.joint_axes import AxisTable, JointAxis
-from cellctl.kinematics.link_table import TABLE_CONVENTIONS, Link, LinkTable, TableConvention
+from cellctl.kinematics.geometry import (
+    TABLE_CONVENTIONS,
+    AxisTable,
+    JointAxis,
+    Link,
+    LinkTable,
+    Segment,
+    TableConvention,
+    frame_motions,
+    motion_matrix,
+    segment_matrix,
+)
 
 Convention: TypeAlias = TableConvention | Literal["poe"]
 """How a robot is described: by one of the link tables, or by the joints' axes with the flange's home pose."""

@@ -13,10 +13,8 @@ import numpy as np
 
 from cellctl.kinematics.arrays import Floats
 from cellctl.kinematics.chain import SerialChain
-from cellctl.kinematics.elementary import Segment, segment_matrix
 from cellctl.kinematics.frames import inverse_pose
-from cellctl.kinematics.joint_axes import JointAxis
-from cellctl.kinematics.link_table import Link, LinkTable, TableConvention
+from cellctl.kinematics.geometry import JointAxis, Link, LinkTable, Segment, TableConvention, segment_matrix
 
 PARALLEL = float(np.sin(np.radians(1.0)))
 """Axes with a sine of their angle below this take Hayati's β in place of d."""

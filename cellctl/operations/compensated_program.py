@@ -12,7 +12,7 @@ from cellctl.compensation.paths import SINGULAR, joints_for, least_singular
 from cellctl.formats import ModelFile
 from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats, abc_from_rotation, inverse, inverse_pose, pose, pose_from_xyz_abc
-from cellctl.kinematics.configuration import status_of, turn_of
+from cellctl.kinematics.controller_readings import status_of, turn_of
 from cellctl.krl import CARTESIAN, Span
 from cellctl.krl.writing import number_text
 from cellctl.operations.program_goals import Goal, Key, ProgramGoals

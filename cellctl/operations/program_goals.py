@@ -17,7 +17,7 @@ from cellctl.compensation.paths import posture_at
 from cellctl.compensation.stated_posture import stated_posture
 from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats, JointMap, inverse, pose_from_xyz_abc
-from cellctl.kinematics.configuration import status_of
+from cellctl.kinematics.controller_readings import status_of
 from cellctl.krl import CARTESIAN, Span
 from cellctl.operations.program_motions import Frame, Move, Program
 from cellctl.operations.program_points import Part, Written

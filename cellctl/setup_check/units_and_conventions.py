@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.calibration.rows import Measured, PoseRows, PositionRows, TouchRows
 from cellctl.kinematics import Floats, SerialChain, TableConvention
-from cellctl.kinematics.link_table import LinkTable
+from cellctl.kinematics.geometry import LinkTable
 from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
 
 UNITS = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}

@@ -11,7 +11,7 @@ from cellctl.calibration import RobotModel
 from cellctl.compensation import METHODS, compensate, with_zeros_and_frames
 from cellctl.formats import RobotFile
 from cellctl.kinematics import pose_difference
-from cellctl.kinematics.configuration import status_of
+from cellctl.kinematics.controller_readings import status_of
 
 ROBOTS = {
     name: RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / f"{name}.yaml")

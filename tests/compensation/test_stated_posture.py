@@ -6,7 +6,7 @@ from kr5_model import ROBOT
 
 from cellctl.compensation.stated_posture import stated_posture
 from cellctl.formats import RobotFile
-from cellctl.kinematics.configuration import status_of, turn_of
+from cellctl.kinematics.controller_readings import status_of, turn_of
 
 FILE = RobotFile.load(ROBOT)
 CHAIN, JOINTS, LIMITS = FILE.chain(), FILE.joint_map(), FILE.limits()

@@ -13,7 +13,7 @@ from kr5_model import ROBOT
 
 from cellctl.formats import RobotFile
 from cellctl.kinematics import Floats, abc_from_rotation, inverse, inverse_pose, pose_from_xyz_abc
-from cellctl.kinematics.configuration import status_of, turn_of
+from cellctl.kinematics.controller_readings import status_of, turn_of
 
 FILE = RobotFile.load(ROBOT)
 CHAIN, JOINTS = FILE.chain(), FILE.joint_map()

@@ -7,7 +7,7 @@ import pytest
 
 from cellctl.formats import RobotFile
 from cellctl.kinematics import pose_from_xyz_abc
-from cellctl.kinematics.configuration import status_of, turn_of
+from cellctl.kinematics.controller_readings import status_of, turn_of
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 
