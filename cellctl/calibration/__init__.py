@@ -33,19 +33,25 @@ from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
-from cellctl.calibration.prediction.drift import Drift, linear_drift
 from cellctl.calibration.prediction.measured_region import MeasuredRegion
-from cellctl.calibration.prediction.planes import PlaneEstimate, plane_estimates
-from cellctl.calibration.prediction.predict import Prediction, predict
-from cellctl.calibration.prediction.sigma import (
+from cellctl.calibration.prediction.predict import (
     Frame,
     Kind,
+    Prediction,
     gauge_fixed,
+    predict,
     prediction_sigma,
     sigma_among,
     sigma_over_region,
 )
-from cellctl.calibration.prediction.standoff import LocatedSphere, locate_sphere
+from cellctl.calibration.prediction.touches import (
+    Drift,
+    LocatedSphere,
+    PlaneEstimate,
+    linear_drift,
+    locate_sphere,
+    plane_estimates,
+)
 from cellctl.calibration.rows import (
     Measured,
     PlaneRows,
@@ -71,7 +77,7 @@ from cellctl.calibration.verdict.judgement import (
     rows_for_better,
     verdict_sentence,
 )
-from cellctl.calibration.verdict.split import Split
+from cellctl.calibration.verdict.proof import Split
 
 __all__ = [
     "DEFLECTION",

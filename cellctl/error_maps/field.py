@@ -12,7 +12,7 @@ from typing import Self, final
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from cellctl.calibration.residuals.axis_process import AxisProcess, Priors
+from cellctl.calibration.residuals.joint_field import AxisProcess, Priors
 from cellctl.error_maps.samples import LEAST_SCATTER, checked
 from cellctl.kinematics import Bools, Floats
 

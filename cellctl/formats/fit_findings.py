@@ -98,7 +98,7 @@ def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]
     """
     import numpy as np
 
-    from cellctl.calibration.estimation.mastering import zero_changes
+    from cellctl.calibration.estimation.moved import zero_changes
 
     freed = measured.task.freed
     if "zeros" not in freed or freed & {"links", "geometry"}:

@@ -127,7 +127,7 @@ class JointRegion(BaseModel):
         """A measured region, in model angles, as readings."""
         import numpy as np
 
-        from cellctl.calibration.residuals.posture_basis import PostureBasis
+        from cellctl.calibration.residuals.residual_model import PostureBasis
 
         both = joints.readings(np.stack([region.lower, region.upper]))
         basis = region.coverage if isinstance(region.coverage, PostureBasis) else None
@@ -150,7 +150,7 @@ class JointRegion(BaseModel):
         """Remaining variance at other postures, in model angles."""
         import numpy as np
 
-        from cellctl.calibration.residuals.posture_basis import PostureBasis
+        from cellctl.calibration.residuals.residual_model import PostureBasis
         from cellctl.formats.joint_box import JointBox
 
         if self.postures and self.length:

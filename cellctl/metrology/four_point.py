@@ -16,7 +16,7 @@ from typing import Any, Self, final
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from cellctl.calibration.rows.places import sphere_centre
+from cellctl.calibration.rows.fixed_points import sphere_centre
 from cellctl.kinematics import Floats
 
 LEAST_ORIENTATIONS = 4

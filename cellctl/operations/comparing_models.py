@@ -201,7 +201,7 @@ class _Comparison:
 
     def _tool_and_sigma(self, variance: Floats, at: Floats) -> tuple[Floats, float]:
         """Basis (3N, 3) of a tool's translation, and the RMS over the postures of what σ explains, mm."""
-        from cellctl.calibration.prediction.shape import shape_columns
+        from cellctl.calibration.prediction.predict import shape_columns
 
         of_a, of_b = (dict(zip(model.names, shape_columns(model, at).T, strict=True)) for model in self._models)
         tool, _ = np.linalg.qr(np.stack([of_a[f"tool_{axis}"] for axis in "xyz"], axis=1))

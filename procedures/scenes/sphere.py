@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.rows.places import sphere_centre
+from cellctl.calibration.rows.fixed_points import sphere_centre
 from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from cellctl.records import Row

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from cellctl.calibration.residuals.axis_process import AxisProcess, LogNormal, Priors
+from cellctl.calibration.residuals.joint_field import AxisProcess, LogNormal, Priors
 from cellctl.error_maps.field import AnisotropicField
 
 ROWS, ROUNDS = 160, 3

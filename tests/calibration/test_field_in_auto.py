@@ -12,7 +12,7 @@ from cellctl.calibration import JointField, Split, fit, predict
 from cellctl.calibration.effects import EffectInputs
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import Remainder
-from cellctl.calibration.selection.remainder import remainder
+from cellctl.calibration.selection.ladder import remainder
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
 
 ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))

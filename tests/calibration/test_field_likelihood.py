@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from cellctl.calibration.residuals.axis_process import AxisProcess, LogNormal, Priors, likelihood
+from cellctl.calibration.residuals.joint_field import AxisProcess, LogNormal, Priors, likelihood
 
 LENGTHS, AMPLITUDE, NUGGET = np.array([0.6, 1.5, 4.0]), 0.3, 0.02
 

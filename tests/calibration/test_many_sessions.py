@@ -9,8 +9,8 @@ from own_campaigns import Campaign, certificate, nominal_of, place
 from simulated_setups import SPHERES
 
 from cellctl.calibration import RowBlocks, Session, State, Task, Tolerances, Unknowns, identify
-from cellctl.calibration.estimation.linear import Linear
-from cellctl.calibration.selection.sample import sampled
+from cellctl.calibration.estimation.identify import sampled
+from cellctl.calibration.selection.cross_validation import Linear
 
 SAID = 0.05
 ROWS = 40

@@ -9,7 +9,7 @@ from misjudged import wild_rows, with_wild_rows
 from simulated_setups import SETUPS, sph
 
 from cellctl.calibration import Split, State, Tolerances, Unknowns, fit, identify
-from cellctl.calibration.estimation.linear import Linear
+from cellctl.calibration.selection.cross_validation import Linear
 
 LATER = np.arange(80) >= 50
 FIT = np.flatnonzero(~LATER)

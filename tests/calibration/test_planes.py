@@ -19,7 +19,7 @@ from cellctl.calibration import (
     plane_estimates,
 )
 from cellctl.calibration.observability.other_postures import moved
-from cellctl.calibration.rows.planes import planes_of, pole_of
+from cellctl.calibration.rows.fixed_points import planes_of, pole_of
 from cellctl.formats import RobotFile
 from cellctl.planning.like_rows import rows_like
 from cellctl.setup_check import check_setup

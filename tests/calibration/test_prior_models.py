@@ -8,7 +8,7 @@ from own_arm import Floats, six_of
 from own_campaigns import Campaign, nominal_of, place
 
 from cellctl.calibration import Estimate, PositionRows, Session, Task, identify, predict
-from cellctl.calibration.estimation.mastering import zero_changes
+from cellctl.calibration.estimation.moved import zero_changes
 
 SIGMA = 0.05
 ROBOTS = 24

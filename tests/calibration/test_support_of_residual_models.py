@@ -24,7 +24,7 @@ from cellctl.calibration import (
 from cellctl.calibration.residuals.harmonics import SLOW
 from cellctl.calibration.selection.folds import FIFTH, end_folds
 from cellctl.calibration.selection.ladder import climb
-from cellctl.calibration.selection.support import WORSE_AT_END, Gain, worst_end
+from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, worst_end
 from cellctl.formats import RobotFile
 
 needs_data = pytest.mark.skipif(not ur10.DATA.exists(), reason=f"the UR10 measurements are not at {ur10.DATA}")

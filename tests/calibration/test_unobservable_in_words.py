@@ -21,7 +21,7 @@ from cellctl.calibration import (
     Unknowns,
     fit,
 )
-from cellctl.calibration.observability.parameter_words import in_words
+from cellctl.calibration.observability.unobservable import in_words
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc, to_poe
 
 IIWA = [(360, -90), (0, 90), (420, 90), (0, -90), (400, -90), (0, 90), (126, 0)]

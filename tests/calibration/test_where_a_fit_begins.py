@@ -7,7 +7,7 @@ import pytest
 from own_campaigns import Campaign, nominal_of
 
 from cellctl.calibration import Task, identify
-from cellctl.calibration.rows.places import sphere_centre
+from cellctl.calibration.rows.fixed_points import sphere_centre
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import PoseRows, PositionRows, Postures, SocketRows, State, Task, TouchRows, identify
-from cellctl.calibration.prediction.shape import shape_columns, spread_over
-from cellctl.calibration.prediction.sigma import sigma_over_region
+from cellctl.calibration.prediction.predict import shape_columns, sigma_over_region, spread_over
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.planning.like_rows import led_to, rows_like
 from cellctl.planning.next_rows import next_rows

@@ -5,8 +5,7 @@ from collections.abc import Iterable
 from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
-from cellctl.calibration.effects.effect import Effect, EffectInputs, OwnTurns
-from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
+from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs, OwnTurns
 from cellctl.calibration.effects.motor_torsion import MotorTorsion
 from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.calibration.model.parameter import Group

@@ -17,8 +17,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, EffectInputs
-from cellctl.calibration.effects.gravity import DOWN, STANDARD_GRAVITY, Direction
+from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain

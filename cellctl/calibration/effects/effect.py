@@ -1,4 +1,4 @@
-"""The interface of every non-geometric effect: it is linear in its amounts, at nominal joints.
+"""The interface of every non-geometric effect, linear in its amounts at nominal joints; and which way weight pulls.
 
 An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
 model file has them; other packages use only the attributes below.
@@ -8,14 +8,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Self, final
+from typing import Any, ClassVar, Literal, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.effects.gravity import DOWN, Direction
 from cellctl.calibration.model.parameter import Group, Parameter
 from cellctl.calibration.model.postures import Condition, Postures
 from cellctl.kinematics import Floats, SerialChain
+
+STANDARD_GRAVITY = 9.80665
+"""N/kg."""
+
+Direction: TypeAlias = tuple[float, float, float]
+"""A unit vector."""
+
+DOWN: Direction = (0.0, 0.0, -1.0)
+"""ĝ in the base frame of a robot on the floor; it differs on a wall, a ceiling or a slope."""
 
 
 @final

@@ -1,4 +1,7 @@
-"""Identification: find the inliers, register, fit, judge the noise."""
+"""Identification: sample the rows, find the inliers, register, fit, judge the noise.
+
+A uniform sample would have six of thirty-six touches beside twenty thousand positions: too few to detect an outlier.
+"""
 
 from __future__ import annotations
 
@@ -11,30 +14,54 @@ import numpy as np
 from cellctl.calibration.effects import ResidualModel, functions
 from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
-from cellctl.calibration.estimation.linear import Linear
-from cellctl.calibration.estimation.local_optima import tools, undecided
 from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.estimation.tool_search import tools, undecided
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
-from cellctl.calibration.outliers.at_known_noise import OUTLIER_P
-from cellctl.calibration.outliers.inliers import OUTLYING, belonging
+from cellctl.calibration.outliers import OUTLIER_P, OUTLYING, belonging
 from cellctl.calibration.prediction.predict import predict_rows
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.cross_validation import Folded
+from cellctl.calibration.selection.cross_validation import Folded, Linear
 from cellctl.calibration.selection.folds import judging, random_folds
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
+    WORSE_AT_END,
+    Gain,
     carried,
     may_join,
     scales_with,
     widened,
     with_kind,
     without_functions,
+    worst_end,
 )
-from cellctl.calibration.selection.sample import sampled
-from cellctl.calibration.selection.support import WORSE_AT_END, Gain, worst_end
 from cellctl.kinematics import Bools, Floats
+
+
+def sampled(rows: RowBlocks, most: int) -> Any:
+    """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: equally many of each block, and
+    within it of each point, as far as it has them.
+    """
+    rng = np.random.default_rng(len(rows))
+    chosen = [np.zeros(0, int)]
+    shares = _shared([len(block) for block in rows.blocks], most)
+    for (block, mine, _), share in zip(rows.parts(), shares, strict=True):
+        order = rng.permutation(len(block))
+        point = block.visited[order]
+        points, sizes = np.unique(point, return_counts=True)
+        for each, own in zip(points, _shared(sizes, share), strict=True):
+            chosen.append(mine.start + order[point == each][:own])
+    return np.sort(np.concatenate(chosen))
+
+
+def _shared(sizes: Any, most: int) -> Any:
+    """How many of each of `sizes` (S,) make `most`: all of small ones, and as many of each of the others."""
+    result = np.zeros(len(sizes), int)
+    for done, place in enumerate(np.argsort(sizes, kind="stable")):
+        result[place] = min(sizes[place], (most - result.sum()) // (len(sizes) - done))
+    return result
+
 
 OUTLIERS_AT_MOST = 0.2
 FEW = 2

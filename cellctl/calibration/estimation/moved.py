@@ -1,4 +1,8 @@
-"""Whether robot, instrument or tool have been set up anew since a prior model was made, and which of them."""
+"""What has changed since a prior model was made: robot, instrument or tool set up anew, and joint zeros.
+
+A zero's change is more precise than the zero: the prior model's error (a turn of the base may be confused with one
+of joint 1) is in both, and cancels.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,13 @@ from typing import Literal, final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.identify import registered
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.kinematics import Floats
 
 MOVED = 4.0
 """A prior model whose errors fall by this factor when it is registered has been set up anew: drift does less."""
@@ -85,3 +91,27 @@ def placing(task: Task, nominal: State, rows: RowBlocks) -> Placing | None:
         base_mm=float(np.linalg.norm(by[:3, 3])),
         base_deg=float(np.rad2deg(Rotation.from_matrix(by[:3, :3]).magnitude())),
     )
+
+
+def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
+    """Change of each joint's zero (n,) from `task.model` to `found`, and its 1 σ (n,), rad.
+
+    With the errors e of the prior model the new zeros are wrong by A e_held + noise, their change by A e_held −
+    e_zeros + noise; Σ_new holds A Σ_held Aᵀ + noise, and A Σ_held beside it.
+    """
+    parameters = found.state.model.parameters
+    zeros = np.flatnonzero([parameter.group == "zeros" for parameter in parameters])
+    change = found.state.model.deviations[zeros] - task.model.deviations[zeros]
+    covariance = found.covariance[np.ix_(zeros, zeros)]
+    if task.prior is not None:
+        held = np.flatnonzero(~found.unknowns.free[: len(parameters)] & (np.diag(task.prior) > 0.0))
+        beside = found.covariance[np.ix_(zeros, held)]
+        shared = beside @ _inverse(task.prior[np.ix_(held, held)]) @ task.prior[np.ix_(held, zeros)]
+        covariance = covariance + task.prior[np.ix_(zeros, zeros)] - shared - shared.T
+    return change, np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _inverse(covariance: Floats) -> Floats:
+    """Inverse (H, H) of a covariance in mixed units; combinations known exactly have none, and get weight 0."""
+    scales = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    return np.asarray(np.linalg.pinv(covariance / scales, rcond=1e-12, hermitian=True) / scales)

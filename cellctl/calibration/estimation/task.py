@@ -10,8 +10,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.effects import Effect
-from cellctl.calibration.estimation.datums import with_datums
-from cellctl.calibration.estimation.registration import fixed_points, on_instrument
+from cellctl.calibration.estimation.registration import fixed_points, on_instrument, with_datums
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns

@@ -1,4 +1,4 @@
-"""Reasons for unobservable parameters, each with the rows as they would be without it.
+"""Reasons for unobservable parameters, each with the rows as they would be without it: postures, points, planes.
 
 A joint that never moves, one orientation, a condition that never changes, no length, a single point. A test decides
 whether a reason hides a combination of parameters: the same rows without the reason show the combination, or not.
@@ -6,18 +6,211 @@ whether a reason hides a combination of parameters: the same rows without the re
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.effects.motor_torsion import VARIES_A
-from cellctl.calibration.observability.other_postures import moved, under
-from cellctl.calibration.observability.plane_reasons import of_planes
-from cellctl.calibration.observability.point_reasons import of_no_length, of_points
-from cellctl.calibration.observability.reason import MOVED_RAD, Reason, Rowed
-from cellctl.calibration.rows import Measured
-from cellctl.kinematics import Bools, Floats
+from cellctl.calibration.model.unknowns import State, Unknowns
+from cellctl.calibration.observability.other_postures import brought, lines, moved, thinned, under
+from cellctl.calibration.rows import Measured, PlaneRows, SpacingRows, TouchRows
+from cellctl.calibration.rows.fixed_points import planes_of, pole_of
+from cellctl.kinematics import Bools, Floats, rotation_vector
+
+MOVED_RAD = 0.8
+"""Assumed motion of joints."""
+
+TURNS = 20_000
+"""Rows of a block, at most, that decide whether orientation changes."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Reason:
+    """words: `joint 3 never moves in these rows`. lines: derivative of rows without this reason by the free unknowns
+    (K, F), in their σ per tolerance. of_frames: whether it only affects base, tool or points.
+    """
+
+    words: str
+    lines: Callable[[], Floats]
+    of_frames: bool = False
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rowed:
+    """Rows of a fit, with its unknowns at their start."""
+
+    unknowns: Unknowns
+    blocks: tuple[Measured, ...]
+    spacings: SpacingRows | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "blocks", tuple(block for block in self.blocks if len(block)))
+
+    @property
+    def state(self) -> State:
+        """Robot and points at their start."""
+        return self.unknowns.start
+
+    @property
+    def q(self) -> Floats:
+        """Angles (M, n) of all rows, rad."""
+        return np.concatenate([block.q for block in self.blocks])
+
+    def as_they_are(self) -> Floats:
+        """Lines of some of the rows."""
+        return self.otherwise(lambda block: block)()
+
+    def otherwise(self, change: Callable[[Measured], Measured]) -> Callable[[], Floats]:
+        """Lines of the rows, each block changed by `change`."""
+        return lambda: lines(self.unknowns, [change(thinned(block)) for block in self.blocks])
+
+    @property
+    def lengthless(self) -> bool:
+        """Whether nothing but sockets and planes was measured, and no distance between sockets is known."""
+        return self.spacings is None and not any(block.has_length for block in self.blocks)
+
+    def points(self) -> list[int]:
+        """The visited points, without planes."""
+        at = [block.visited for block in self.blocks if not block.of_planes]
+        return sorted({int(point) for points in at for point in points if point >= 0})
+
+    @cached_property
+    def turns(self) -> Floats:
+        """Rotation vectors (M, 3) of the tool from its orientation in the first row of each session, rad; a sample of
+        very many rows.
+        """
+        some = [block.pick(np.s_[:: 1 + len(block) // TURNS]) for block in self.blocks]
+        poses = [self.state.models[block.session].pose(block.postures)[:, :3, :3] for block in some]
+        first = {block.session: each[0] for block, each in zip(reversed(some), reversed(poses), strict=True)}
+        turned = [np.matmul(each, first[block.session].T) for block, each in zip(some, poses, strict=True)]
+        return np.concatenate([rotation_vector(each) for each in turned])
+
+
+SPHERE_MM = 150.0
+"""A row nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
+
+APART = 0.3
+"""Assumed distance of a second point from the first, as a share of the first one's distance from the base."""
+
+LENGTH_SIGMA_MM = 0.01
+LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
+
+
+def of_points(rows: Rowed) -> Iterator[Reason]:
+    """A single fixed point, or several without a length."""
+    points = rows.points()
+    if len(points) == 1 and all((block.visited >= 0).all() and not block.of_planes for block in rows.blocks):
+        yield Reason(f"all rows are {_where(rows)}", lambda: _at_second_point(rows))
+    elif len(points) > 1 and rows.lengthless:
+        pair = SpacingRows(np.array([points[:2]]), np.zeros(1), np.full((1, 1), LENGTH_SIGMA_MM))
+        yield Reason(LENGTHLESS, lambda: lines(rows.unknowns, [pair]))
+
+
+def of_no_length(rows: Rowed) -> Iterator[Reason]:
+    """No length: all rows are at one point, without a known distance to another."""
+    if len(rows.points()) == 1 and rows.lengthless and not any(block.of_planes for block in rows.blocks):
+        yield Reason(LENGTHLESS, rows.otherwise(lambda block: _on_a_bar(block, rows.state)))
+
+
+def _on_a_bar(block: Measured, state: State) -> Measured:
+    """The rows with the tool away from its socket, at a measured distance."""
+    there = replace(block.postures, q=block.q + np.random.default_rng(0).uniform(-MOVED_RAD, MOVED_RAD, block.q.shape))
+    far = np.linalg.norm(state.models[block.session].tcp(there) - state.points[block.visited], axis=1)
+    return TouchRows(there, block.visited, far, np.full((len(block), 1), LENGTH_SIGMA_MM), block.session)
+
+
+def _where(rows: Rowed) -> str:
+    if not any(block.has_length for block in rows.blocks):
+        return "in one socket"
+    longest = max(float(block.lengths(rows.state).max()) for block in rows.blocks if isinstance(block, TouchRows))
+    return "on one sphere" if longest < SPHERE_MM else "about one point"
+
+
+def _at_second_point(rows: Rowed) -> Floats:
+    """Lines of the same rows at another point, with that point's own unknown place eliminated."""
+    point = rows.points()[0]
+    first = rows.state.points[point]
+    away = APART * float(np.linalg.norm(first - rows.state.model.chain.base_now[:3, 3]))
+    found = [np.zeros((0, int(np.count_nonzero(rows.unknowns.free))))]
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        there = replace(rows.state, points=np.where(np.arange(len(rows.state.points))[:, None] == point,
+                                                    first + away * direction, rows.state.points))  # fmt: skip
+        shifted = [_shifted(thinned(block), there, away * direction) for block in rows.blocks]
+        found.append(lines_of_points_own(rows, there, shifted, point))
+    return np.concatenate(found)
+
+
+def lines_of_points_own(rows: Rowed, there: State, blocks: list[Measured], point: int) -> Floats:
+    """Derivative of `blocks` by the free unknowns (K, F) at `there`, the place of `point` itself eliminated."""
+    moves = lines(replace(rows.unknowns, start=there, free=np.ones_like(rows.unknowns.free)), blocks)
+    own = rows.state.points_at + 3 * point + np.arange(3)
+    tied = np.linalg.qr(moves[:, own])[0] if len(moves) > 3 else moves[:, :0]
+    moves[:, own] = 0.0
+    return np.asarray((moves - tied @ (tied.T @ moves))[:, rows.unknowns.free])
+
+
+def _shifted(block: Measured, state: State, by: Floats) -> Measured:
+    """The rows with their TCPs moved by (3,), mm."""
+    model = state.models[block.session]
+    everywhere = np.ones(model.n, bool)
+    return brought(block, model, block.q, model.tcp(block.postures) + by, everywhere)
+
+
+STEP_MM = 200.0
+"""Height of the step, known exactly, that gives a plane a length."""
+
+
+def of_planes(rows: Rowed) -> Iterator[Reason]:
+    """A single plane, or several without a length."""
+    blocks = [block for block in rows.blocks if block.of_planes]
+    planes = {int(index) for block in blocks for index in np.unique(block.visited)}
+    if len(planes) == 1 and len(blocks) == len(rows.blocks):
+        yield Reason("all rows are on one plane", lambda: _on_other_planes(rows, *planes))
+    if planes and rows.lengthless:
+        yield Reason(LENGTHLESS, rows.otherwise(lambda block: _on_a_step(block, rows.state)))
+
+
+def _on_a_step(block: Measured, state: State) -> Measured:
+    """The rows on the plane and on a step parallel to it, in turn."""
+    if not isinstance(block, PlaneRows):
+        return block
+    model, height = state.models[block.session], STEP_MM * (np.arange(len(block)) % 2)
+    tcps = model.tcp(block.postures) + height[:, None] * block.normals(state)
+    return brought(replace(block, reach=block.reach + height), model, block.q, tcps, _all_joints(block))
+
+
+def _on_other_planes(rows: Rowed, plane: int) -> Floats:
+    """Lines of the same rows on planes across the first one, with the planes' own places eliminated."""
+    normal = planes_of(rows.state.points[plane])[0]
+    found = [np.zeros((0, int(np.count_nonzero(rows.unknowns.free))))]
+    blocks = [thinned(block) for block in rows.blocks]
+    tcps = [rows.state.models[block.session].tcp(block.postures) for block in blocks]
+    middle = np.concatenate(tcps).mean(axis=0)
+    for axis in np.linalg.svd(normal[None])[2][1:]:
+        turn = Rotation.from_rotvec(np.pi / 2.0 * axis)
+        turned = turn.apply(normal)
+        there = replace(rows.state, points=rows.state.points.copy())
+        there.points[plane] = pole_of(turned, float(turned @ middle))
+        moved = [
+            _turned(block, there, middle + turn.apply(own - middle)) for block, own in zip(blocks, tcps, strict=True)
+        ]
+        found.append(lines_of_points_own(rows, there, moved, plane))
+    return np.concatenate(found)
+
+
+def _turned(block: Measured, state: State, tcps: Floats) -> Measured:
+    return brought(block, state.models[block.session], block.q, tcps, _all_joints(block))
+
+
+def _all_joints(block: Measured) -> Bools:
+    return np.ones(block.q.shape[1], bool)
+
 
 STILL_DEG = 0.1
 """A joint with a smaller range does not move: a controller's last digits."""

@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration.effects import ResidualModel
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.posture_basis import PostureBasis, left_among
+from cellctl.calibration.residuals.residual_model import PostureBasis, left_among
 from cellctl.kinematics import Floats
 
 INFORMED = 0.8

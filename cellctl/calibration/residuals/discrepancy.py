@@ -11,8 +11,7 @@ import numpy as np
 from cellctl.calibration.effects.effect import STORED, EffectInputs
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.posture_basis import LENGTHS_RAD, PostureBasis
-from cellctl.calibration.residuals.residual_model import ResidualModel
+from cellctl.calibration.residuals.residual_model import LENGTHS_RAD, PostureBasis, ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_MM = 0.1

@@ -1,9 +1,14 @@
-"""The tool at fixed points in unknown places: touches on spheres, ball-bars, draw-wires, sockets."""
+"""The tool at fixed objects in unknown places: spheres, ball-bars, draw-wires, sockets, planes; certified distances.
+
+A normal n and an offset d (the plane: n·x = d) are four numbers for three unknowns. `State.points` holds the *pole* of
+each plane, p = ρ s n with s = 1000 mm and ρ = x + √(x² + 1), x = d/s, so that n = p/|p| and d = s (ρ − 1/ρ)/2. Every
+plane with a side has one pole and every pole except 0 has one plane; a plane through the origin is no special case.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -11,8 +16,42 @@ from cellctl.calibration.model.postures import At
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows.kind import RowsAtJoints, with_points
-from cellctl.calibration.rows.places import sphere_centre
 from cellctl.kinematics import Floats
+
+CENTRE_STEPS = 8
+
+
+def sphere_centre(tcps: Floats, reach: Any) -> Floats:
+    """Centre (3,) of the sphere of radius `reach` (N,), mm, that fits the points `tcps` (N, 3) best.
+
+    From the linear problem |p|² − ρ² = 2 p·c + k about the points' mean, and from both sides of the points along the
+    direction of least spread, as the linear problem cannot determine the curvature of a small cap; then Gauss–Newton on
+    the distances; the best fit is taken. Fewer than four points give the admissible centre nearest to the mean.
+    """
+    reach = np.broadcast_to(np.asarray(reach, float), len(tcps))
+    mean = tcps.mean(axis=0)
+    away = tcps - mean
+    lines = np.concatenate([2.0 * away, np.ones((len(tcps), 1))], axis=1)
+    linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=1e-6)[0][:3]
+    across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
+    found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]
+    return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
+
+
+def _nearer_centre(points: Floats, reach: Floats, centre: Floats) -> Floats:
+    """Gauss–Newton on the points' distances from `centre` (3,), while these get closer to `reach`."""
+    for _ in range(CENTRE_STEPS):
+        away = points - centre
+        distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        tried = centre + np.linalg.lstsq(-away / distance[:, None], reach - distance, rcond=1e-6)[0]
+        if _off_surface(points, reach, tried) >= _off_surface(points, reach, centre):
+            break
+        centre = tried
+    return centre
+
+
+def _off_surface(points: Floats, reach: Floats, centre: Floats) -> float:
+    return float(np.sum((np.linalg.norm(points - centre, axis=1) - reach) ** 2))
 
 
 @final
@@ -130,3 +169,158 @@ class SocketRows(RowsAtJoints):
     def errors(self, state: State) -> Floats:
         """3-D distance (N,) from the socket, mm."""
         return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
+
+
+SCALE_MM = 1000.0
+"""About how far planes are from the frame's origin: there, 1 mm of the pole is 1 mm of offset, or 1 mrad of tilt."""
+
+ACROSS_MM = 300.0
+"""Largest shift of a touch on a plane along each axis (`anywhere`)."""
+
+CARRIED_MM = 30.0
+"""A part of the robot further from the TCP than this shows the side of the touch."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PlaneRows(RowsAtJoints):
+    """Touches on unknown planes by a ball.
+
+    at (N): postures; point (N,): index of the plane; reach (N,): radius of the ball, mm, by which its centre is off the
+    plane on the side that the normal points to; sigma (N, 1), mm, along the normal.
+    """
+
+    at: At
+    point: Any
+    reach: Floats
+    sigma: Floats
+    session: int = 0
+
+    one: ClassVar[str] = "plane touch"
+    many: ClassVar[str] = "plane touches"
+    of_planes: ClassVar[bool] = True
+    has_length: ClassVar[bool] = False
+    along_line: ClassVar[bool] = True
+    noun: ClassVar[str] = "plane"
+    visits: ClassVar[str] = "touches"
+    visits_at_least: ClassVar[int] = 4
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """One distance from a plane."""
+        return ("plane",)
+
+    def residual(self, state: State) -> Floats:
+        """The tool's distance from the plane less the ball's radius (N, 1), mm."""
+        normal, offset = planes_of(state.points[self.point])
+        along = np.sum(normal * self._model(state).tcp(self.postures), axis=-1)
+        return np.asarray(along - offset - self.reach)[:, None]
+
+    def jacobian(self, state: State) -> Floats:
+        """(N, 1, P): the TCP's motion along the normal; of the pole, the tilt's arm at the TCP less the offset."""
+        model, normal = self._model(state), self.normals(state)
+        columns = np.einsum("nr,nrp->np", normal, model.jacobian(self.postures)[:, :3])[:, None]
+        of_pole = by_pole(state.points[self.point], model.tcp(self.postures))
+        return with_points(columns, of_pole[:, None], self.point, state, self.session)
+
+    def errors(self, state: State) -> Floats:
+        """Distance (N,) of the ball's surface from the plane, mm."""
+        return np.abs(self.residual(state)[:, 0])
+
+    def normals(self, state: State) -> Floats:
+        """Each row's unit normal (N, 3), on the side that is touched."""
+        return planes_of(state.points[self.point])[0]
+
+    def place(self, model: RobotModel) -> Floats:
+        """The pole (3,), mm, of the plane that the TCPs lie on."""
+        tcps = model.tcp(self.postures)
+        return plane_pole(tcps, self.reach, model.chain.frames(self.q)[..., :3, 3])
+
+    def anywhere(self, state: State) -> Floats:
+        """TCPs (N, 3) that touch each row's plane, up to `ACROSS_MM` from their places."""
+        tcps, normal = self._model(state).tcp(self.postures), self.normals(state)
+        beside = np.random.default_rng(len(self)).uniform(-ACROSS_MM, ACROSS_MM, tcps.shape)
+        lift = np.sum(normal * beside, axis=1) + self.residual(state)[:, 0]
+        return np.asarray(tcps + beside - lift[:, None] * normal)
+
+
+def planes_of(poles: Floats) -> tuple[Floats, Floats]:
+    """Unit normals (N, 3) and offsets (N,), mm, of the planes with these poles (N, 3), mm; n·x = d on the plane."""
+    length = np.maximum(np.linalg.norm(poles, axis=-1), 1e-9)
+    offset = 0.5 * (length - SCALE_MM**2 / length)
+    return np.asarray(poles / length[..., None]), np.asarray(offset)
+
+
+def pole_of(normal: Floats, offset: float) -> Floats:
+    """The pole (3,), mm, of the plane with the unit `normal` (3,) at the `offset`, mm."""
+    return np.asarray(SCALE_MM * np.exp(np.arcsinh(offset / SCALE_MM)) * normal)
+
+
+def by_pole(poles: Floats, points: Floats) -> Floats:
+    """Derivative (N, 3) by the pole of the height of `points` (N, 3), mm, above the planes with `poles` (N, 3), mm."""
+    length = np.maximum(np.linalg.norm(poles, axis=-1, keepdims=True), 1e-9)
+    normal = poles / length
+    across = points - np.sum(normal * points, axis=-1, keepdims=True) * normal
+    return np.asarray(across / length - 0.5 * (1.0 + (SCALE_MM / length) ** 2) * normal)
+
+
+def plane_pole(tcps: Floats, reach: Floats, frames: Floats) -> Floats:
+    """Pole (3,), mm, of the plane at distances `reach` (N,), mm, from `tcps` (N, 3), mm: across the direction of least
+    spread, its normal towards the part that carries the TCPs: the last of the robot's `frames` (N, K, 3), mm, that is
+    not at the TCP.
+    """
+    away, arms = tcps - tcps.mean(axis=0), frames - tcps[:, None]
+    carrying = np.flatnonzero(np.linalg.norm(arms, axis=-1).mean(axis=0) > CARRIED_MM)
+    normal = np.linalg.eigh(away.T @ away)[1][:, 0]
+    if carrying.size and arms[:, carrying[-1]].mean(axis=0) @ normal < 0.0:
+        normal = -normal
+    return pole_of(normal, float(np.median(tcps @ normal - reach)))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SpacingRows:
+    """Certified distances between points: spheres of a plate, sockets. pairs (N, 2): indices of points; mm (N,);
+    sigma (N, 1), mm.
+    """
+
+    pairs: Any
+    mm: Floats
+    sigma: Floats
+
+    def __len__(self) -> int:
+        return len(self.sigma)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """One distance, whose σ is the certificate's."""
+        return ("certified",)
+
+    def residual(self, state: State) -> Floats:
+        """Distance of the points minus the certified one (N, 1), mm."""
+        return np.asarray(np.linalg.norm(self._between(state), axis=-1) - self.mm)[:, None]
+
+    def jacobian(self, state: State) -> Floats:
+        """(N, 1, P): the unit vector between the points, in their columns."""
+        between = self._between(state)
+        unit = between / np.maximum(np.linalg.norm(between, axis=-1, keepdims=True), 1e-9)
+        result, each = np.zeros((len(self), 1, state.width)), np.arange(len(self))
+        points = result[:, 0, state.of_points].reshape(len(self), -1, 3)
+        points[each, self.pairs[:, 0]], points[each, self.pairs[:, 1]] = unit, -unit
+        result[:, 0, state.of_points] = points.reshape(len(self), -1)
+        return result
+
+    def errors(self, state: State) -> Floats:
+        """Deviation from the certificate (N,), mm."""
+        return np.abs(self.residual(state)[:, 0])
+
+    def pick(self, which: Any) -> Self:
+        """The rows at an index array or mask."""
+        return replace(self, pairs=self.pairs[which], mm=self.mm[which], sigma=self.sigma[which])
+
+    def noisier(self, factors: Floats) -> Self:
+        """The same rows with their standard deviations times `factors` (1,)."""
+        return replace(self, sigma=self.sigma * factors)
+
+    def _between(self, state: State) -> Floats:
+        return np.asarray(state.points[self.pairs[:, 0]] - state.points[self.pairs[:, 1]])

@@ -1,4 +1,4 @@
-"""Which model terms the rows support: from registration to geometry, then effect by effect.
+"""Which model terms the rows support: from registration to geometry, then effect by effect, then what remains.
 
 A term is kept only if held-out rows gain by more than the standard error of that gain; a residual model needs two, and
 must not fail at the ends of the joint ranges (`support`). These are rows of the fit (cross-validation): the rows that
@@ -10,24 +10,83 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Effect, ResidualModel, functions, in_order, kinds
+from cellctl.calibration.effects import Effect, EffectInputs, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.estimation.evidence import Factor
 from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
+from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.unknowns import GEOMETRY
+from cellctl.calibration.residuals.residual_model import Remainder
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.cross_validation import Folded
+from cellctl.calibration.selection.cross_validation import Folded, Linear
 from cellctl.calibration.selection.folds import end_folds, judging, random_folds
-from cellctl.calibration.selection.model_error import carried
-from cellctl.calibration.selection.remainder import remainder, shifts_of_tcp
-from cellctl.calibration.selection.support import WORSE_AT_END, Gain, worst_end
-from cellctl.kinematics import Bools, Floats
+from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, carried, worst_end
+from cellctl.kinematics import Bools, Floats, SerialChain
+
+ROWS = 300
+"""Rows used, at most: the time grows with their cube, and the settings hardly change."""
+
+ALONG = 1e-3
+"""Rows whose numbers show one direction of the TCP this much less than another do not measure a point."""
+
+
+@final
+@dataclass(frozen=True)
+class _TcpShift(Effect):
+    """A shift of the TCP along the axes of the base, the same at each posture: only to see which rows measure it."""
+
+    group: ClassVar[Group] = "shift of the TCP"
+    title: ClassVar[str] = "Shift of the TCP"
+
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self:
+        return cls()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        phrase = Phrase(self.group, self.group)
+        return tuple(Parameter(f"shift_{axis}", MM, self.group, f"shift {axis.upper()}", phrase) for axis in "xyz")
+
+    @property
+    def sigma(self) -> Floats:
+        return np.ones(3)
+
+    def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
+        return np.tile(np.eye(3), (len(at), 1, 1))
+
+
+def shifts_of_tcp(task: Task, rows: RowBlocks) -> Floats:
+    """How a shift of the TCP by 1 mm along each axis of the base changes the numbers of each row: (N, k, 3), in σ."""
+    moved = task.with_effects((_TcpShift(),))
+    unknowns = nominal_start(moved, rows)
+    only = unknowns.masked(unknowns.among(frozenset({_TcpShift.group})))
+    return Linear.about(only, np.zeros(len(only.names)), rows, ()).columns
+
+
+def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Floats], shifts: Floats) -> Remainder:
+    """Of N rows, for the model of the unknowns `at` (indices into those of `linear`).
+
+    prior: inverse covariance (F, F) of these unknowns without the rows, and gradient (F,). shifts: see `shifts_of_tcp`.
+    Rows in which no instrument measures a point (touches, sockets) are left out: the places of their own points take up
+    a part of each smooth error.
+    """
+    singular = np.linalg.svd(shifts, compute_uv=False)
+    whole = rows.of_instrument & (singular[:, -1] > ALONG * singular[:, 0])
+    points = np.flatnonzero(whole) if shifts.shape[1] >= 3 else np.zeros(0, int)
+    points = np.sort(np.random.default_rng(len(points)).permutation(points)[:ROWS])
+    to_mm = np.linalg.pinv(shifts[points])
+    columns = to_mm @ linear.columns[points][..., at]
+    covariance = np.linalg.inv(prior[0])
+    away = linear.away[points] - linear.columns[points][..., at] @ (covariance @ prior[1])
+    errors = -np.einsum("nak,nk->na", to_mm, away)
+    return Remainder(rows.q[points], errors, np.einsum("naf,fg,mag->anm", columns, covariance, columns, optimize=True))
+
 
 SHOWN = 0.25
 """A band of a joint's harmonics that moves the rows by less than this share of their noise is left out."""

@@ -15,18 +15,16 @@ from cellctl.calibration.estimation.moved import Placing, placing
 from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.observability.other_postures import in_their_sockets
-from cellctl.calibration.observability.reason import Rowed
+from cellctl.calibration.observability.reasons import Rowed
 from cellctl.calibration.observability.unobservable import Observability, observability
 from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion, informed
-from cellctl.calibration.prediction.shape import spread_over
-from cellctl.calibration.prediction.sigma import sigma_among
+from cellctl.calibration.prediction.predict import sigma_among, spread_over
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import Step, climb
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
-from cellctl.calibration.verdict.proof import doubts, sigma_doubts
+from cellctl.calibration.verdict.proof import Split, doubts, sigma_doubts
 from cellctl.calibration.verdict.reliability import Reliability, mostly_outside
-from cellctl.calibration.verdict.split import Split
 from cellctl.kinematics import Floats
 
 _GAPS = "most combinations of these joint angles were not measured"

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.outliers.inliers import OUTLYING
+from cellctl.calibration.outliers import OUTLYING
 from cellctl.kinematics import Bools, Floats
 
 Verdict: TypeAlias = Literal["better", "no better", "worse"]

@@ -11,12 +11,11 @@ import numpy as np
 from scipy.stats import binom, chi2
 
 from cellctl.calibration.estimation.identify import Identification, Weights, certain
-from cellctl.calibration.estimation.linear import squared_distances
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion
-from cellctl.calibration.residuals.posture_basis import PostureBasis
+from cellctl.calibration.residuals.residual_model import PostureBasis
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.cross_validation import Folded, Predicted
+from cellctl.calibration.selection.cross_validation import Folded, Predicted, squared_distances
 from cellctl.calibration.selection.folds import end_folds, evenly, judging, random_folds
 from cellctl.kinematics import Floats
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration import Measured, Parameter
-from cellctl.calibration.prediction.shape import shape_columns
+from cellctl.calibration.prediction.predict import shape_columns
 from cellctl.kinematics import Floats
 from cellctl.planning.like_rows import rows_like
 from cellctl.planning.next_rows import Advice, next_rows

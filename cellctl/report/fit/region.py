@@ -9,7 +9,7 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.calibration import MeasuredRegion, RobotModel, prediction_sigma
-from cellctl.calibration.prediction.shape import spread_over
+from cellctl.calibration.prediction.predict import spread_over
 from cellctl.kinematics import Floats
 from cellctl.report.fit.story import FitStory
 

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cellctl.calibration import ErrorFigures, Verdict, compared_errors, paired_verdict
-from cellctl.calibration.rows.places import sphere_centre
+from cellctl.calibration.rows.fixed_points import sphere_centre
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.formats.robot_text import number
