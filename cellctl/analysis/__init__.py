@@ -3,7 +3,7 @@
 from cellctl.analysis.correlation import Correlation, mantel
 from cellctl.analysis.errors import ErrorSet, UnsuitableRows
 from cellctl.analysis.similarity import Similarity, similarity
-from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, GaussianSemivariogram, fit_gaussian, semivariogram
+from cellctl.error_maps.kriging import EmpiricalSemivariogram, GaussianSemivariogram, fit_gaussian, semivariogram
 
 __all__ = [
     "Correlation",

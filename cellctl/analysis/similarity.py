@@ -10,8 +10,8 @@ from scipy.spatial.distance import pdist
 
 from cellctl.analysis.correlation import Correlation, mantel
 from cellctl.analysis.errors import ErrorSet
+from cellctl.error_maps.kriging import EmpiricalSemivariogram, semivariogram
 from cellctl.error_maps.samples import Scale
-from cellctl.error_maps.semivariogram import EmpiricalSemivariogram, semivariogram
 from cellctl.kinematics import Floats
 
 COMPONENTS = ("x", "y", "z")

@@ -10,8 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.error_maps.samples import Method
-from cellctl.error_maps.tuned import Tuned
+from cellctl.error_maps.samples import Method, Tuned
 from cellctl.kinematics import Floats
 
 PITCH_SHARES = (0.02, 0.05, 0.1, 0.2, 0.35)

@@ -10,8 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.error_maps.samples import Method, Scale
-from cellctl.error_maps.tuned import Tuned
+from cellctl.error_maps.samples import Method, Scale, Tuned
 from cellctl.kinematics import Floats
 
 HIDDEN = (8, 16, 32)

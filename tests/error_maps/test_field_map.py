@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from cellctl.error_maps.field import AnisotropicField
-from cellctl.error_maps.joint_weights import ParticleFilter
-from cellctl.error_maps.kriging import Kriging
+from cellctl.error_maps.kriging import Kriging, ParticleFilter
 from cellctl.error_maps.samples import UnusableSamples
 
 

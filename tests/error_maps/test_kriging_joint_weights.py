@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cellctl.error_maps.joint_weights import ParticleFilter
-from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
+from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging, ParticleFilter
 from cellctl.error_maps.samples import UnusableSamples
 
 SHORT = dataclasses.replace(ParticleFilter.published(), particles=30, rounds=6)

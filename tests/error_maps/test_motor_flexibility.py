@@ -7,8 +7,7 @@ import pytest
 from kr5_model import ROBOT
 from numpy.testing import assert_allclose, assert_array_equal
 
-from cellctl.error_maps.motor_flexibility import MotorFlexibility, tcp_errors
-from cellctl.error_maps.network import FlexibilityNetwork
+from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexibility, tcp_errors
 from cellctl.error_maps.perceptron import Perceptron
 from cellctl.error_maps.samples import UnusableSamples
 from cellctl.formats import RobotFile

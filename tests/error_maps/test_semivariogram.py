@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.distance import pdist
 
-from cellctl.error_maps.semivariogram import RANGES, fit_gaussian, semivariogram
+from cellctl.error_maps.kriging import RANGES, fit_gaussian, semivariogram
 
 RNG = np.random.default_rng(3)
 CENTRE = np.linspace(0.1, 4.0, 20)

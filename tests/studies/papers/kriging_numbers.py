@@ -22,8 +22,7 @@ from cellctl.compensation import compensate
 from cellctl.error_maps import ErrorMap
 from cellctl.error_maps.field import AnisotropicField
 from cellctl.error_maps.inverse_distance import tuned_grid
-from cellctl.error_maps.joint_weights import ParticleFilter
-from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
+from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging, ParticleFilter
 from cellctl.error_maps.perceptron import tuned_perceptron
 from cellctl.planning import JointRanges, Method, Reach, TargetOptions, TaskWorkspace, plan_targets
 from sims.conditions import REFERENCE_C, Payload

@@ -20,8 +20,7 @@ from statements import Numbers, numbers_under
 from world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 from cellctl.calibration import Postures
-from cellctl.error_maps.motor_flexibility import MotorFlexibility
-from cellctl.error_maps.network import FlexibilityNetwork
+from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexibility
 from cellctl.kinematics import SerialChain, pose, rotation_from_abc
 from cellctl.planning import Method, Reach, TargetOptions, TaskWorkspace, plan_targets
 from cellctl.planning.choosing import along, near_path
