@@ -17,7 +17,7 @@ from positions import Arm, data_of, figures, fitted, identified
 from statements import Numbers, numbers_under
 from world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
-from cellctl.analysis.correlation import mantel
+from cellctl.analysis.similarity import mantel
 from cellctl.compensation import compensate
 from cellctl.error_maps import ErrorMap
 from cellctl.error_maps.field import AnisotropicField
