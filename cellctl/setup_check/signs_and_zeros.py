@@ -1,20 +1,215 @@
-"""Hypotheses about reversed joints and joints with another zero: one, two and three of them."""
+"""Hypotheses about reversed joints and joints with another zero, one to three of them, screened roughly and fitted.
+
+For an instrument's rows base and tool are found by a linear problem in which the base may be any affine map (see
+`registration`); points always have linear problems. Each is solved for all hypotheses in one batch, and a
+second time on the rows that fit best.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, final
 
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import estimate
-from cellctl.calibration.rows import PoseRows, PositionRows
+from cellctl.calibration.model.unknowns import PLACED
+from cellctl.calibration.rows import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.kinematics import Floats
-from cellctl.setup_check.hypothesis import Hypothesis, Setup
-from cellctl.setup_check.joint_changes import JointChanges
-from cellctl.setup_check.joint_screening import ROWS, rough_sizes
-from cellctl.setup_check.misfit import misfit, steps_of
+from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
+from cellctl.setup_check.misfit import CORE, misfit, steps_of
+
+LEAST_OFFSET_DEG = 2.0
+"""A smaller error of a zero is a mastering error: for the identification, not for the robot file."""
+
+RIGHT_ANGLE_DEG = 1.0
+"""An offset this near to a multiple of 90° is rounded to it."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class JointChanges:
+    """Reversed joints (n,), as −1, and offsets (n,), deg, to be added to those of the robot file."""
+
+    sign: Floats
+    offset: Floats
+
+    @classmethod
+    def of(cls, n: int, joints: Sequence[int], ways: Sequence[tuple[float, float]]) -> Self:
+        """`joints` with a sign and an offset each, the others unchanged."""
+        sign, offset = np.ones(n), np.zeros(n)
+        for joint, (way, angle) in zip(joints, ways, strict=True):
+            sign[joint], offset[joint] = way, angle
+        return cls(sign, offset)
+
+    def applied(self, setup: Setup) -> Setup:
+        """The set-up with these changes."""
+        return setup.with_joints(setup.joints.sign * self.sign, setup.joints.offset + self.offset)
+
+    def and_with(self, joint: int, sign: float, offset: float) -> Self:
+        """These changes, and a sign and an offset for one more joint."""
+        signs, offsets = self.sign.copy(), self.offset.copy()
+        signs[joint], offsets[joint] = sign, offset
+        return replace(self, sign=signs, offset=offsets)
+
+    def with_offset(self, joint: int, offset: float) -> Self:
+        """These changes with another offset, deg, of one joint; exactly a multiple of 90° where it is near one."""
+        right = 90.0 * round(offset / 90.0)
+        offset = right if abs(offset - right) < RIGHT_ANGLE_DEG else offset
+        return self.and_with(joint, float(self.sign[joint]), _half_turn(offset))
+
+    @property
+    def complexity(self) -> int:
+        """Few joints before many; reversed joints before right angles before other angles."""
+        angles = [offset for offset in self.offset.tolist() if offset]
+        both = np.count_nonzero((self.sign < 0.0) & (self.offset != 0.0))
+        return 10 * len(self.changed()) + sum(1 if angle % 90.0 == 0.0 else 3 for angle in angles) + int(both)
+
+    @property
+    def mastering(self) -> bool:
+        """Whether these are small offsets of joint zeros only."""
+        return bool(np.all(self.sign > 0.0) and np.all(np.abs(self.offset) < LEAST_OFFSET_DEG))
+
+    def changed(self) -> Any:
+        """Which joints are changed."""
+        return np.flatnonzero((self.sign < 0.0) | (self.offset != 0.0))
+
+    def hypothesis(self, setup: Setup) -> Hypothesis:
+        """These changes, in words and applied to `setup`."""
+        changes = tuple(self._change(setup, int(joint)) for joint in self.changed())
+        return Hypothesis(changes, self.applied(setup), self.complexity, self.mastering)
+
+    def _change(self, setup: Setup, joint: int) -> Change:
+        offset, number = float(self.offset[joint]), joint + 1
+        words, cures = [], []
+        if self.sign[joint] < 0.0:
+            words.append("reversed")
+            cures.append(f"sign: {-int(setup.joints.sign[joint])}")
+        if offset:
+            words.append(f"off by {abs(offset):.1f}°")
+            cures.append(f"offset: {_half_turn(setup.joints.offset[joint] + offset):.1f}".removesuffix(".0"))
+        key = "sign" if self.sign[joint] < 0.0 else "offset"
+        cure = f"{' and '.join(cures)} for joint {number}"
+        return Change(f"A{number} {' and '.join(words)}", "robot", cure, ("joints", joint, key))
+
+
+def _half_turn(angle: float) -> float:
+    """The angle, deg, from −180 up to 180."""
+    return float((angle + 180.0) % 360.0 - 180.0)
+
+
+ROWS = 40
+CHUNK = 256
+RIDGE = 1e-10
+"""Share of the largest diagonal element: enough to solve where base and tool cannot be separated."""
+
+
+def rough_sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
+    """RMS over the nearest rows (C,), mm, with joints reversed by `sign` (C, n), ±1, and changed by `offset` (C, n),
+    deg.
+
+    Uses all rows of the set-up: thin it before.
+    """
+    parts = [np.s_[start : start + CHUNK] for start in range(0, len(sign), CHUNK)]
+    return np.concatenate([np.zeros(0), *(_sizes_of_rows(setup, sign[part], offset[part]) for part in parts)])
+
+
+def _sizes_of_rows(setup: Setup, sign: Floats, offset: Floats) -> Floats:
+    signs, offsets = sign * setup.joints.sign, offset + setup.joints.offset
+    q = np.deg2rad(signs[:, None] * setup.readings + offsets[:, None])
+    squares, start = [], 0
+    for block in setup.task.rows.blocks:
+        squares.append(_squares(setup, block, q[:, start : start + len(block)]))
+        start += len(block)
+    return np.asarray(np.sqrt(np.concatenate(squares, axis=1).mean(axis=1)))
+
+
+def _squares(setup: Setup, block: Measured, q: Floats) -> Floats:
+    """Squared distances (C, K) of a block's nearest rows."""
+    chain = setup.task.model.chain
+    if isinstance(block, TouchRows | SocketRows | PlaneRows):
+        tcps = chain.forward(q)[..., :3, 3]
+        if isinstance(block, PlaneRows):
+            found = [_of_plane(tcps[:, block.point == index]) for index in np.unique(block.point)]
+        elif isinstance(block, SocketRows):
+            found = [_of_socket(tcps[:, block.point == index]) for index in np.unique(block.point)]
+        else:
+            pairs = np.column_stack([block.point, block.datum])
+            groups = [(pair[1] >= 0, np.all(pairs == pair, axis=1)) for pair in np.unique(pairs, axis=0)]
+            found = [_of_point(tcps[:, mine], block.reach[mine], shifted) for shifted, mine in groups]
+        return _nearest(np.concatenate(found, axis=1))
+    assert isinstance(block, PositionRows | PoseRows)
+    if setup.task.registered != PLACED:
+        return _nearest(np.sum((chain.forward(q)[..., :3, 3] - block.xyz) ** 2, axis=-1))
+    return _of_instrument(chain.with_base(np.eye(4)).forward_flange(q), block.xyz)
+
+
+def _of_socket(tcps: Floats) -> Floats:
+    """Squared distances (C, N) from the socket that fits `tcps` (C, N, 3) best."""
+    return np.asarray(np.sum((tcps - tcps.mean(axis=1, keepdims=True)) ** 2, axis=-1))
+
+
+def _of_plane(tcps: Floats) -> Floats:
+    """Squared distances (C, N) from the plane that fits `tcps` (C, N, 3), of balls of one size, best."""
+    away = tcps - tcps.mean(axis=1, keepdims=True)
+    normal = np.linalg.eigh(np.matmul(away.swapaxes(1, 2), away))[1][..., :1]
+    return np.asarray(np.matmul(away, normal)[..., 0] ** 2)
+
+
+def _of_point(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
+    """Squared distances (C, N) from the surface of the sphere that fits `tcps` (C, N, 3) best.
+
+    shifted: its radius and `reach` (N,) differ by an unknown amount.
+    """
+    if tcps.shape[1] < 5 + shifted:
+        return _of_socket(tcps)
+    away = tcps - tcps.mean(axis=1, keepdims=True)
+    unit, own = np.ones((*away.shape[:2], 1)), reach - reach.mean() if shifted else reach
+    besides = [np.broadcast_to(-2.0 * own[:, None], unit.shape)] if shifted else []
+    lines = np.concatenate([2.0 * away, unit, *besides], axis=-1)
+    found = _solved(lines, np.sum(away**2, axis=-1) - own**2)
+    length = own - found[:, 4:] if shifted else own
+    return np.asarray((np.linalg.norm(away - found[:, None, :3], axis=-1) - length) ** 2)
+
+
+def _of_instrument(flange: Floats, xyz: Floats) -> Floats:
+    """Squared distances (C, K) of the nearest rows, base relaxed."""
+    middle = xyz - xyz.mean(axis=0)
+    middle = middle / max(float(np.abs(middle).max()), 1e-9)
+    lines = np.zeros((*flange.shape[:2], 3, 15))
+    for axis in range(3):
+        lines[:, :, axis, 3 * axis : 3 * axis + 3] = middle
+        lines[:, :, axis, 9 + axis] = 1.0
+    lines[..., 12:] = -flange[..., :3, :3]
+    right = flange[..., :3, 3]
+    squares = _left(lines, right, lines, right)
+    kept = np.argsort(squares, axis=1)[:, : int(np.ceil(CORE * len(xyz)))]
+    near = np.take_along_axis(lines, kept[:, :, None, None], axis=1)
+    return _nearest(_left(near, np.take_along_axis(right, kept[:, :, None], axis=1), lines, right))
+
+
+def _left(lines: Floats, right: Floats, all_lines: Floats, all_right: Floats) -> Floats:
+    """Squared residuals (C, N) of all lines for the solution from `lines`."""
+    count = len(lines)
+    found = _solved(lines.reshape(count, -1, 15), right.reshape(count, -1))
+    left = np.matmul(all_lines, found[:, None, :, None])[..., 0] - all_right
+    return np.asarray(np.sum(left**2, axis=-1))
+
+
+def _solved(lines: Floats, right: Floats) -> Floats:
+    """Least squares (C, k) of batches (C, M, k) and (C, M), by normal equations, slightly regularised."""
+    turned = lines.swapaxes(-1, -2)
+    normal = np.matmul(turned, lines)
+    largest = np.diagonal(normal, axis1=-2, axis2=-1).max(axis=-1)
+    held: Any = normal + RIDGE * largest[:, None, None] * np.eye(normal.shape[-1])
+    return np.asarray(np.linalg.solve(held, np.matmul(turned, right[..., None]))[..., 0])
+
+
+def _nearest(squares: Floats) -> Floats:
+    return np.sort(squares, axis=1)[:, : int(np.ceil(CORE * squares.shape[1]))]
+
 
 GRID_DEG = 30.0
 """Step between tested offsets: TCP positions are linear in its cosine and sine, so that a local optimum is wide."""
@@ -109,7 +304,7 @@ def _observable(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> li
 
 def _best(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
     """Sorted by nominal's rough distance from a few rows; the simplest of equals first."""
-    sizes = _sizes(setup, many)
+    sizes = _screened_sizes(setup, many)
     complexity = np.array([joints.complexity for joints in many])
     return [many[place] for place in np.lexsort((sizes, complexity, steps_of(sizes)))]
 
@@ -117,13 +312,13 @@ def _best(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
 def _by_joints(setup: Setup, many: list[JointChanges]) -> list[JointChanges]:
     """The nearest for each set of joints and signs, sorted by distance: the grid is too coarse for more."""
     best: dict[tuple[int, ...], JointChanges] = {}
-    for place in np.argsort(_sizes(setup, many), kind="stable"):
+    for place in np.argsort(_screened_sizes(setup, many), kind="stable"):
         joints = many[place]
         best.setdefault((*joints.sign.astype(int).tolist(), *joints.changed().tolist()), joints)
     return list(best.values())
 
 
-def _sizes(setup: Setup, many: list[JointChanges]) -> Floats:
+def _screened_sizes(setup: Setup, many: list[JointChanges]) -> Floats:
     signs, offsets = (np.array([getattr(joints, part) for joints in many]) for part in ("sign", "offset"))
     return rough_sizes(setup.thinned(ROWS), signs, offsets)
 

@@ -21,9 +21,14 @@ from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRo
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools, Floats
-from cellctl.setup_check.model_errors import model_errors
-from cellctl.setup_check.predicted_spacings import FAR, LEAST_MM, PredictedSpacings, wrong
-from cellctl.setup_check.second_centres import with_best_centres
+from cellctl.setup_check.predicted_spacings import (
+    FAR,
+    LEAST_MM,
+    PredictedSpacings,
+    model_errors,
+    with_best_centres,
+    wrong,
+)
 
 SAMPLE = 300
 """Rows of instruments that predict the distances, and as many touches and visits, evenly from all points."""
