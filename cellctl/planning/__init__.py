@@ -1,12 +1,10 @@
 """Which poses to measure next, and the way there."""
 
 from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
-from cellctl.planning.obstacles import Plate
-from cellctl.planning.target_options import TargetOptions
+from cellctl.planning.sample_finder import TargetOptions
 from cellctl.planning.target_sets import METHODS, Method, TargetSet, plan_targets
-from cellctl.planning.touches import OutOfReach, RobotPostures, SphereTarget, TouchOptions, plan_touches
-from cellctl.planning.tours import PlannedTouch
-from cellctl.planning.ways import Reach
+from cellctl.planning.touches import OutOfReach, PlannedTouch, RobotPostures, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning.ways import Plate, Reach
 from cellctl.planning.workspaces import JointRanges, TaskWorkspace
 
 __all__ = [

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain
-from cellctl.planning.bodies import Body, Thickness
-from cellctl.planning.obstacles import Obstacles, between_lines
 from cellctl.planning.touches import OutOfReach
-from cellctl.planning.ways import Reach
+from cellctl.planning.ways import Body, Obstacles, Reach, Thickness, between_lines
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,22 +13,23 @@ import numpy as np
 from scipy.stats import qmc
 
 from cellctl.kinematics import Floats, JointMap, SerialChain
-from cellctl.planning.bodies import Body
-from cellctl.planning.obstacles import Obstacles, Plate
 from cellctl.planning.touches import (
+    Candidate,
     OutOfReach,
+    PlannedTouch,
     RobotPostures,
     SphereTarget,
     TouchOptions,
     feasible,
     frames_along,
+    linked,
     on_sphere,
+    ordered,
     solved,
     spheres_of,
     tool_rotations,
 )
-from cellctl.planning.tours import Candidate, PlannedTouch, linked, ordered
-from cellctl.planning.ways import Reach, Ways
+from cellctl.planning.ways import Body, Obstacles, Plate, Reach, Ways
 
 _ORIENTATIONS, _NORMALS = 64, 128
 """Quasi-random orientations that are tried for a whole plan, and contact normals for each of them."""

@@ -21,7 +21,7 @@ from cellctl.calibration import (
 from cellctl.calibration.observability.other_postures import moved
 from cellctl.calibration.rows.fixed_points import planes_of, pole_of
 from cellctl.formats import RobotFile
-from cellctl.planning.like_rows import rows_like
+from cellctl.planning.next_rows import rows_like
 from cellctl.setup_check import check_setup
 
 SLOPE = np.array([-0.6, 0.0, 0.8])

@@ -20,7 +20,7 @@ from cellctl.calibration import (
 )
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import pose, pose_from_xyz_abc
-from cellctl.planning.like_rows import led_to
+from cellctl.planning.next_rows import led_to
 from cellctl.report.fit import FitStory
 
 KR5 = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")

@@ -12,9 +12,7 @@ from robot_postures import KR5
 
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.planning import PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
-from cellctl.planning.bodies import Thickness
-from cellctl.planning.obstacles import between_lines
-from cellctl.planning.ways import Reach
+from cellctl.planning.ways import Reach, Thickness, between_lines
 from sims.cell import SimCell, read_cell
 from sims.world import World
 

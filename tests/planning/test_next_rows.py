@@ -8,8 +8,7 @@ import pytest
 from cellctl.calibration import PoseRows, PositionRows, Postures, SocketRows, State, Task, TouchRows, identify
 from cellctl.calibration.prediction.predict import shape_columns, sigma_over_region, spread_over
 from cellctl.formats import RobotFile, nominal_model
-from cellctl.planning.like_rows import led_to, rows_like
-from cellctl.planning.next_rows import next_rows
+from cellctl.planning.next_rows import led_to, next_rows, rows_like
 
 KR5 = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 CENTRE = np.array([[1000.0, 0.0, 400.0]])

@@ -9,8 +9,7 @@ import numpy as np
 from cellctl.calibration import Measured, Parameter
 from cellctl.calibration.prediction.predict import shape_columns
 from cellctl.kinematics import Floats
-from cellctl.planning.like_rows import rows_like
-from cellctl.planning.next_rows import Advice, next_rows
+from cellctl.planning.next_rows import Advice, next_rows, rows_like
 from cellctl.report.fit.region import RegionSigma
 from cellctl.report.fit.story import FitStory
 from cellctl.report.numbers import MINUS, decimals, fixed

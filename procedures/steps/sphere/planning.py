@@ -12,9 +12,8 @@ from cellctl.files import InputError
 from cellctl.formats import RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
 from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
-from cellctl.planning.obstacles import Obstacles
 from cellctl.planning.touches import spheres_of
-from cellctl.planning.ways import Reach
+from cellctl.planning.ways import Obstacles, Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.rows import TouchSet
 from procedures.steps.sphere.touch_plans import TouchPlan
