@@ -5,10 +5,9 @@
 """
 
 from cellctl.compensation.compensating import Compensated, compensate
-from cellctl.compensation.corrections import METHODS
+from cellctl.compensation.corrections import METHODS, MappedErrors, PredictedErrors
 from cellctl.compensation.nearest_chain import with_frames, with_geometry, with_zeros_and_frames, zeros_of
 from cellctl.compensation.postures import postures
-from cellctl.compensation.predictors import MappedErrors, PredictedErrors
 
 __all__ = [
     "METHODS",

@@ -12,9 +12,8 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from cellctl.compensation.curves import Arc, Line, Segment
-from cellctl.compensation.paths import posture_at
-from cellctl.compensation.stated_posture import stated_posture
+from cellctl.compensation.paths import Arc, Line, Segment, posture_at
+from cellctl.compensation.postures import stated_posture
 from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats, JointMap, inverse, pose_from_xyz_abc
 from cellctl.kinematics.controller_readings import status_of

@@ -8,8 +8,7 @@ from typing import final
 
 import numpy as np
 
-from cellctl.compensation.curves import Arc, Line, Segment
-from cellctl.compensation.paths import SINGULAR, Between, Deviations, deviations, divided
+from cellctl.compensation.paths import SINGULAR, Arc, Between, Deviations, Line, Segment, deviations, divided
 from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats, pose
 from cellctl.operations.compensated_program import Changed, CompensatedProgram

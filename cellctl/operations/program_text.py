@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from cellctl.compensation.curves import Arc
+from cellctl.compensation.paths import Arc
 from cellctl.kinematics import abc_from_rotation, inverse_pose
 from cellctl.krl import CARTESIAN, KrlFile, Motion, Span
 from cellctl.krl.writing import aggregate_text

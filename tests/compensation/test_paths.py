@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Harmonics, RobotModel
 from cellctl.compensation import compensate
-from cellctl.compensation.curves import Arc, Line
-from cellctl.compensation.paths import SINGULAR, deviations, divided
+from cellctl.compensation.paths import SINGULAR, Arc, Line, deviations, divided
 from cellctl.kinematics import SerialChain, inverse, pose, pose_from_xyz_abc
 
 TOOL = ([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])

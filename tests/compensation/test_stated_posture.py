@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from kr5_model import ROBOT
 
-from cellctl.compensation.stated_posture import stated_posture
+from cellctl.compensation.postures import stated_posture
 from cellctl.formats import RobotFile
 from cellctl.kinematics.controller_readings import status_of, turn_of
 
