@@ -2,27 +2,52 @@
 
 from cellctl.metrology.axis_frames import (
     AxisFrames,
+    Circle,
+    NoCircle,
     ParallelAxes,
     Turn,
     axis_frames,
+    fit_circle,
     reflector_on_flange,
     station,
 )
-from cellctl.metrology.circles import Circle, NoCircle, fit_circle
-from cellctl.metrology.control_chart import ControlChart, Signal, control_chart
-from cellctl.metrology.daily_check import CheckLimits, DailyBaseline, DailyVerdict, daily_check, rigid_and_scale
-from cellctl.metrology.floor import FloorRatio, expected_floor, floor_ratio
+from cellctl.metrology.daily_check import (
+    CheckLimits,
+    ControlChart,
+    DailyBaseline,
+    DailyVerdict,
+    Signal,
+    control_chart,
+    daily_check,
+    rigid_and_scale,
+)
+from cellctl.metrology.error_figures import FloorRatio, expected_floor, floor_ratio
 from cellctl.metrology.four_point import FoundTool, tool_at_point
-from cellctl.metrology.gravity import Gravity, gravity_in_base
+from cellctl.metrology.instrument_checks import (
+    ConstantError,
+    InsensitiveDistances,
+    KnownDistance,
+    Settling,
+    SettlingLimits,
+    TwoFaceCheck,
+    TwoFaceLimits,
+    constant_error,
+    settling,
+    two_face_check,
+)
 from cellctl.metrology.iso9283 import Performance, cube_points, performance
-from cellctl.metrology.measured_pose import MeasuredPose, nees, nees_range
+from cellctl.metrology.measured_pose import (
+    Gravity,
+    MeasuredPose,
+    RigidFit,
+    gravity_in_base,
+    nees,
+    nees_range,
+    rigid_transform,
+)
 from cellctl.metrology.monuments import Growth, NestLoose, StationMotion, StationState, robot_growth, station_motion
 from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, plate_pose
 from cellctl.metrology.points import Points
-from cellctl.metrology.reflector_constant import ConstantError, InsensitiveDistances, KnownDistance, constant_error
-from cellctl.metrology.rigid import RigidFit, rigid_transform
-from cellctl.metrology.settling import Settling, SettlingLimits, settling
-from cellctl.metrology.two_face import TwoFaceCheck, TwoFaceLimits, two_face_check
 
 __all__ = [
     "AxisFrames",

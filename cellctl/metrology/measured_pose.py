@@ -1,4 +1,4 @@
-"""A pose with its covariance, and the normalised error (NEES) by which simulations check such covariances."""
+"""A pose with its covariance (NEES checks it), from matched points by a rigid transform; gravity in the base."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from cellctl.calibration.estimation.registration import rigid_fit
 from cellctl.kinematics import Floats, inverse_pose, pose, pose_difference
+from cellctl.metrology.points import whitened
 
 
 @final
@@ -84,3 +86,84 @@ def nees_range(values: ArrayLike, size: int, confidence: float = 0.99) -> NeesRa
 def cross_matrix(vector: Floats) -> Floats:
     """[v] (..., 3, 3) of v (..., 3), so that [v] w = v × w."""
     return np.asarray(np.cross(vector[..., None, :], -np.eye(3)))
+
+
+STEPS = 20
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RigidFit:
+    """pose: carries the points to the measured ones. residual (N, 3), mm: carried less measured. chi2, dof: of it."""
+
+    pose: MeasuredPose
+    residual: Floats
+    chi2: float
+    dof: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of residuals at least this large if the covariances are right; 1 without redundancy."""
+        return float(stats.chi2.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
+
+
+def rigid_transform(points: Floats, measured: Floats, covariance: Floats) -> RigidFit:
+    """Carry `points` (N, 3) to `measured` (N, 3), mm, by generalised least squares.
+
+    covariance (3N, 3N), mm²: of the differences, in the measured points' frame. Start by Kabsch's closed form; then
+    Gauss–Newton with δm = δp + δω × (R x). Raises ValueError for fewer than three points or points on a line.
+    """
+    if len(points) < 3 or np.linalg.svd(points - points.mean(axis=0))[1][1] < 1e-3:
+        raise ValueError("a rigid transform needs three points that are not on a line")
+    matrix = rigid_fit(points, measured)
+    for _ in range(STEPS):
+        jacobian, residual = _rows(matrix, points, measured)
+        rows, white = whitened(covariance, jacobian, residual)
+        step = np.asarray(np.linalg.lstsq(rows, -white, rcond=None)[0], float)
+        matrix = moved_by(matrix, step)
+        if np.abs(step[:3]).max() < 1e-9 and np.abs(step[3:]).max() < 1e-12:
+            break
+    jacobian, residual = _rows(matrix, points, measured)
+    rows, white = whitened(covariance, jacobian, residual)
+    pose = MeasuredPose(matrix, np.asarray(np.linalg.inv(rows.T @ rows)))
+    return RigidFit(pose, residual.reshape(-1, 3), float(white @ white), residual.size - 6)
+
+
+def _rows(matrix: Floats, points: Floats, measured: Floats) -> tuple[Floats, Floats]:
+    """Jacobian (3N, 6) by slide and turn, and residual (3N,)."""
+    arms = points @ matrix[:3, :3].T
+    jacobian = np.zeros((len(points), 3, 6))
+    jacobian[:, :, :3] = np.eye(3)
+    jacobian[:, :, 3:] = -cross_matrix(arms)
+    return jacobian.reshape(-1, 6), (arms + matrix[:3, 3] - measured).ravel()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Gravity:
+    """direction (3,): unit vector of gravity in the robot's base frame. covariance (3, 3): of rank 2, rad².
+
+    tilt_rad: angle between gravity and the base's −z. sigma_tilt_rad: its standard deviation.
+    """
+
+    direction: Floats
+    covariance: Floats
+    tilt_rad: float
+    sigma_tilt_rad: float
+
+
+def gravity_in_base(station: MeasuredPose, level_sigma_rad: float) -> Gravity:
+    """Gravity from the instrument's frame in the base, its z opposite to gravity within `level_sigma_rad` (each axis).
+
+    g = −R z; its covariance [g] (C_ω + σ² (1 − g gᵀ)) [g]ᵀ has the registration's turn and the compensator's error. The
+    instrument must be levelled with its compensator on; a registration from axes or points says nothing of gravity.
+    """
+    down = -station.matrix[:3, 2]
+    turns = station.covariance[3:, 3:] + level_sigma_rad**2 * (np.eye(3) - np.outer(down, down))
+    change = cross_matrix(down)
+    covariance = change @ turns @ change.T
+    flat = np.hypot(down[0], down[1])
+    heading = down[:2] / flat if flat > 0.0 else np.array([1.0, 0.0])
+    along = np.append(-down[2] * heading, flat)  # how gravity's direction moves as the tilt grows
+    sigma = np.sqrt(float(along @ covariance @ along))
+    return Gravity(down, covariance, float(np.arctan2(flat, -down[2])), float(sigma))

@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from cellctl.kinematics import Floats, inverse_pose
-from cellctl.metrology.measured_pose import MeasuredPose, cross_matrix
+from cellctl.metrology.measured_pose import MeasuredPose, RigidFit, cross_matrix, rigid_transform
 from cellctl.metrology.points import Points, block_diagonal
-from cellctl.metrology.rigid import RigidFit, rigid_transform
 
 UNLIKELY = 1e-3
 """Probability that a station at rest is said to have moved."""

@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from cellctl.kinematics import Floats, pose
-from cellctl.metrology.measured_pose import MeasuredPose
+from cellctl.metrology.measured_pose import MeasuredPose, rigid_transform
 from cellctl.metrology.points import Points, block_diagonal
-from cellctl.metrology.rigid import rigid_transform
 
 UNLIKELY = 1e-4
 """Probability below which measured distances do not fit the plate."""

@@ -13,7 +13,7 @@ from tracker_truth import Truth
 
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.kinematics import Floats
-from cellctl.metrology.floor import FloorRatio, floor_ratio
+from cellctl.metrology.error_figures import FloorRatio, floor_ratio
 from procedures.steps.tracker.judging import Targets
 from procedures.steps.tracker.rows import CompensatedRow, TargetsRow
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cellctl.metrology.circles import NoCircle, fit_circle
+from cellctl.metrology.axis_frames import NoCircle, fit_circle
 from cellctl.metrology.measured_pose import nees_range
 from cellctl.metrology.points import Points, beam_directions
 

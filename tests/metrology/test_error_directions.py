@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cellctl.metrology.error_directions import error_directions
+from cellctl.metrology.error_figures import error_directions
 
 PLACES = np.random.default_rng(1).uniform([500, -800, 100], [1400, 800, 1200], (60, 3))
 MOVED = np.tile(np.eye(3), (60, 1, 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellctl.metrology.error_intervals import ErrorIntervals
+from cellctl.metrology.error_figures import ErrorIntervals
 
 COUNT, REPEATS = 80, 2000
 

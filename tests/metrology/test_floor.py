@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellctl.metrology.floor import expected_floor, floor_ratio
+from cellctl.metrology.error_figures import expected_floor, floor_ratio
 
 
 def test_mean_and_maximum_of_the_floor_are_those_of_the_methods():

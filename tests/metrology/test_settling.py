@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellctl.metrology.settling import SettlingLimits, settling
+from cellctl.metrology.instrument_checks import SettlingLimits, settling
 
 LIMITS = SettlingLimits(samples=8, scatter_mm=0.03, drift_mm=0.05)
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cellctl.kinematics import pose_from_xyz_abc
-from cellctl.metrology.gravity import gravity_in_base
-from cellctl.metrology.measured_pose import MeasuredPose, moved_by, nees_range
-from cellctl.metrology.two_face import TwoFaceLimits, two_face_check
+from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
+from cellctl.metrology.measured_pose import MeasuredPose, gravity_in_base, moved_by, nees_range
 
 LIMITS = TwoFaceLimits(error_mm=0.1, change_mm=0.03)
 

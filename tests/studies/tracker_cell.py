@@ -25,7 +25,7 @@ from tracker_truth import FLEXIBLE, Truth, found_frames, frame_errors, held_out,
 
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.kinematics import Floats
-from cellctl.metrology.floor import floor_ratio
+from cellctl.metrology.error_figures import floor_ratio
 from cellctl.metrology.measured_pose import nees_range
 from procedures.steps.tracker.rows import TrackerVerdict
 

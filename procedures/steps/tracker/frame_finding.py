@@ -9,10 +9,16 @@ import numpy as np
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
-from cellctl.metrology.axis_frames import AxisFrames, ParallelAxes, Turn, axis_frames, reflector_on_flange, station
-from cellctl.metrology.circles import NoCircle
-from cellctl.metrology.gravity import gravity_in_base
-from cellctl.metrology.measured_pose import MeasuredPose
+from cellctl.metrology.axis_frames import (
+    AxisFrames,
+    NoCircle,
+    ParallelAxes,
+    Turn,
+    axis_frames,
+    reflector_on_flange,
+    station,
+)
+from cellctl.metrology.measured_pose import MeasuredPose, gravity_in_base
 from cellctl.procedure import StepContext
 from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import FrameFigures, FramesRow, StationRow, TurnRow

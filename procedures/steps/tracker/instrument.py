@@ -94,7 +94,7 @@ class TwoFaces(StepResult):
 async def two_face(context: StepContext, inputs: TwoFaceInputs) -> TwoFaces:
     """Measure the first two nests in both faces; refuse an instrument that is out of adjustment, or that changed."""
     from cellctl.formats.station import station_of
-    from cellctl.metrology.two_face import TwoFaceLimits, two_face_check
+    from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
     from procedures.steps.tracker.monuments import nest_place
 
     tracker: PointSource = context.device("tracker")

@@ -11,9 +11,9 @@ import numpy as np
 from cellctl.files import InputError
 from cellctl.formats.station import reflectors_of, station_of
 from cellctl.kinematics import inverse_pose
+from cellctl.metrology.instrument_checks import InsensitiveDistances, KnownDistance, constant_error
 from cellctl.metrology.monuments import NestLoose, StationState, station_motion
 from cellctl.metrology.points import Points
-from cellctl.metrology.reflector_constant import InsensitiveDistances, KnownDistance, constant_error
 from cellctl.procedure import StepContext
 from procedures.steps.tracker.pointing import NestsDisagree
 from procedures.steps.tracker.points import points_of

@@ -15,7 +15,7 @@ from procedures.steps.tracker.pointing import NotSettled
 from procedures.steps.tracker.rows import ReturnRow, WarmUpRow
 
 if TYPE_CHECKING:
-    from cellctl.metrology.settling import Settling
+    from cellctl.metrology.instrument_checks import Settling
 
 _RETURNS = 6
 """Returns whose trend decides."""
@@ -118,7 +118,7 @@ def _way(context: StepContext) -> tuple[JointReadings, JointReadings, JointReadi
 
 
 def _judged(rows: Sequence[ReturnRow], limit_mm: float) -> Settling:
-    from cellctl.metrology.settling import SettlingLimits, settling
+    from cellctl.metrology.instrument_checks import SettlingLimits, settling
 
     times = [row.point.time_ns * 1e-9 for row in rows]
     limits = SettlingLimits(samples=_RETURNS, scatter_mm=limit_mm, drift_mm=limit_mm)
