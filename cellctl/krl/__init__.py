@@ -11,8 +11,7 @@ from cellctl.krl.expressions import (
     Reference,
     references,
 )
-from cellctl.krl.frame_state import FrameChoice
-from cellctl.krl.frames import MotionFrames, frame_values, motion_frames
+from cellctl.krl.frames import FrameChoice, MotionFrames, frame_values, motion_frames
 from cellctl.krl.grammar import aggregate_in, statements
 from cellctl.krl.krl_file import KrlFile
 from cellctl.krl.points import CARTESIAN, JOINTS, FrameData, Point, point_of, points_of
