@@ -39,8 +39,7 @@ def analyse(
     refuse_outputs({"--report": page, "--json": json_}, [robot, data, model])
     from cellctl.analysis import similarity
     from cellctl.formats import DataSet, ModelFile
-    from cellctl.formats.robot_errors import robot_errors
-    from cellctl.formats.similarity_report import similarity_report
+    from cellctl.formats.similarity_report import robot_errors, similarity_report
 
     measured, identified = _measured(robot, DataSet.load(data), check), ModelFile.load(model) if model else None
     errors = robot_errors(measured, identified, str(model), rows, seed)
@@ -72,7 +71,7 @@ def _measured(robot: Path, data: Any, check: bool) -> Measurements:
     from cellctl.files import load_yaml
     from cellctl.files.kinds import ROBOT
     from cellctl.formats import RobotFile
-    from cellctl.formats.robot_errors import rows_with_positions
+    from cellctl.formats.similarity_report import rows_with_positions
     from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
     document = load_yaml(robot, ROBOT)

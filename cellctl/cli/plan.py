@@ -70,7 +70,7 @@ def plan(
     asked.refuse()
     from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
-    from cellctl.formats.target_plan import targets_text
+    from cellctl.formats.targets import targets_text
 
     refuse_json_on_stdout(json_, out, "the CSV")
     refuse_outputs({"--out": out, "--json": json_}, [robot, path])

@@ -92,7 +92,7 @@ class Asked:
         """What rejects a target, and the method's own settings; None where a text has an error."""
         import numpy as np
 
-        from cellctl.formats.target_plan import read_path
+        from cellctl.formats.targets import read_path
         from cellctl.planning import TargetOptions
 
         near = None if self.near is None else self._numbers("near", self.near, robot.n)

@@ -86,7 +86,7 @@ class Compensation:
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """The columns of that file in full precision, and `reason`; NaN where a target has no joints."""
-        from cellctl.formats.compensated_csv import columns, compensated_records
+        from cellctl.formats.table_export import columns, compensated_records
 
         records = compensated_records(self.asked.model, list(self._rows))
         unknown = columns(self.joints.shape[1])[6:]  # all but the target

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import DataSet, text_of
-from cellctl.formats.description import JointSaid, RobotDescription
-from cellctl.formats.robot_checks import looks_like_radians, parallel_to_neighbour
-from cellctl.formats.robot_text import DECIMALS_DEG, DECIMALS_MM
+from cellctl.formats.description import DECIMALS_DEG, DECIMALS_MM, JointSaid, RobotDescription
+from cellctl.formats.robot import looks_like_radians, parallel_to_neighbour
 
 if TYPE_CHECKING:
     from cellctl.kinematics import Floats, Link, TableConvention

@@ -1,7 +1,8 @@
-"""Model files: an identified robot, its covariance, measured region and provenance. Canonical JSON."""
+"""Model files: an identified robot, its covariance, measured region and provenance, checked. Canonical JSON."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
@@ -10,9 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
-from cellctl.formats.load_region import LoadRegion
+from cellctl.formats.load import LoadRegion
 from cellctl.formats.measurements import Measurements, nominal_model
-from cellctl.formats.model_checks import GREATEST, check_covariance, check_postures, check_sigmas, of_this_format
 from cellctl.formats.robot import Number, RobotFile
 
 if TYPE_CHECKING:
@@ -31,6 +31,50 @@ if TYPE_CHECKING:
     from cellctl.calibration import Parameter as CalibrationParameter
     from cellctl.calibration.prediction.measured_region import Coverage
     from cellctl.kinematics import Bools, Floats, JointMap
+
+GREATEST = 1e9
+"""No parameter, and no σ, is greater than this, in any unit."""
+
+
+def of_this_format(content: Any, ours: str) -> Any:
+    """`content` of a file, where it states the format `ours`."""
+    theirs = content.get("format") if isinstance(content, dict) else None
+    if not isinstance(theirs, str) or not theirs.startswith(ours.rstrip("0123456789")):
+        raise ValueError(f'it does not say "format": "{ours}"')
+    if theirs != ours:
+        raise ValueError(
+            f"it is of format '{theirs}', and this cellctl reads '{ours}': give it to the one that wrote it"
+        )
+    return content
+
+
+def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what: str) -> None:
+    """Refuse postures (M, n), if any, with another number of joints than the robot; what: their name in the error."""
+    if any(len(posture) != joints for posture in postures or ()):
+        raise ValueError(f"the postures of its {what} are not those of its robot")
+
+
+def check_covariance(covariance: Floats) -> None:
+    """Refuse a covariance (P, P) that is not symmetric, or has a variance below 0 along any combination."""
+    import numpy as np
+
+    variances = np.diag(covariance)
+    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    scaled = covariance / scale / scale[:, None]
+    symmetric = np.isfinite(scaled).all() and np.allclose(scaled, scaled.T, atol=1e-6)
+    if not symmetric or (variances < 0.0).any() or (variances > GREATEST**2).any():
+        raise ValueError("its covariance is none: not symmetric, or a variance below 0")
+    if len(scaled) and np.linalg.eigvalsh(scaled).min() < -1e-6:
+        raise ValueError("its covariance is none: some combination of parameters has a variance below 0")
+
+
+def check_sigmas(covariance: Sequence[Sequence[float]], sigmas: Sequence[float]) -> None:
+    """Refuse σ (P,) of the parameters that are not those of their covariance (P, P)."""
+    variances = [row[place] for place, row in enumerate(covariance)]
+    pairs = zip(sigmas, variances, strict=True)
+    if not all(math.isclose(sigma, math.sqrt(variance), rel_tol=1e-6) for sigma, variance in pairs):
+        raise ValueError("its covariance does not go with the σ of its parameters")
+
 
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]

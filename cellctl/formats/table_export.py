@@ -1,11 +1,14 @@
-"""A compensation table for people who load it by hand: a KRL module, and CSV."""
+"""Compensated targets for people who load them by hand: a table as a KRL module and as CSV; targets as CSV."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from cellctl.files import InputError, Problem
+from cellctl.formats.dataset import text_of
+from cellctl.formats.model import ModelFile
 from cellctl.formats.table import Row, TableFile
+from cellctl.formats.table_making import nominal_chain
 from cellctl.krl.writing import aggregate_text, data_list, declaration_text, program
 
 _MOST_AXES = 6
@@ -93,12 +96,54 @@ def targets_csv(table: TableFile) -> str:
     axes = range(1, len(table.rows[0].nominal) + 1)
     joints = [f"{kind}_A{axis}" for kind in ("nominal", "compensated") for axis in axes]
     head = ["row", *_TARGET, *joints, "predicted_before_mm", "predicted_after_mm", "sigma_mm"]
-    return "".join(",".join(cells) + "\n" for cells in [head, *map(_cells, range(1, len(table.rows) + 1), table.rows)])
+    return "".join(
+        ",".join(cells) + "\n" for cells in [head, *map(_table_cells, range(1, len(table.rows) + 1), table.rows)]
+    )
 
 
-def _cells(place: int, row: Row) -> list[str]:
+def _table_cells(place: int, row: Row) -> list[str]:
     figures = (row.predicted_before_mm, row.predicted_after_mm, row.sigma_mm)
     return [
         str(place),
         *("" if value is None else repr(value) for value in (*row.target, *row.nominal, *row.compensated, *figures)),
     ]
+
+
+_POSE = ("X", "Y", "Z", "A", "B", "C")
+
+
+def compensated_csv(model: ModelFile, rows: list[Row]) -> str:
+    """CSV with a line for each row: target, compensated joints, pseudo-target, nominal joints, predicted errors, σ."""
+    return text_of(compensated_records(model, rows))
+
+
+def compensated_records(model: ModelFile, rows: list[Row]) -> list[dict[str, float | None]]:
+    """The lines of the CSV, by column."""
+    pseudo = _pseudo_targets(model, rows)
+    names = columns(model.robot.n)
+    return [dict(zip(names, _record_cells(row, sent), strict=True)) for row, sent in zip(rows, pseudo, strict=True)]
+
+
+def columns(n: int) -> list[str]:
+    """The columns for a robot of `n` joints."""
+    axes = range(1, n + 1)
+    joints, pseudo = [f"A{axis}" for axis in axes], [f"pseudo_{name}" for name in _POSE]
+    nominal = [f"nominal_A{axis}" for axis in axes]
+    return [*_POSE, *joints, *pseudo, *nominal, "predicted_before_mm", "predicted_after_mm", "sigma_mm"]
+
+
+def _record_cells(row: Row, pseudo: list[float]) -> list[float | None]:
+    figures = [row.predicted_before_mm, row.predicted_after_mm, row.sigma_mm]
+    return [*row.target, *row.compensated, *pseudo, *row.nominal, *figures]
+
+
+def _pseudo_targets(model: ModelFile, rows: list[Row]) -> list[list[float]]:
+    """Where a controller with nominal kinematics believes its TCP at the compensated joints: X, Y, Z, A, B, C."""
+    import numpy as np
+
+    from cellctl.kinematics import abc_from_rotation
+
+    readings = np.array([row.compensated for row in rows])
+    poses = nominal_chain(model).forward(model.robot.joint_map().model(readings))
+    found = np.hstack([poses[:, :3, 3], abc_from_rotation(poses[:, :3, :3])]).round(9) + 0.0  # no minus zero
+    return [list(map(float, row)) for row in found]

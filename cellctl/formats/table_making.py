@@ -1,4 +1,4 @@
-"""From an identified model and targets to a table."""
+"""From an identified model and targets to a table, and postures of the model's measured region."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cellctl.files import sha256_of
-from cellctl.formats.measured_postures import measured_postures
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
 from cellctl.formats.table import JOINT_DECIMALS, Row, TableFile, TableRegion, TableRobot, TableSource, table_rows
@@ -14,8 +13,33 @@ from cellctl.formats.table import JOINT_DECIMALS, Row, TableFile, TableRegion, T
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from cellctl.calibration import Postures
     from cellctl.compensation import Compensated, PredictedErrors
     from cellctl.kinematics import Floats, SerialChain
+
+DRAWN = 300
+"""Postures drawn in the measured region of a model that keeps too few of its own."""
+LEAST = 30
+SEED = 20_131
+
+
+def measured_postures(model: ModelFile) -> Postures:
+    """Its measured postures, or postures drawn over its joint region where it keeps few.
+
+    The approach of each joint is drawn, and the payload between those of the fit; temperature and currents are unknown.
+    """
+    import numpy as np
+
+    from cellctl.calibration import Postures
+
+    region, loads, rng = model.joint_region, model.load_region, np.random.default_rng(SEED)
+    readings = np.array(region.postures or [])
+    if len(readings) < LEAST:
+        readings = rng.uniform(region.min, region.max, (DRAWN, model.robot.n))
+    approach = rng.choice([-1.0, 1.0], readings.shape)
+    payload = rng.uniform(loads.min, loads.max, len(readings)) if loads else None
+    at = np.tile(loads.at, (len(readings), 1)) if loads and loads.at else None
+    return Postures(model.robot.joint_map().model(readings), approach, payload=payload, payload_at=at)
 
 
 def nominal_chain(model: ModelFile) -> SerialChain:

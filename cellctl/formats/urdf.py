@@ -1,18 +1,124 @@
-"""URDF in: the serial chain of turning joints from the root link to a tip, as axes and home pose. m, rad → mm, deg."""
+"""URDF in and out: its XML, and the serial chain of turning joints from root to tip. m, rad → mm, deg, and back."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, NoReturn, final
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.description import JointSaid, RobotDescription
-from cellctl.formats.plain_xml import Element, load_xml
+from cellctl.formats.description import DECIMALS_MM, JointSaid, RobotDescription, number
 
 if TYPE_CHECKING:
     from cellctl.kinematics import Floats
+
+LARGEST_BYTES = 20_000_000
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Element:
+    """An element: its name, attributes, children in order, and the line (from 1) and byte (from 0) of its first `<`."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    start: int = 0
+    children: list[Element] = field(default_factory=list)
+
+    def each(self, tag: str) -> Iterator[Element]:
+        """The children of this name."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> Element | None:
+        """The first child of this name."""
+        return next(self.each(tag), None)
+
+
+def load_xml(path: Path) -> Element:
+    """The root element of a file. Raises InputError where it cannot be read, is no XML, or declares a DTD."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+    if len(data) > LARGEST_BYTES:
+        raise InputError(Problem(str(path), 0, 0, f"is too large ({len(data)} bytes)", "meshes belong in other files"))
+    return parse_xml(data, str(path))
+
+
+def parse_xml(data: bytes, file: str) -> Element:
+    """The root element of `data`; `file` names it in errors. Raises InputError."""
+    builder = _Builder(file)
+    try:
+        builder.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        what, cure = _words(error, builder.open_element)
+        raise InputError(Problem(file, error.lineno, error.offset + 1, what, cure)) from error
+    except (LookupError, ValueError) as error:  # an unknown encoding
+        what = "is not XML: its first line names an encoding that is not known"
+        raise InputError(Problem(file, 1, 0, what, "save the file as UTF-8")) from error
+    return builder.root.children[0]
+
+
+_WORDS = {
+    expat.errors.XML_ERROR_INVALID_TOKEN: (
+        "a character that cannot stand here",
+        "in text write &amp; for & and &lt; for <",
+    ),
+    expat.errors.XML_ERROR_UNCLOSED_TOKEN: ("a tag is not closed", "end it with >, and close its quotes"),
+    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: ("an attribute stands twice in one tag", "remove one of them"),
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: ("something follows the end of the document", "remove it"),
+    expat.errors.XML_ERROR_UNDEFINED_ENTITY: ("an entity (&…;) that is not defined", "write the character itself"),
+    expat.errors.XML_ERROR_MISPLACED_XML_PI: (
+        "<?xml …?> is not at the beginning of the file",
+        "remove what is before it",
+    ),
+}
+"""By the name of expat's error: what is wrong, and the cure."""
+
+
+def _words(error: expat.ExpatError, unclosed: Element | None) -> tuple[str, str]:
+    """What is wrong, and the cure; `unclosed`: the innermost element that is open at the error."""
+    kind = expat.errors.messages[error.code]
+    if unclosed and kind in (expat.errors.XML_ERROR_TAG_MISMATCH, expat.errors.XML_ERROR_NO_ELEMENTS):
+        what = f"<{unclosed.tag}> of line {unclosed.line} is not closed before this place"
+        return f"is not XML here: {what}", f"add </{unclosed.tag}>, or mend the closing tag"
+    what, cure = _WORDS.get(kind, ("there is no element that could be read", "check the tags and quotes"))
+    return f"is not XML here: {what}", cure
+
+
+class _Builder:
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.root = Element("", {}, 0)
+        self._open = [self.root]
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.StartDoctypeDeclHandler = self._doctype
+
+    @property
+    def open_element(self) -> Element | None:
+        """The innermost element that is not closed yet."""
+        return self._open[-1] if len(self._open) > 1 else None
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, self.parser.CurrentLineNumber, self.parser.CurrentByteIndex)
+        self._open[-1].children.append(element)
+        self._open.append(element)
+
+    def _end(self, _tag: str) -> None:
+        self._open.pop()
+
+    def _doctype(self, *_: object) -> NoReturn:
+        what = "declares a document type (DOCTYPE); entities are not read"
+        raise InputError(Problem(self.file, self.parser.CurrentLineNumber, 0, what, "remove the declaration"))
+
 
 BASE_LINK, FLANGE_LINK = "base_link", "tool0"
 """ROS-Industrial's names of the robot's base, and of the flange with z outwards."""
@@ -120,7 +226,7 @@ class _File:
 
 def _path(file: _File, root: Element, tip: str | None) -> list[_Joint]:
     """The joints from the root link to `tip`, in order."""
-    joints = [joint for element in root.each("joint") if (joint := _joint(file, element))]
+    joints = [joint for element in root.each("joint") if (joint := _read_joint(file, element))]
     above: dict[str, _Joint] = {}
     for joint in joints:
         if joint.child in above:
@@ -139,7 +245,7 @@ def _path(file: _File, root: Element, tip: str | None) -> list[_Joint]:
     return path
 
 
-def _joint(file: _File, element: Element) -> _Joint | None:
+def _read_joint(file: _File, element: Element) -> _Joint | None:
     parent, child = element.first("parent"), element.first("child")
     ends = [end.attributes.get("link") if end is not None else None for end in (parent, child)]
     name = element.attributes.get("name", "")
@@ -243,3 +349,84 @@ def _said(file: _File, joint: _Joint) -> JointSaid:
         lower, upper = (0.0 if math.isnan(value) else value for value in (lower, upper))
     known = [None if math.isnan(value) else value for value in (lower, upper)]
     return JointSaid(1, 0.0, known[0], known[1], speed if speed > 0.0 else None, joint.name)
+
+
+DECIMALS_RAD = 15
+
+
+def urdf_text(robot: RobotDescription) -> str:
+    """The robot as URDF: from `world` (where the base is not its origin) over `base_link`, `link_1` … `link_n` and the
+    flange `tool0` to `tcp` (where there is a tool). Joints without limits become continuous. No masses, no shapes.
+    """
+    import numpy as np
+
+    from cellctl.kinematics import inverse_pose
+
+    chain = robot.chain.with_base(np.eye(4))
+    frames = chain.frames(robot.joint_map().model(np.zeros(chain.n)))
+    steps = [
+        frames[0],
+        *(inverse_pose(before) @ behind for before, behind in itertools.pairwise(frames)),
+    ]
+    links = [BASE_LINK, *(f"link_{index}" for index in range(1, chain.n + 1)), FLANGE_LINK]
+    joints = [
+        _joint_text(joint.name or f"joint_{index + 1}", _kind(joint), links[index : index + 2], step, _moves(joint))
+        for index, (joint, step) in enumerate(zip(robot.joints, steps[:-1], strict=True))
+    ]
+    joints.append(_joint_text("-".join(links[-2:]), "fixed", links[-2:], steps[-1]))
+    if not np.array_equal(robot.chain.base, np.eye(4)):
+        links.insert(0, "world")
+        joints.insert(0, _joint_text("-".join(links[:2]), "fixed", links[:2], robot.chain.base))
+    if not np.array_equal(robot.chain.tool, np.eye(4)):
+        links.append("tcp")
+        joints.append(_joint_text("-".join(links[-2:]), "fixed", links[-2:], robot.chain.tool))
+    body = [*(f'  <link name="{link}"/>' for link in links), *joints]
+    head = ['<?xml version="1.0" encoding="UTF-8"?>', f"<robot name={quoteattr(robot.name)}>"]
+    return "".join(f"{line}\n" for line in [*head, *body, "</robot>"])
+
+
+def origin_words(step: Floats) -> tuple[list[str], list[str]]:
+    """A pose (4, 4), mm, as an `<origin>` has it: x, y, z in m; roll, pitch, yaw (R = Rz Ry Rx) in rad."""
+    from cellctl.kinematics import abc_from_rotation
+
+    xyz = [_metres(value) for value in step[:3, 3].tolist()]
+    return xyz, [_radians(value) for value in reversed(abc_from_rotation(step[:3, :3]).tolist())]
+
+
+def _joint_text(name: str, kind: str, links: list[str], step: Floats, more: tuple[str, ...] = ()) -> str:
+    xyz, rpy = origin_words(step)
+    return "\n".join(
+        [
+            f'  <joint name={quoteattr(name)} type="{kind}">',
+            f'    <parent link="{links[0]}"/>',
+            f'    <child link="{links[1]}"/>',
+            f'    <origin xyz="{" ".join(xyz)}" rpy="{" ".join(rpy)}"/>',
+            *(f"    {line}" for line in more),
+            "  </joint>",
+        ]
+    )
+
+
+def _kind(joint: JointSaid) -> str:
+    return "continuous" if joint.min is None or joint.max is None else "revolute"
+
+
+def _moves(joint: JointSaid) -> tuple[str, ...]:
+    """The axis, in the reading's sense, and limits. The effort is unknown: 0."""
+    axis = f'<axis xyz="0 0 {joint.sign}"/>'
+    ends = (
+        ""
+        if joint.min is None or joint.max is None
+        else f'lower="{_radians(joint.min)}" upper="{_radians(joint.max)}" '
+    )
+    if not ends and joint.max_speed is None:
+        return (axis,)
+    return (axis, f'<limit {ends}effort="0" velocity="{_radians(joint.max_speed or 0.0)}"/>')
+
+
+def _metres(value_mm: float) -> str:
+    return number(float(number(value_mm, DECIMALS_MM)) / 1000.0, DECIMALS_MM + 3)
+
+
+def _radians(degrees: float) -> str:
+    return number(math.radians(degrees), DECIMALS_RAD)

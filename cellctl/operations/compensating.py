@@ -13,10 +13,9 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile, RobotFile, TableFile
-from cellctl.formats.compensated_csv import compensated_csv
-from cellctl.formats.table import Row
+from cellctl.formats.table import Row, other_robot, row_problems
+from cellctl.formats.table_export import compensated_csv
 from cellctl.formats.table_making import compensated_targets, table_of, target_rows, usual_postures, valid_region
-from cellctl.formats.table_refusals import other_robot, row_problems
 from cellctl.formats.targets import Targets
 from cellctl.operations.learnt_on import LearntOn
 

@@ -142,9 +142,9 @@ def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
 
 def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | bytes, list[str], dict[str, Any]]:
     """Content, notes and figures of a form that holds the geometry of the links."""
+    from cellctl.formats.description import robot_text
     from cellctl.formats.dh_table import dh_table_text
-    from cellctl.formats.robot_text import robot_text
-    from cellctl.formats.urdf_text import urdf_text
+    from cellctl.formats.urdf import urdf_text
 
     robot = source.robot
     if form in ROBOT_FILES:

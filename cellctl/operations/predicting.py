@@ -61,7 +61,7 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
 
     Raises InputError with every row that cannot be used: leaving some out would shift the others' lines.
     """
-    from cellctl.formats.columns import Sieve, joint_readings
+    from cellctl.formats.dataset import Sieve, joint_readings
     from cellctl.formats.measurements import Conditions
 
     chosen = next((each for each in FRAMES if each == frame), None)

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any, final
 
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import InputError, Problem
-from cellctl.formats.columns import Sieve
-from cellctl.formats.dataset import DataSet
-from cellctl.formats.measurements.kinds import KINDS, NOUNS, PLACE, Kind, kinds_of
+from cellctl.formats.dataset import DataSet, Sieve
+from cellctl.formats.measurements.kinds import KINDS, NOUNS, PLACE, Kind, has_own_sigma, kinds_of
 from cellctl.formats.measurements.repeats import POINT_COLUMNS
-from cellctl.formats.measurements.sigmas import has_own_sigma
 
 if TYPE_CHECKING:
     from cellctl.operations.fit_options import Asked

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.decimals import is_number
+from cellctl.formats.spreadsheet_text import is_number
 from cellctl.pendant_import.text import lines_of
 
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, final, get_args
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.decimals import DecimalSign
+from cellctl.formats.spreadsheet_text import DecimalSign
 
 Length: TypeAlias = Literal["mm", "cm", "m", "um", "inch"]
 AngleUnit: TypeAlias = Literal["deg", "rad"]

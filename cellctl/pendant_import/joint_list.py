@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.columns import BEYOND_LIMITS_DEG
+from cellctl.formats.dataset import BEYOND_LIMITS_DEG
 from cellctl.pendant_import.cells import Cells, cells_of
 from cellctl.pendant_import.choices import AngleUnit, Choices
 from cellctl.pendant_import.points import Point, PointList, RawList, Value

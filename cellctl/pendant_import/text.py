@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cellctl.files import InputError, Problem
 from cellctl.files.kinds import EXPORT, OWN, kind_of, refuse_other_kind
-from cellctl.formats.plain_text import decoded
+from cellctl.formats.spreadsheet_text import decoded
 
 
 def read_text(path: Path) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.decimals import is_number
+from cellctl.formats.spreadsheet_text import is_number
 from cellctl.pendant_import.cells import Cells, Row
 from cellctl.pendant_import.headings import is_units_row, places, unit_of
 from cellctl.pendant_import.points import Raw, RawList

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import Decimal
 
-from cellctl.formats.decimals import DecimalSign, decimal_sign, number
+from cellctl.formats.spreadsheet_text import DecimalSign, decimal_sign, number
 from cellctl.pendant_import.points import Point, PointList, Raw, RawList, Value
 
 _FACTORS = {

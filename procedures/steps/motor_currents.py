@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import final
 
 from cellctl.devices import CurrentSource, MotorCurrents
-from cellctl.formats.currents import Currents, currents_of
+from cellctl.formats.cell_sections import Currents, currents_of
 from cellctl.procedure import StepContext
 
 

@@ -75,7 +75,7 @@ def test_the_page_has_the_same_bytes_each_time(cellctl):
 def test_errors_are_measured_less_nominal_in_the_robots_base_frame(cellctl):
     """A robot whose file is right, with A1 turned by 0.03° in half of the rows: their errors are along the turn."""
     from cellctl.formats import DataSet
-    from cellctl.formats.robot_errors import robot_errors, rows_with_positions
+    from cellctl.formats.similarity_report import robot_errors, rows_with_positions
 
     robot, rng = RobotFile.load(ROBOT), np.random.default_rng(1)
     readings = rng.uniform(LOW, HIGH, (80, 6))
@@ -115,7 +115,7 @@ def test_a_far_outlier_is_left_out_and_named_by_line(cellctl, capsys):
 def test_what_geometry_does_not_explain_is_no_outlier(cellctl):
     """The soft joint's errors are many times the noise; a geometric fit calls some of them outliers."""
     from cellctl.formats import DataSet
-    from cellctl.formats.robot_errors import robot_errors, rows_with_positions
+    from cellctl.formats.similarity_report import robot_errors, rows_with_positions
 
     readings, places = campaign(40)
     write(

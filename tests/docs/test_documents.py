@@ -22,7 +22,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, load_artefact
-from cellctl.formats.currents import currents_of
+from cellctl.formats.cell_sections import currents_of
 from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 

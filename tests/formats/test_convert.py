@@ -11,12 +11,10 @@ from own_kinematics import assert_same_pose, forward_of_dh_table, forward_of_rob
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile, RobotFile
-from cellctl.formats.description import JointSaid, RobotDescription
+from cellctl.formats.description import JointSaid, RobotDescription, robot_text
 from cellctl.formats.dh_table import dh_table_text, load_dh_table
 from cellctl.formats.model import JointRegion, Parameter
-from cellctl.formats.robot_text import robot_text
-from cellctl.formats.urdf import load_urdf
-from cellctl.formats.urdf_text import urdf_text
+from cellctl.formats.urdf import load_urdf, urdf_text
 from cellctl.kinematics import JointAxis, SerialChain, pose_from_xyz_abc
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"

@@ -3,7 +3,7 @@
 import pytest
 
 from cellctl.files import InputError, load_yaml
-from cellctl.formats.currents import currents_of
+from cellctl.formats.cell_sections import currents_of
 
 CELL = "name: cell\ndevices: {robot: 'a://b', drives: 'c://d'}\ncurrents: "
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.files import InputError
-from cellctl.formats.decimals import decimal_sign, number
+from cellctl.formats.spreadsheet_text import decimal_sign, number
 
 SIGNS = {"point": ".", "comma": ","}
 GROUPS = {"point": ["", ",", "'", " ", "\u00a0"], "comma": ["", ".", "'", " ", "\u202f"]}

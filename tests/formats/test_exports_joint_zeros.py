@@ -16,7 +16,7 @@ from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats.exports import Cost, abb_text, fanuc_text, joint_zeros, kuka_text, measured_postures
-from cellctl.formats.load_region import LoadRegion
+from cellctl.formats.load import LoadRegion
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import abc_from_rotation, inverse_pose
 from cellctl.krl.krl_file import KrlFile

@@ -12,7 +12,7 @@ from perturbed_models import by_axes, library_robot, perturbed
 from cellctl.files import InputError
 from cellctl.formats.description import JointSaid, RobotDescription
 from cellctl.formats.dh_table import dh_table_text
-from cellctl.formats.urdf_text import urdf_text
+from cellctl.formats.urdf import urdf_text
 from cellctl.kinematics import JointAxis, SerialChain
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]

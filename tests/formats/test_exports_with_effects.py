@@ -10,9 +10,8 @@ from perturbed_models import library_robot, model_of
 from cellctl.calibration.effects.backlash import Backlash
 from cellctl.calibration.effects.compliance import JointCompliance
 from cellctl.cli.verbs import app
-from cellctl.formats.description import RobotDescription
+from cellctl.formats.description import RobotDescription, robot_text
 from cellctl.formats.exports import Cost, fitted_geometry, measured_postures
-from cellctl.formats.robot_text import robot_text
 from cellctl.formats.table_making import nominal_chain
 
 REGION = [[-90.0, -120.0, 20.0, -160.0, -150.0, -90.0], [30.0, -40.0, 120.0, 0.0, -40.0, 60.0]]

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from cellctl.calibration import Split, fit, predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
-from cellctl.formats.fit_findings import wide
+from cellctl.formats.fit_report import wide
 
 ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
 LOW, HIGH = elbow_arm.LOWER, elbow_arm.UPPER

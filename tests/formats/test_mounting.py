@@ -13,10 +13,8 @@ from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.files import InputError, parse_yaml, sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements, nominal_model
-from cellctl.formats.description import RobotDescription
-from cellctl.formats.robot_text import robot_text
-from cellctl.formats.urdf import load_urdf
-from cellctl.formats.urdf_text import urdf_text
+from cellctl.formats.description import RobotDescription, robot_text
+from cellctl.formats.urdf import load_urdf, urdf_text
 from sims.robot_file import read_robot
 from sims.section import Section
 

@@ -38,7 +38,7 @@ from cellctl.devices import (
 )
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround
 from cellctl.files import load_yaml
-from cellctl.formats.station import reflectors_of, station_of
+from cellctl.formats.cell_sections import reflectors_of, station_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile, fold, read_journal
 from cellctl.procedure import StepRegistry, load_procedure, section_of
 

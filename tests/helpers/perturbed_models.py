@@ -9,10 +9,9 @@ import numpy as np
 from cellctl.calibration import settings_of
 from cellctl.files import parse_yaml
 from cellctl.formats import ModelFile, RobotFile
-from cellctl.formats.description import RobotDescription
+from cellctl.formats.description import RobotDescription, robot_text
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import JointRegion, Parameter
-from cellctl.formats.robot_text import robot_text
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 BASE = [[0.8, -0.6, 0.0, 1200.0], [0.6, 0.8, 0.0, -300.0], [0.0, 0.0, 1.0, 150.0], [0.0, 0.0, 0.0, 1.0]]

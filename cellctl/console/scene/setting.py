@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cellctl.files import Document, InputError, parse_yaml
 from cellctl.formats import Artefact, RobotFile, artefact_of
-from cellctl.formats.station import FlangeReflector, Nest, Station, floor_of, reflectors_of, station_of
+from cellctl.formats.cell_sections import FlangeReflector, Nest, Station, floor_of, reflectors_of, station_of
 from cellctl.journal.events import RunStarted, SourceFile
 from cellctl.kinematics import Floats, JointMap, SerialChain
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import TYPE_CHECKING, final
 
-from cellctl.formats.columns import Sieve
+from cellctl.formats.dataset import Sieve
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:

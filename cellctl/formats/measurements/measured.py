@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
-from cellctl.formats.columns import Sieve, joint_readings
-from cellctl.formats.dataset import DataSet, Rejected
-from cellctl.formats.load_region import two_centres
-from cellctl.formats.measurements.certified import Spacing, known_spacings, refuse_planes, rough_places, spacing_rows
+from cellctl.formats.dataset import DataSet, Rejected, Sieve, joint_readings
+from cellctl.formats.load import two_centres
 from cellctl.formats.measurements.conditions import Conditions
-from cellctl.formats.measurements.fixed_points import Planes, Reaches, Sockets, reject_point_names
-from cellctl.formats.measurements.instrument import Poses, Positions
-from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, check_columns, kinds_of, reject_zeros
+from cellctl.formats.measurements.kinds import (
+    KINDS,
+    NOUNS,
+    Kind,
+    check_columns,
+    has_own_sigma,
+    kinds_of,
+    reject_zeros,
+    zero_sigmas,
+)
 from cellctl.formats.measurements.model_choice import ModelChoice, ModelTerms
 from cellctl.formats.measurements.repeats import (
     posture_numbers,
@@ -24,8 +29,18 @@ from cellctl.formats.measurements.repeats import (
     reject_lone,
     reject_lone_zeros,
 )
-from cellctl.formats.measurements.sessions import OWN_BASE, Points, session_names, sessions_of
-from cellctl.formats.measurements.sigmas import has_own_sigma, zero_sigmas
+from cellctl.formats.measurements.rows import Planes, Poses, Positions, Reaches, Sockets, reject_point_names
+from cellctl.formats.measurements.sessions import (
+    OWN_BASE,
+    Points,
+    Spacing,
+    known_spacings,
+    refuse_planes,
+    rough_places,
+    session_names,
+    sessions_of,
+    spacing_rows,
+)
 from cellctl.formats.robot import RobotFile
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, postures_of
-from cellctl.formats.station import reflectors_of
+from cellctl.formats.cell_sections import reflectors_of
 from cellctl.kinematics import Bools, Floats, JointMap, SerialChain, inverse, pose
 from cellctl.metrology.iso9283 import cube_points
 from cellctl.planning.measuring_poses import MeasuringArm

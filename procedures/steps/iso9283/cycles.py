@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from cellctl.formats import RobotFile, postures_of
-from cellctl.formats.station import reflectors_of
+from cellctl.formats.cell_sections import reflectors_of
 from cellctl.kinematics import Floats
 from cellctl.procedure import CellContext
 from procedures.steps.iso9283.cube import CYCLE, VARIED, Cube

@@ -12,7 +12,7 @@ from cellctl.calibration import ErrorFigures, Verdict, compared_errors, paired_v
 from cellctl.calibration.rows.fixed_points import sphere_centre
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
-from cellctl.formats.robot_text import number
+from cellctl.formats.description import number
 from cellctl.kinematics import Floats
 from cellctl.metrology.four_point import FoundTool, tips, tool_at_point, tool_by_touches, touch_residuals
 from cellctl.procedure import StepContext

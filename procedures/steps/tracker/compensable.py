@@ -10,8 +10,8 @@ import numpy as np
 from cellctl.compensation import Compensated
 from cellctl.devices.cell import online_correction_deg, table_correction_deg
 from cellctl.formats import ModelFile
+from cellctl.formats.table import row_problems
 from cellctl.formats.table_making import compensated_targets, nominal_chain, target_rows, valid_region
-from cellctl.formats.table_refusals import row_problems
 from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import CellContext
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats import DataSet, RobotFile
-from cellctl.formats.columns import Sieve, joint_readings
+from cellctl.formats.dataset import Sieve, joint_readings
 from cellctl.kinematics import Floats
 from cellctl.planning.measuring_poses import MeasuringArm, unmeasurable
 from cellctl.planning.ways import Reach

@@ -19,7 +19,7 @@ class Prepared(StepResult):
 
 
 def _check_prepare(context: CellContext, known: Mapping[str, Any]) -> None:
-    from cellctl.formats.station import reflectors_of, station_of
+    from cellctl.formats.cell_sections import reflectors_of, station_of
     from procedures.steps.tracker.load import recorded_load
 
     recorded_load(context.cell)
@@ -39,7 +39,7 @@ async def prepare(context: StepContext, inputs: NoInputs) -> Prepared:
 
     To be done again on resume (`on_resume: always`): the instrument may have been off.
     """
-    from cellctl.formats.station import reflectors_of
+    from cellctl.formats.cell_sections import reflectors_of
     from procedures.steps.tracker.load import recorded_load
 
     tracker: PointSource = context.device("tracker")
@@ -93,7 +93,7 @@ class TwoFaces(StepResult):
 @step("tracker.two_face", needs={"tracker": PointSource}, title="two-face check")
 async def two_face(context: StepContext, inputs: TwoFaceInputs) -> TwoFaces:
     """Measure the first two nests in both faces; refuse an instrument that is out of adjustment, or that changed."""
-    from cellctl.formats.station import station_of
+    from cellctl.formats.cell_sections import station_of
     from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
     from procedures.steps.tracker.monuments import nest_place
 

@@ -26,7 +26,7 @@ def _located(context: StepContext) -> tuple[StationRow, float]:
     import numpy as np
 
     from cellctl.calibration.estimation.registration import rigid_fit
-    from cellctl.formats.station import station_of
+    from cellctl.formats.cell_sections import station_of
     from procedures.steps.tracker.station import session_now
 
     given = {nest.id: np.array(nest.xyz, float) for nest in station_of(context.cell).nests}

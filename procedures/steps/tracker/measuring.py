@@ -62,7 +62,7 @@ class Measured(StepResult):
 
 def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
     """Raise InputError for an error in the cell file's `currents:`."""
-    from cellctl.formats.currents import currents_of
+    from cellctl.formats.cell_sections import currents_of
     from procedures.steps.tracker.station import robot_of
 
     if "currents" not in context.cell.data:
@@ -154,7 +154,7 @@ async def measured_plate(
     context: StepContext, fields: Mapping[str, Any], count: int, settling: Settling
 ) -> tuple[MeasuredPoint, ...]:
     """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
-    from cellctl.formats.station import reflectors_of
+    from cellctl.formats.cell_sections import reflectors_of
     from procedures.steps.tracker.plate import check_plate
     from procedures.steps.tracker.station import reflector_at, seen_from_instrument
 
@@ -203,7 +203,7 @@ def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:
 
 
 def _search_mm(context: StepContext) -> float:
-    from cellctl.formats.station import station_of
+    from cellctl.formats.cell_sections import station_of
 
     return station_of(context.cell).search_mm
 

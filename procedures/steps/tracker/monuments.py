@@ -8,7 +8,7 @@ from typing import Any
 
 from cellctl.devices import CellReadings, DeviceFault, PointSource, Vector3
 from cellctl.files import InputError
-from cellctl.formats.station import Nest, station_of
+from cellctl.formats.cell_sections import Nest, station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepResult, step
 from procedures.steps.tracker.instrument import update_weather
 from procedures.steps.tracker.measuring import PointInputs

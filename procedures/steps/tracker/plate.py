@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cellctl.devices import MeasuredPoint
-from cellctl.formats.station import reflectors_of
+from cellctl.formats.cell_sections import reflectors_of
 from cellctl.metrology.nests import NestPlate, NestsDoNotFit, check_nests
 from cellctl.metrology.points import Points
 from cellctl.procedure import StepContext

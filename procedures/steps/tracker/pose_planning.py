@@ -11,7 +11,7 @@ import numpy as np
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, postures_of
-from cellctl.formats.station import floor_of, reflectors_of, station_of
+from cellctl.formats.cell_sections import floor_of, reflectors_of, station_of
 from cellctl.kinematics import Floats
 from cellctl.planning import OutOfReach
 from cellctl.planning.measuring_poses import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.devices import Vector3
 from cellctl.formats import RobotFile
-from cellctl.formats.station import FlangeReflector, reflectors_of, station_of
+from cellctl.formats.cell_sections import FlangeReflector, reflectors_of, station_of
 from cellctl.kinematics import Floats, inverse_pose, pose_from_xyz_abc
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.tracker.rows import StationRow

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.formats.station import reflectors_of, station_of
+from cellctl.formats.cell_sections import reflectors_of, station_of
 from cellctl.kinematics import inverse_pose
 from cellctl.metrology.instrument_checks import InsensitiveDistances, KnownDistance, constant_error
 from cellctl.metrology.monuments import NestLoose, StationState, station_motion

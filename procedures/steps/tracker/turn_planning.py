@@ -8,7 +8,7 @@ import numpy as np
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, postures_of
-from cellctl.formats.station import floor_of, reflectors_of
+from cellctl.formats.cell_sections import floor_of, reflectors_of
 from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import CellContext
 from procedures.steps.tracker.plans import PosePlan

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from true_worlds import BENT, CELL, with_errors
 
 from cellctl.formats import RobotFile
-from cellctl.formats.description import RobotDescription
-from cellctl.formats.robot_text import robot_text
+from cellctl.formats.description import RobotDescription, robot_text
 from sims.cell import ERRORS, read_cell
 from sims.conditions import Conditions
 from sims.robot_file import read_robot

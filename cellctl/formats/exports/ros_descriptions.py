@@ -1,25 +1,86 @@
-"""Calibrated joint origins written into the user's own URDF; all its other bytes stay.
+"""Robots for ROS: calibrated joint origins in the user's own URDF, and `calibration.yaml` of Universal Robots.
+
+A form that gives each link a frame on its joint's axis leaves two choices open: where along the axis, and how turned
+about it. The nearest to the nominal frame keeps every number near its nominal value, also where axes are almost
+parallel: their common perpendicular, which a DH table needs, may be hundreds of metres away.
 
 Meshes, inertias and collision shapes are given in the link frames. So each link frame moves only as far as its joint's
 axis demands: the least turn and shift. What remains at the tip goes into the fixed joint behind the last turning one.
+
+Its frames (Universal_Robots_ROS2_Description, urdf/ur_macro.xacro): `base_link_inertia` is the controller's base;
+`shoulder` … `wrist_3` turn about their own z; `tool0` is `wrist_3`. Lengths in m; roll, pitch, yaw as in URDF, in rad.
 """
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, final
 
-from cellctl.files import InputError, Problem
+from cellctl.files import InputError, Problem, load_yaml
 from cellctl.formats.description import RobotDescription
-from cellctl.formats.exports.axes import ReadingAxes, nearest_on_axis, reading_axes, turned_by
-from cellctl.formats.urdf import UrdfChain, UrdfJoint, load_chain
-from cellctl.formats.urdf_text import origin_words
+from cellctl.formats.urdf import UrdfChain, UrdfJoint, load_chain, origin_words
 
 if TYPE_CHECKING:
     from cellctl.kinematics import Floats
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ReadingAxes:
+    """The axes where all readings are 0, in the robot's base frame, mm.
+
+    points (n, 3): one on each axis. along (n, 3): unit vectors; a growing reading turns right-handed about it. flange
+    (4, 4). The flange at readings r is the product of the turns by r about these axes, times `flange`.
+    """
+
+    points: Floats
+    along: Floats
+    flange: Floats
+
+
+def reading_axes(robot: RobotDescription) -> ReadingAxes:
+    """The axes of a robot without deviations (`RobotDescription.of`)."""
+    import numpy as np
+
+    joints = robot.joint_map()
+    frames = robot.chain.with_base(np.eye(4)).frames(joints.model(np.zeros(joints.n)))
+    return ReadingAxes(frames[:-1, :3, 3], frames[:-1, :3, 2] * joints.sign[:, None], frames[-1])
+
+
+def nearest_on_axis(frame: Floats, point: Floats, along: Floats, axis: Floats) -> Floats:
+    """The pose (4, 4) nearest to `frame` that lies on the line through `point` along `along` (unit vector).
+
+    Its origin is on the line, and its direction `axis` (in its own frame, unit vector) is `along`: the least turn and
+    the least shift that do so. Raises ValueError where `axis` points against `along`.
+    """
+    import numpy as np
+
+    from cellctl.kinematics import pose
+
+    before = frame[:3, :3] @ axis
+    cosine = float(before @ along)
+    if cosine < -0.5:
+        raise ValueError("the axis points the other way")
+    x, y, z = np.cross(before, along)
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    origin = point + float((frame[:3, 3] - point) @ along) * along
+    return pose(turn @ frame[:3, :3], origin)
+
+
+def turned_by(frame: Floats, other: Floats) -> float:
+    """Angle between two poses (4, 4), rad."""
+    import numpy as np
+
+    from cellctl.kinematics import rotation_vector
+
+    return float(np.linalg.norm(rotation_vector(frame[:3, :3].T @ other[:3, :3])))
+
 
 NEAR_DEG, NEAR_MM = 1.0, 5.0
 """The axes of the user's URDF lie this near to those of the model's robot file, or it is another robot."""
@@ -163,3 +224,83 @@ def _edit(file: str, data: bytes, joint: UrdfJoint, origin: Floats) -> tuple[int
     if element is None:
         return tag.end(), tag.end(), b"\n    <origin" + words + b"/>"
     return start, tag.end(), b"<origin" + words + _ORIGIN_ATTRIBUTE.sub(b"", tag.group()[len(b"<origin") :])
+
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_ROLLS = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
+"""Roll of each link in the one before, deg, of every robot of this maker; pitch and yaw are 0."""
+_CURE = "give a model of a UR robot in its controller's base frame, as the library's (`cellctl robots`)"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class UrCalibration:
+    """text: the file. tcp (4, 4): the model's TCP in `tool0`, mm; base (4, 4): the controller's base in its frame."""
+
+    text: str
+    tcp: Floats
+    base: Floats
+
+
+def ur_calibration(nominal: RobotDescription, found: RobotDescription, file: str, known: str | None) -> UrCalibration:
+    """The file for robot `found` (without deviations), whose maker's table is `nominal`.
+
+    known: the hash of the controller's own calibration, if the user's file has it; else one of this content. Each frame
+    is the one on its axis that is nearest to the nominal one, so that no number grows where axes are almost parallel.
+    Raises InputError where `nominal` (of `file`) is not built as a UR, or is given in another base frame.
+    """
+    import numpy as np
+
+    from cellctl.kinematics import inverse_pose
+
+    usual = [*_nominal_frames(nominal, file)[:-1], reading_axes(found).flange]
+    axes, z = reading_axes(found), np.array([0.0, 0.0, 1.0])
+    frames = [np.eye(4)]
+    for frame, point, along in zip(usual, axes.points, axes.along, strict=True):
+        frames.append(nearest_on_axis(frame, point, along, z))
+    lines = ["kinematics:"]
+    for name, before, frame in zip(LINKS, frames, frames[1:], strict=False):
+        xyz, rpy = origin_words(inverse_pose(before) @ frame)
+        keys = ("x", "y", "z", "roll", "pitch", "yaw")
+        lines += [f"  {name}:", *(f"    {key}: {word}" for key, word in zip(keys, (*xyz, *rpy), strict=True))]
+    content = "".join(f"{line}\n" for line in lines)
+    name = known or f"calib_{int(hashlib.sha256(content.encode()).hexdigest()[:16], 16)}"
+    tcp = inverse_pose(frames[-1]) @ axes.flange @ found.chain.tool_now
+    return UrCalibration(f"{content}  hash: {name}\n", tcp, found.chain.base_now)
+
+
+def hash_of(path: Path) -> str:
+    """The hash in the user's own calibration file: that of the controller. Raises InputError where it has none."""
+    content = load_yaml(path).data
+    section = content.get("kinematics") if isinstance(content, dict) else None
+    known = section.get("hash") if isinstance(section, dict) else None
+    if not isinstance(known, str) or not known.startswith("calib_"):
+        cure = "give the file that ur_calibration read from the controller, or leave --into out"
+        raise InputError(Problem(str(path), 0, 0, "has no hash of a calibration under kinematics", cure))
+    return known
+
+
+def _nominal_frames(nominal: RobotDescription, file: str) -> list[Floats]:
+    """The maker's frames (4, 4) at readings 0, in the controller's base frame, if the robot is built as a UR."""
+    import numpy as np
+
+    from cellctl.kinematics import LinkTable, inverse_pose, pose, pose_from_xyz_abc, to_mdh
+
+    joints = nominal.joint_map()
+    if joints.n != len(LINKS) or (joints.sign != 1.0).any():
+        what = f"is no UR robot: it has {joints.n} joints, with readings counted {_senses(joints.sign)}"
+        raise InputError(Problem(file, 0, 0, what, _CURE))
+    chain = to_mdh(nominal.chain)
+    assert isinstance(chain.table, LinkTable)
+    behind = inverse_pose(nominal.chain.base) @ chain.frames(joints.model(np.zeros(joints.n)))[:-1]
+    frames = [frame @ pose(np.eye(3), [0.0, 0.0, row.d]) for frame, row in zip(behind, chain.table.links, strict=True)]
+    for name, roll, before, frame in zip(LINKS, _ROLLS, [np.eye(4), *frames], frames, strict=False):
+        apart = np.degrees(turned_by(pose_from_xyz_abc([0.0] * 3, [0.0, 0.0, roll]), inverse_pose(before) @ frame))
+        if apart > 1.0:
+            what = f"is no UR robot: {name} is turned by {apart:.0f}° from where the description package has it"
+            raise InputError(Problem(file, 0, 0, what, _CURE))
+    return frames
+
+
+def _senses(sign: Floats) -> str:
+    return "against the model" if (sign < 0.0).any() else "with the model"

@@ -1,13 +1,37 @@
-"""Numbers as people write them: `1234.5`, `1234,5`, `1.234,5`, `1'234.5`, `1 234,5`; `1,234` alone is ambiguous."""
+"""Text as people and spreadsheets save it: encodings, column separators, and numbers with their decimal sign."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from typing import Literal, TypeAlias
 
 from cellctl.files import InputError, Problem
+
+_SPREADSHEETS = {
+    b"PK\x03\x04": "a spreadsheet (xlsx, ods) or another archive",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet (xls)",
+}
+
+
+def decoded(data: bytes, file: str) -> str:
+    """A file's text: UTF-8 or UTF-16 (marked), else Windows' Western code page.
+
+    `file` names it in errors. Raises InputError for a spreadsheet.
+    """
+    for start, what in _SPREADSHEETS.items():
+        if data.startswith(start):
+            raise InputError(Problem(file, 0, 0, f"is {what}, not text", "save the sheet as CSV"))
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", "replace")
+    for encoding in ("utf-8-sig", "cp1252"):
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return data.decode("latin-1")
+
 
 DecimalSign: TypeAlias = Literal["comma", "point"]
 
@@ -84,3 +108,52 @@ def _two_readings(file: str, clear: dict[DecimalSign, Cell], open_: dict[Decimal
     beside = "".join(f", beside '{other}' on line {at}" for at, other in clear.values())
     what = f"'{text}'{beside} may be {as_point} or {as_comma}"
     return Problem(file, line, 0, what, f"--decimal point reads it as {as_point}, --decimal comma as {as_comma}")
+
+
+_SEPARATORS = (",", ";", "\t")
+_SAID = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_NUMBERS = re.compile(
+    r"[AqDI]\d+|[XYZABC]|Q[WXYZ]|s[XYZRD]|radius|tip_radius|drift|distance|temperature|payload(_[xyz])?|time"
+    r"|theta|alpha|beta|[da]|offset|min|max|max_speed",  # of a table of links
+)
+"""Columns that hold numbers; a name (`S1`, `1,5`) stays as it is written."""
+
+
+def separator(text: str) -> tuple[str, bool]:
+    """The column separator of `text`, and whether the first line only states it (Excel's `sep=;`)."""
+    first = re.split(r"[\r\n]", text, maxsplit=1)[0]
+    said = _SAID.fullmatch(first)
+    return (said[1], True) if said else (max(_SEPARATORS, key=first.count), False)
+
+
+def named(header: Sequence[str]) -> int:
+    """Number of columns up to the last one with a name."""
+    return max((place for place, name in enumerate(header, 1) if name), default=0)
+
+
+def with_points(
+    header: Sequence[str], cells: list[tuple[str, ...]], lines: Sequence[int], file: str
+) -> list[tuple[str, ...]]:
+    """`cells` with decimal points where they have decimal commas, and without signs between thousands.
+
+    Where the rows contradict each other, or are ambiguous (`1,234`), InputError names the lines.
+    """
+    places = [place for place, name in enumerate(header) if _NUMBERS.fullmatch(name)]
+    if not any("," in row[place] for row in cells for place in places):
+        return cells
+    sign = _sign(file, [(line, row[place]) for line, row in zip(lines, cells, strict=True) for place in places])
+    numeric = set(places)
+    return [tuple(_pointed(text, sign) if at in numeric else text for at, text in enumerate(row)) for row in cells]
+
+
+def _sign(file: str, cells: Sequence[Cell]) -> DecimalSign:
+    try:
+        return decimal_sign(file, cells, None)[0]
+    except InputError as error:
+        cure = "write all numbers with a decimal point, and without signs between thousands"
+        raise InputError(Problem(file, each.line, 0, each.what, cure) for each in error.problems) from error
+
+
+def _pointed(text: str, sign: DecimalSign) -> str:
+    value = number(text, sign)
+    return text if value is None else str(value)
