@@ -11,11 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.pendant_import.cells import Cells
 from cellctl.pendant_import.choices import Choices
-from cellctl.pendant_import.headings import LENGTHS
 from cellctl.pendant_import.points import Point, PointList, Raw, RawList, Value
-from cellctl.pendant_import.typed_table import Headed
+from cellctl.pendant_import.typed_table import LENGTHS, Cells, Headed
 
 SIGMAS = ("sX", "sY", "sZ")
 UNCERTAINTIES = ("UX", "UY", "UZ")

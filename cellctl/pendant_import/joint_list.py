@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import BEYOND_LIMITS_DEG
-from cellctl.pendant_import.cells import Cells, cells_of
 from cellctl.pendant_import.choices import AngleUnit, Choices
-from cellctl.pendant_import.points import Point, PointList, RawList, Value
+from cellctl.pendant_import.fanuc import between_the_arms
+from cellctl.pendant_import.points import Point, PointList, RawList, Value, read_values
 from cellctl.pendant_import.programs import program_postures
-from cellctl.pendant_import.third_joint import between_the_arms
-from cellctl.pendant_import.typed_table import headed, lacking, optional_columns, raw_points, unheaded
-from cellctl.pendant_import.values import read_values
+from cellctl.pendant_import.typed_table import Cells, cells_of, headed, lacking, optional_columns, raw_points, unheaded
 
 if TYPE_CHECKING:
     from cellctl.formats.robot import RobotFile

@@ -1,10 +1,44 @@
-"""Points of a list in the order of the file, each usable or with the reason why not."""
+"""Points of a list in the order of the file, each usable or with the reason why not: from text to numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
 from typing import Literal, TypeAlias, final
+
+from cellctl.files import InputError, Problem
+from cellctl.files.kinds import EXPORT, OWN, kind_of, refuse_other_kind
+from cellctl.formats.spreadsheet_text import DecimalSign, decimal_sign, decoded, number
+
+
+def read_text(path: Path) -> str:
+    """The file's text: UTF-8 or UTF-16 (marked), else Windows' Western code page. Raises InputError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+    text = decoded(data, str(path))
+    if (found := kind_of(text)) in OWN:
+        refuse_other_kind(path, EXPORT, found)
+    if "\0" in text:
+        raise InputError(Problem(str(path), 0, 0, "is not text", "give a KRL, script or CSV file"))
+    if not text.strip():
+        raise InputError(Problem(str(path), 0, 0, "is empty"))
+    return text
+
+
+def lines_of(text: str) -> list[str]:
+    """The lines, with any line ends; unlike in `str.splitlines`, only CR and LF end a line."""
+    return re.split(r"\r\n|\n|\r", text)
+
+
+def unified(text: str) -> str:
+    """The text with LF at the end of each line."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
 
 Source: TypeAlias = Literal["krl", "rapid", "fanuc", "listing", "lists", "table"]
 """The kind of text of a list. Programs and lists of numbers have decimal points and a unit by definition."""
@@ -98,3 +132,50 @@ class Taught:
         """The point of a target list; one of joints has a fault."""
         what = f"{self.kind} holds joints: a target is Cartesian" if self.joints else ""
         return Raw(self.line, self.name, self.pose, self.fault or what, self.remark)
+
+
+_FACTORS = {
+    "mm": Decimal(1),
+    "cm": Decimal(10),
+    "m": Decimal(1000),
+    "um": Decimal("0.001"),
+    "inch": Decimal("25.4"),
+}
+
+
+def read_values(raw: RawList, numeric: Sequence[str], given: DecimalSign | None) -> PointList:
+    """The list with its texts as numbers, in the units of the file. numeric: the columns that have to be numbers.
+
+    Raises InputError where the decimal sign is ambiguous.
+    """
+    sign, how = _sign(raw, numeric, given)
+    points = tuple(_point(point, numeric, sign) for point in raw.points)
+    return PointList(raw.file, raw.source, points, (*raw.decided, *([how] if how else [])))
+
+
+def in_mm(value: Value, unit: str) -> Value:
+    """A length in mm, exactly as in its decimal digits."""
+    return value if isinstance(value, str) else float(Decimal(repr(value)) * _FACTORS[unit])
+
+
+def _sign(raw: RawList, numeric: Sequence[str], given: DecimalSign | None) -> tuple[DecimalSign, str]:
+    if raw.source in ("krl", "rapid", "fanuc", "lists"):
+        return "point", ""
+    cells = ((point.line, point.texts.get(column, "")) for point in raw.points for column in numeric)
+    return decimal_sign(raw.file, cells, given)
+
+
+def _point(raw: Raw, numeric: Sequence[str], sign: DecimalSign) -> Point:
+    values: dict[str, Value] = {}
+    fault = raw.fault
+    for column, text in raw.texts.items():
+        read = number(text, sign)
+        if read is not None:
+            values[column] = float(read)
+        elif column in numeric:
+            fault = fault or (f"{column} '{text[:20]}' is not a number" if text else f"{column} is missing")
+        elif text:
+            values[column] = text
+    missing = [column for column in numeric if column not in raw.texts]
+    fault = fault or (f"{', '.join(missing)} missing" if missing else "")
+    return Point(raw.line, raw.name, values, fault, raw.remark)

@@ -8,8 +8,7 @@ from typing import final
 
 from cellctl.pendant_import.choices import Length, Orientation
 from cellctl.pendant_import.fanuc import fanuc_points, is_fanuc
-from cellctl.pendant_import.krl import axis_listing, is_axis_listing, is_krl, krl_points
-from cellctl.pendant_import.krl_targets import is_krl_program, krl_targets
+from cellctl.pendant_import.krl import axis_listing, is_axis_listing, is_krl, is_krl_program, krl_points, krl_targets
 from cellctl.pendant_import.points import Raw, RawList, Source, Taught
 from cellctl.pendant_import.rapid import is_rapid, rapid_points
 from cellctl.pendant_import.script import is_number_lists, script_points

@@ -10,8 +10,7 @@ import re
 from collections.abc import Iterator
 from typing import TypeAlias
 
-from cellctl.pendant_import.points import Taught
-from cellctl.pendant_import.text import unified
+from cellctl.pendant_import.points import Taught, unified
 
 _Tree: TypeAlias = "str | list[_Tree]"
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 
-from cellctl.pendant_import.points import Taught
-from cellctl.pendant_import.text import unified
+from cellctl.pendant_import.points import Taught, unified
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _ITEM = rf"\s*(?:d2r\(\s*{_NUMBER}\s*\)|{_NUMBER})\s*"
