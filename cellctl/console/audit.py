@@ -10,7 +10,7 @@ from typing import Any, final
 
 from cellctl.clock import calendar_time
 from cellctl.engine import Operator
-from cellctl.files.append import append_line
+from cellctl.files.writing import append_line
 
 FILE_NAME = "audit.jsonl"
 

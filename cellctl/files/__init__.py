@@ -1,9 +1,8 @@
 """Files: strict YAML with positions, canonical JSON, atomic writes."""
 
-from cellctl.files.atomic import is_stream, write_atomically
-from cellctl.files.canonical import canonical_json, sha256_of
 from cellctl.files.problems import InputError, Problem
 from cellctl.files.strict_yaml import Document, Path, load_yaml, parse_yaml
+from cellctl.files.writing import canonical_json, is_stream, sha256_of, write_atomically
 
 __all__ = [
     "Document",

@@ -18,7 +18,7 @@ from typing import final
 from cellctl.clock import calendar_time
 from cellctl.devices import DeviceError, DeviceLost, DeviceRefused, DeviceUncertain, LimitExceeded
 from cellctl.files import write_atomically
-from cellctl.files.append import append_line
+from cellctl.files.writing import append_line
 from cellctl.formats import TableFile
 from cellctl.operations.table_changes import Action, Begin, End, Result, Seen, TableFacts
 from cellctl.operations.table_history import TableHistory

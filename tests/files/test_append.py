@@ -3,12 +3,12 @@
 import subprocess
 import sys
 
-from cellctl.files.append import append_line
+from cellctl.files.writing import append_line
 
 WRITER = """
 import sys
 from pathlib import Path
-from cellctl.files.append import append_line
+from cellctl.files.writing import append_line
 for number in range(50):
     append_line(Path(sys.argv[1]), f"{sys.argv[2]} {number} " + "x" * 5000)
 """
@@ -34,7 +34,7 @@ def test_a_part_of_a_line_stays_a_line_of_its_own(tmp_path):
 FULL = """
 import resource, signal, sys
 from pathlib import Path
-from cellctl.files.append import append_line
+from cellctl.files.writing import append_line
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))
 append_line(Path(sys.argv[1]), "a line that does not fit")

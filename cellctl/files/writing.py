@@ -1,11 +1,31 @@
-"""Atomic writes: after any interruption a file is either the complete old or the complete new one."""
+"""Writing files: canonical JSON, atomic writes of whole files, and lines appended by several processes."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import hashlib
+import json
 import os
 import secrets
 from pathlib import Path
+from typing import Any
+
+
+def canonical_json(value: Any) -> str:
+    """JSON of `value` with sorted keys, no spaces and shortest round-trip numbers; NaN and infinities are refused.
+
+    Raises ValueError for a number that JSON cannot hold, TypeError for a type that it cannot.
+    """
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def sha256_of(value: Any) -> str:
+    """SHA-256 (hex) of `value`: of a string's or bytes' own content, of anything else's canonical JSON."""
+    if not isinstance(value, bytes):
+        value = (value if isinstance(value, str) else canonical_json(value)).encode()
+    return hashlib.sha256(value).hexdigest()
+
 
 LINKS = 40
 """Maximum number of links followed in a chain, as in the kernel."""
@@ -70,3 +90,30 @@ def _settle(folder: Path) -> None:
         os.fsync(directory)
     finally:
         os.close(directory)
+
+
+def append_line(path: Path, line: str) -> None:
+    """Append `line` to the file `path` and make it durable; the file is made if it is missing. Needs POSIX locks.
+
+    A part of a line that a crash left at the end stays a line of its own. Raises OSError (full disk, no
+    permission); the file is then as it was.
+    """
+    import fcntl
+
+    with path.open("a+b", buffering=0) as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)  # until the stream is closed
+        end = stream.seek(0, os.SEEK_END)
+        data = (_line_end(stream.fileno(), end) + line + "\n").encode()
+        try:
+            if stream.write(data) != len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+            os.fsync(stream.fileno())
+        except OSError:
+            stream.truncate(end)
+            raise
+
+
+def _line_end(file: int, end: int) -> str:
+    """What the last line needs to be complete."""
+    os.lseek(file, max(end - 1, 0), os.SEEK_SET)
+    return "\n" if end and os.read(file, 1) != b"\n" else ""
