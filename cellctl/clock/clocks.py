@@ -1,21 +1,60 @@
-"""Clocks of the engine's loop: `now`, `sleep`, `timeout`, the same on a real cell and on a simulated one."""
+"""Clocks of the engine's loop, the same on a real and a simulated cell; their time in any process; the calendar."""
 
 from __future__ import annotations
 
 import asyncio
+import datetime
 import heapq
 import itertools
 import json
 import math
+import mmap
 import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from contextvars import ContextVar
+from pathlib import Path
 from typing import ParamSpec, Protocol, Self, TypeVar, final
 
-from cellctl.clock.reading import reader_of
 from cellctl.clock.wires import CountedWire, UncountedWire, Wire
+
+
+def calendar_time() -> str:
+    """The calendar time in UTC, ISO 8601 to the second, as `2026-11-21T19:24:33Z`."""
+    now = datetime.datetime.now(datetime.UTC)  # noqa: TID251 - the one place that may
+    return now.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+TimeReader = Callable[[], int]
+"""Gives the cell's time in nanoseconds; safe to call from any thread."""
+
+
+def reader_of(source: str) -> TimeReader:
+    """A reader for `source`.
+
+    `wall:EPOCH`: CLOCK_MONOTONIC minus EPOCH nanoseconds, the same in every process of a host.
+    `file:PATH`: the 8-byte little-endian integer that a simulated cell keeps up to date in a memory-mapped file.
+
+    Raises ValueError for another kind of source, OSError if the file cannot be mapped.
+    """
+    kind, _, value = source.partition(":")
+    if kind == "wall":
+        epoch = int(value)
+        return lambda: time.monotonic_ns() - epoch
+    if kind == "file":
+        return _mapped(Path(value))
+    raise ValueError(f"no clock source of kind '{kind}' (in '{source}')")
+
+
+def _mapped(path: Path) -> TimeReader:
+    with path.open("rb") as stream:
+        try:
+            view = memoryview(mmap.mmap(stream.fileno(), 8, access=mmap.ACCESS_READ)).cast("q")
+        except ValueError as error:
+            raise OSError(f"{path} is no time file: {error}") from error
+    return lambda: view[0]
+
 
 _BUSY_EVERY_S = 1.0
 """Wall time after which an unanswered tick is reported as in progress; the simulator's time limit is 10 s."""

@@ -17,7 +17,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Self, final
 
-from cellctl.clock.reading import reader_of
+from cellctl.clock.clocks import reader_of
 from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
 from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
 from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from cellctl.clock.reading import TimeReader
+from cellctl.clock.clocks import TimeReader
 from drivers.kuka_rsi.cyclic.controller_line import ControllerLine, Place
 from drivers.kuka_rsi.cyclic.cycle_timing import AnswerDelay
 from drivers.kuka_rsi.cyclic.session import Admission
