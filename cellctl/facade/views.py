@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from cellctl.records.verdict import PASSED
+from cellctl.records import PASSED
 from cellctl.report.distributions import before_and_after
 from cellctl.report.drawing import ACCENT, BEFORE, millimetres, svg_of
 from cellctl.report.figures import fit_lines
