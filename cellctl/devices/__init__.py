@@ -1,11 +1,17 @@
 """Protocols, addresses and errors of devices: the interface between campaigns and drivers."""
 
-from cellctl.devices.addresses import Address, impossible_host
-from cellctl.devices.cell_io import CellIO, CellReadings, Temperatures
-from cellctl.devices.conditions import Conditions
+from cellctl.devices.addresses import Address, DriverDescription, host_places, impossible_host, path_places
+from cellctl.devices.cell_io import (
+    CellIO,
+    CellReadings,
+    Conditions,
+    CurrentSource,
+    FileStore,
+    MotorCurrents,
+    Temperatures,
+    VariableStore,
+)
 from cellctl.devices.correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
-from cellctl.devices.currents import CurrentSource, MotorCurrents
-from cellctl.devices.driver import DriverDescription
 from cellctl.devices.errors import (
     DeviceBusy,
     DeviceError,
@@ -21,7 +27,6 @@ from cellctl.devices.errors import (
     ProbeNotOpen,
     TargetLost,
 )
-from cellctl.devices.places import host_places, path_places
 from cellctl.devices.points import (
     Lock,
     Matrix3,
@@ -61,7 +66,6 @@ from cellctl.devices.tables import (
     TableState,
     TableStore,
 )
-from cellctl.devices.variables import FileStore, VariableStore
 
 __all__ = [
     "Address",

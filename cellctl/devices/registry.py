@@ -7,9 +7,7 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import final
 
-from cellctl.devices.addresses import Address
-from cellctl.devices.driver import DriverDescription
-from cellctl.devices.places import places_of
+from cellctl.devices.addresses import Address, DriverDescription, places_of
 from cellctl.devices.protocols import Device, Finding, Surroundings
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar, final
 
-from cellctl.devices.report_facts import ReportFacts
+from cellctl.devices.cell import ReportFacts
 from cellctl.files import Document, InputError, parse_yaml, sha256_of
 from cellctl.files.validated import validated
 from cellctl.formats import Artefact, DataSet, ModelFile, artefact_of

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from cellctl.devices.report_facts import ARTEFACT
+from cellctl.devices.cell import ARTEFACT
 from cellctl.journal import PushedTable
 from cellctl.report.acceptance import RULE, Decision
 from cellctl.report.budget import NOT_STATED, Budget, Contribution, dimensions_of, scatter_of_fit

@@ -19,7 +19,7 @@ from cellctl.devices import (
     LimitExceeded,
     TableState,
 )
-from cellctl.devices.table_errors import lost_before_activation
+from cellctl.devices.tables import lost_before_activation
 from drivers.kuka_varproxy.files import ControllerFiles
 from drivers.kuka_varproxy.health import health_of
 from drivers.kuka_varproxy.limits import SLOWEST_PERCENT, AxisRanges, MoveLimits

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Self, final
 
 from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableRow, TableState
-from cellctl.devices.table_errors import lost_before_activation, lost_in_activation, refuse_rows
+from cellctl.devices.tables import lost_before_activation, lost_in_activation, refuse_rows
 from drivers.kuka_varproxy.literals import AXES, plain_text, structure, whole
 from drivers.kuka_varproxy.names import BANK_KIND, BANKS, MOST_ROWS, ROW_KIND, bank, row
 from drivers.kuka_varproxy.variables import Variables

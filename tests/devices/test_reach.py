@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.devices.reach import reach_of
+from cellctl.devices.cell import reach_of
 from cellctl.formats import RobotFile
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from typing import final
 
 from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableState
-from cellctl.devices.table_errors import LOOK, lost_before_activation, lost_in_activation, refuse_rows
+from cellctl.devices.tables import LOOK, lost_before_activation, lost_in_activation, refuse_rows
 from drivers.kuka_rsi.eki.channel import EkiChannel, Pending
 from drivers.kuka_rsi.eki.documents import Reply
 from drivers.kuka_rsi.eki.refusals import refusal

@@ -15,8 +15,7 @@ from cellctl.cli.check import check
 from cellctl.cli.run import run as run_command
 from cellctl.clock import WallClock
 from cellctl.devices import Address, DeviceUnreachable
-from cellctl.devices.cell import Cell
-from cellctl.devices.reach import reach_of
+from cellctl.devices.cell import Cell, reach_of
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
