@@ -10,7 +10,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.operations.connected import connected
 from cellctl.operations.system import require_cells
-from cellctl.procedure.abilities import missing_abilities
+from cellctl.procedure.check import missing_abilities
 
 _INSTRUCTIONS = "README.txt"
 

@@ -20,7 +20,7 @@ from cellctl.operations.table import push_verified, refuse_table
 from cellctl.operations.table_changes import Action
 from cellctl.operations.table_history import find_table
 from cellctl.operations.table_recording import TableRecorder
-from cellctl.procedure.abilities import missing_abilities
+from cellctl.procedure.check import missing_abilities
 
 Result = TypeVar("Result")
 

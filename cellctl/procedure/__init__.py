@@ -1,11 +1,8 @@
 """Procedures: the steps of a campaign, read from a file and checked completely before any motion."""
 
 from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell, expected_passes
-from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters
-from cellctl.procedure.context import StepContext
-from cellctl.procedure.expressions import Expression
-from cellctl.procedure.inputs import inputs_of
-from cellctl.procedure.loader import load_procedure, read_procedure
+from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters, inputs_of
+from cellctl.procedure.loader import load_procedure, read_procedure, resolve_parameters
 from cellctl.procedure.model import (
     Action,
     Confirm,
@@ -23,12 +20,9 @@ from cellctl.procedure.model import (
     step_path,
     walk,
 )
-from cellctl.procedure.parameters import resolve_parameters
-from cellctl.procedure.phases import phase_titles
-from cellctl.procedure.references import Reference, UnresolvedReference, resolve
-from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
-from cellctl.procedure.section import section_of
-from cellctl.procedure.steps import AnyStepKind, NoInputs, StepInputs, StepKind, StepResult, step
+from cellctl.procedure.references import Expression, Reference, UnresolvedReference, resolve
+from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep, phase_titles, section_of
+from cellctl.procedure.steps import AnyStepKind, NoInputs, StepContext, StepInputs, StepKind, StepResult, step
 
 __all__ = [
     "Action",

@@ -1,14 +1,26 @@
-"""Reads one mapping of a document key by key, collects errors, and continues after each."""
+"""Reads one mapping of a document key by key, collects errors with suggestions, and continues after each."""
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar, final
 
 from cellctl.files import Document, Path, Problem
-from cellctl.procedure.suggest import did_you_mean
+
+
+def did_you_mean(word: str, known: Iterable[str], otherwise: str = "") -> str:
+    """A cure for an unknown `word`: the nearest known one, or else the short list of them, or `otherwise`."""
+    names = sorted(known)
+    near = difflib.get_close_matches(word, names, n=1)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    if otherwise or not names:
+        return otherwise
+    return f"known here: {', '.join(names)}"
+
 
 T = TypeVar("T")
 

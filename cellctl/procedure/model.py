@@ -1,16 +1,15 @@
-"""A procedure as data: actions, their order and inputs; nothing is run or resolved here."""
+"""A procedure as data: actions, their order, inputs, and the place of a step; nothing is run here."""
 
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, final
 
 from cellctl.files import Document, Path, Problem
-from cellctl.procedure.expressions import Expression
-from cellctl.procedure.references import Reference
+from cellctl.procedure.references import Expression, Reference, resolve
 
 Value = Any
 """JSON with `Reference`s as leaves, as written under `with:`."""
@@ -199,3 +198,43 @@ def step_path(outer: str, name: str, index: int | None = None) -> str:
     """A step's identity inside `outer`: `step_path("", "points", 17)` is `points[17]`, and in it `points[17].touch`."""
     place = f"{outer}.{name}" if outer else name
     return place if index is None else f"{place}[{index}]"
+
+
+def step_at(
+    procedure: Procedure, path: str, parameters: Mapping[str, Any], finished: Mapping[str, Any]
+) -> tuple[Step, dict[str, Any]]:
+    """The step at `path` (`points[17].touch`), and the values that it can refer to: name → JSON.
+
+    parameters: their values; finished: path → result of the steps that are done, and of the `if`s that are decided.
+    Raises LookupError if the procedure has no such step, or an `if` around it is not decided.
+    """
+    scope, outer = dict(parameters), ""
+    actions: tuple[Action, ...] = procedure.steps
+    first, _, rest = path.partition(".")
+    if first == "cleanup" and rest and all(action.id != first for action in actions):
+        actions, path, outer = procedure.cleanup, rest, first
+    for part in path.split("."):
+        name, _, index = part.rstrip("]").partition("[")
+        action = _found(actions, name, outer, finished, scope)
+        outer = step_path(outer, part)
+        if isinstance(action, Step):
+            return action, scope
+        if isinstance(action, Loop):
+            scope[action.variable] = resolve(action.for_each, scope)[int(index)]
+            actions = action.steps
+        if isinstance(action, If):
+            actions = action.then if finished[outer]["value"] else action.otherwise
+    raise LookupError(f"{path} is no step")
+
+
+def _found(
+    actions: tuple[Action, ...], name: str, outer: str, finished: Mapping[str, Any], scope: dict[str, Any]
+) -> Action:
+    """The action called `name`; the results of the steps before it are added to `scope`."""
+    for action in actions:
+        if action.id == name:
+            return action
+        path = step_path(outer, action.id)
+        if isinstance(action, Step) and path in finished:
+            scope[action.id] = finished[path]
+    raise LookupError(f"there is no '{name}' in the procedure")

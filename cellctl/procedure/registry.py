@@ -1,4 +1,4 @@
-"""Finds step kinds in modules named by entry points; loads each at its first use."""
+"""Finds step kinds in modules named by entry points, each loaded at its first use; titles and fields that they give."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Self, final
 
+from cellctl.procedure.fields import did_you_mean
+from cellctl.procedure.model import Action, If, Loop, Procedure, Step, walk
 from cellctl.procedure.steps import AnyStepKind, StepKind
-from cellctl.procedure.suggest import did_you_mean
 
 GROUP = "cellctl.steps"
 """The entry point group: name = the family of steps, value = the module that holds them."""
@@ -105,3 +106,27 @@ def _loader(point: EntryPoint, *rivals: EntryPoint) -> Callable[[], ModuleType]:
 def _source(point: EntryPoint) -> str:
     package = f", package {point.dist.name} {point.dist.version}" if point.dist else ""
     return f"{point.value} (family '{point.name}'{package})"
+
+
+def phase_titles(procedure: Procedure, registry: StepRegistry) -> dict[str, str]:
+    """Step id → its phase: the title of the innermost loop around it that has one, else of its kind, else its id."""
+    titles: dict[str, str] = {}
+    _collect((*procedure.steps, *procedure.cleanup), "", registry, titles)
+    return titles
+
+
+def _collect(actions: tuple[Action, ...], around: str, registry: StepRegistry, titles: dict[str, str]) -> None:
+    for action in actions:
+        match action:
+            case Loop():
+                _collect(action.steps, action.title or around, registry, titles)
+            case If():
+                _collect((*action.then, *action.otherwise), around, registry, titles)
+            case Step():
+                titles[action.id] = around or registry.find(action.do).title or action.id.replace("_", " ")
+
+
+def section_of(procedure: Procedure, registry: StepRegistry) -> tuple[str, ...]:
+    """The fields of the verdict rows that its steps record, each once, in order. Raises UnknownStep, BrokenSteps."""
+    kinds = [registry.find(action.do) for action in walk(procedure.steps) if isinstance(action, Step)]
+    return tuple(dict.fromkeys(name for kind in kinds if kind.verdict for name in kind.verdict.SECTION))

@@ -11,7 +11,7 @@ import pytest
 from cellctl.clock import WallClock
 from cellctl.devices import Address, CompensatedRobot, ContactProbe, CurrentSource, Finding, Surroundings
 from cellctl.devices.registry import DriverRegistry
-from cellctl.procedure.abilities import missing_abilities
+from cellctl.procedure.check import missing_abilities
 
 LAMP = """
 from cellctl.devices import Device, DriverDescription, Finding

@@ -4,7 +4,7 @@ import pytest
 
 from cellctl.files import parse_yaml
 from cellctl.procedure import read_procedure
-from cellctl.procedure.places import step_at
+from cellctl.procedure.model import step_at
 
 PROCEDURE = read_procedure(
     parse_yaml(

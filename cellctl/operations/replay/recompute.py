@@ -27,7 +27,7 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.procedure import BrokenSteps, Procedure, StepRegistry, UnknownStep, inputs_of, read_procedure
-from cellctl.procedure.places import step_at
+from cellctl.procedure.model import step_at
 from cellctl.records import ArtefactRow
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from cellctl.files import InputError, Problem
 from cellctl.procedure import CellContext
-from cellctl.procedure.suggest import did_you_mean
+from cellctl.procedure.fields import did_you_mean
 
 DEFAULT_METHOD = "pseudo-target"
 
