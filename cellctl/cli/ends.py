@@ -73,7 +73,7 @@ def _ended_by(error: Exception) -> int:
     """Print `error` by its kind. The kinds are imported here, so that `--help` does not wait for them."""
     from cellctl.devices.errors import DeviceBusy, DeviceError, DeviceUncertain, DeviceUnreachable
     from cellctl.files.problems import InputError
-    from cellctl.journal.errors import JournalError
+    from cellctl.journal.journal_file import JournalError
 
     match error:
         case InputError():

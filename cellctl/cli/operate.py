@@ -118,7 +118,7 @@ def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> N
 def _chosen(run: Path | None, runs: Path) -> Path:
     """The folder of `run`, or of the only run in `runs` that is running. Raises InputError."""
     from cellctl.journal import run_place, writer_of
-    from cellctl.journal.schema import FILE_NAME
+    from cellctl.journal.journal_file import FILE_NAME
 
     if run is not None:
         folder = run_place(run, runs)

@@ -14,7 +14,7 @@ from cellctl.console.jobs import Adopted, Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
-from cellctl.journal.lock import lock_holder
+from cellctl.journal.journal_file import lock_holder
 from cellctl.operations import analyses
 from cellctl.operations.analyses import FitSettings
 from cellctl.operations.analysis_programs import ProgramRequest, new_program

@@ -1,6 +1,5 @@
 """The only record of a run: an append-only journal, committed event by event, and its folded state."""
 
-from cellctl.journal.errors import JournalError
 from cellctl.journal.events import (
     DeviceHealth,
     DevicesConnected,
@@ -22,11 +21,17 @@ from cellctl.journal.events import (
     StepFailure,
     StepStarted,
 )
-from cellctl.journal.lock import Writer
-from cellctl.journal.pushed_table import PushedTable
-from cellctl.journal.readable import ReadableJournal
-from cellctl.journal.reader import is_being_written, journal_in, last_number, read_journal, run_place, writer_of
-from cellctl.journal.result import RunResult
+from cellctl.journal.journal_file import JournalError, Writer
+from cellctl.journal.reader import (
+    ReadableJournal,
+    is_being_written,
+    journal_in,
+    last_number,
+    read_journal,
+    run_place,
+    writer_of,
+)
+from cellctl.journal.result import PushedTable, RunResult
 from cellctl.journal.state import RecordedRow, RunState, StepState, fold
 from cellctl.journal.writer import Journal
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, final
+from typing import Any, Final, final
 
 from cellctl.files import InputError, Problem
 from cellctl.journal.events import (
@@ -22,8 +22,14 @@ from cellctl.journal.events import (
     StepFailure,
     StepStarted,
 )
-from cellctl.journal.older import MEASURED_KINDS, SECTION
 from cellctl.records import AnyRow, BadRow, Row
+
+_OLDER_MEASURED_KINDS: Final = frozenset({"touch"})
+"""Row kinds that are measured points."""
+
+_OLDER_SECTION: Final = ("held_out", "standoff", "drift", "stops")
+"""The verdict's fields in the result besides the common ones."""
+
 
 _UNCERTAIN = "DeviceUncertain"
 """The failure of a device whose stop, or last write, is not confirmed."""
@@ -55,7 +61,7 @@ class RecordedRow:
     def measurement(self) -> bool:
         """Whether it is a measured point of the run."""
         said = self.event.measurement
-        return self.event.row_kind in MEASURED_KINDS if said is None else said
+        return self.event.row_kind in _OLDER_MEASURED_KINDS if said is None else said
 
 
 @final
@@ -103,7 +109,7 @@ class RunState:
     def section(self) -> tuple[str, ...]:
         """The verdict's fields that only this kind of campaign has."""
         said = self.started.section if self.started else ()
-        return SECTION if said is None else said
+        return _OLDER_SECTION if said is None else said
 
     @property
     def finished(self) -> dict[str, Any]:

@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import Self, final
 
 from cellctl.files import write_atomically
-from cellctl.journal.codec import encode
-from cellctl.journal.errors import JournalError, named_errors
-from cellctl.journal.events import Entry, KnownEvent
-from cellctl.journal.lock import WriterLock
+from cellctl.journal.events import Entry, KnownEvent, encode
+from cellctl.journal.journal_file import CREATE, FILE_NAME, INSERT, LOCK_NAME, JournalError, WriterLock, named_errors
 from cellctl.journal.reader import refuse_foreign
-from cellctl.journal.schema import CREATE, FILE_NAME, INSERT, LOCK_NAME
 
 _BUSY_S = 0.5
 """Longest wait of a commit while another program locks the file; it blocks the engine's loop."""

@@ -14,7 +14,7 @@ from typing import Any, Self, final
 from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.clock import calendar_time
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.journal.lock import WriterLock, lock_holder
+from cellctl.journal.journal_file import WriterLock, lock_holder
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.uploaded_files import URDF_SUFFIX

@@ -17,7 +17,7 @@ from cellctl.devices.cell import Cell, ClockMode
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, RunState, fold, last_number, read_journal
-from cellctl.journal.schema import FILE_NAME
+from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.checking import check
 from cellctl.operations.device_locks import refuse_in_use
 from cellctl.operations.results import OUTPUT_NAME, new_run_folder

@@ -7,7 +7,7 @@ from typing import Any, Self, final
 
 from cellctl.devices.errors import DeviceError, DeviceUncertain
 from cellctl.files import InputError, Problem
-from cellctl.journal.errors import JournalError
+from cellctl.journal.journal_file import JournalError
 
 BAD_INPUT, DEVICE_FAILED, UNCERTAIN, ABORTED = 2, 3, 4, 130
 MEANINGS = {

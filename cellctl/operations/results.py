@@ -8,7 +8,7 @@ from cellctl.clock import calendar_time
 from cellctl.engine import Outcome
 from cellctl.files import InputError, Problem
 from cellctl.journal import PushedTable, RunResult, RunState, fold, read_journal
-from cellctl.journal.schema import FILE_NAME, LOCK_NAME
+from cellctl.journal.journal_file import FILE_NAME, LOCK_NAME
 
 SIMULATOR_MEMORY = "simulated_cell.json"
 """File in the run folder that stores a simulated robot's position for a resumed run."""

@@ -9,7 +9,7 @@ from typing import final
 
 from cellctl.files import InputError, Problem
 from cellctl.journal import is_being_written
-from cellctl.journal.schema import FILE_NAME
+from cellctl.journal.journal_file import FILE_NAME
 
 _LONGEST = 255
 """Bytes of a file's name."""

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, final
 
 from cellctl.files import InputError
 from cellctl.journal import JournalError, fold, read_journal
-from cellctl.journal.schema import FILE_NAME
+from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.results import OUTPUT_NAME, never_began
 from cellctl.operations.run_summary import run_summary
 

@@ -14,7 +14,7 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 from cellctl.console.command_jobs import all_audited
 from cellctl.console.server import api_app, guarded, new_console
 from cellctl.console.shared import Settings
-from cellctl.journal.lock import WriterLock
+from cellctl.journal.journal_file import WriterLock
 from cellctl.operations import analyses
 from cellctl.operations.exporting import ExportOptions, exported, read_source
 

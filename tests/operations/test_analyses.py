@@ -14,7 +14,7 @@ from krl_seam import usual_seam
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.journal import JournalError
-from cellctl.journal.lock import WriterLock
+from cellctl.journal.journal_file import WriterLock
 from cellctl.operations import analyses
 from cellctl.operations.analyses import FitSettings
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis, new_program

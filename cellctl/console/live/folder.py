@@ -7,7 +7,7 @@ from typing import final
 
 from cellctl.console.live.tail import Stamp, stamp, stamps
 from cellctl.journal import writer_of
-from cellctl.journal.schema import LOCK_NAME
+from cellctl.journal.journal_file import LOCK_NAME
 
 RunStamp = tuple[Stamp, Stamp, Stamp]
 """Stamps of journal, write-ahead log and lock of a run."""

@@ -16,7 +16,7 @@ from cellctl.console.live.unexpected import unexpected
 from cellctl.engine.known_procedure import KnownProcedure
 from cellctl.files import Problem
 from cellctl.journal import Entry, JournalError, RunStarted, Writer, read_journal, writer_of
-from cellctl.journal.schema import FILE_NAME, LOCK_NAME
+from cellctl.journal.journal_file import FILE_NAME, LOCK_NAME
 from cellctl.procedure import StepRegistry
 
 _SLICE = 500
