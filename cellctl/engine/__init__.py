@@ -1,14 +1,11 @@
 """The engine runs a procedure once, step by step, cleans up and writes the journal."""
 
-from cellctl.engine.context import Context, Surround
-from cellctl.engine.mailbox import Action, ActionName, Mailbox, Operator
-from cellctl.engine.mailbox_folder import MailboxFolder
-from cellctl.engine.outcome import Aborted, AbortedByInterlock, Outcome
-from cellctl.engine.passes import Passes
-from cellctl.engine.plan import Plan
+from cellctl.engine.context import Context, Plan, Surround
+from cellctl.engine.mailbox import Action, ActionName, Mailbox, MailboxFolder, Operator
+from cellctl.engine.recorder import NobodyWatching, Watcher
 from cellctl.engine.runner import Engine
-from cellctl.engine.states import ENDS, TRANSITIONS, IllegalTransition, State
-from cellctl.engine.watcher import NobodyWatching, Watcher
+from cellctl.engine.states import ENDS, TRANSITIONS, Aborted, AbortedByInterlock, IllegalTransition, Outcome, State
+from cellctl.engine.status import Passes
 
 __all__ = [
     "ENDS",

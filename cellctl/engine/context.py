@@ -1,4 +1,4 @@
-"""What the engine gives to a step."""
+"""What the engine is given, a procedure that is ready to run; and what it gives to a step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,19 @@ from cellctl.clock import Clock
 from cellctl.devices import Device, Identity
 from cellctl.files import Document, InputError, Problem, sha256_of, write_atomically
 from cellctl.journal import KnownEvent, Recorded, RunState, Said
+from cellctl.procedure import Procedure, StepRegistry
 from cellctl.records import AnyRow, ArtefactRow, Row
+
+
+@final
+@dataclass(slots=True)
+class Plan:
+    """The procedure with its parameters' values, the step kinds, and the devices by name."""
+
+    procedure: Procedure
+    parameters: Mapping[str, Any]
+    registry: StepRegistry
+    devices: dict[str, Device]
 
 
 @final

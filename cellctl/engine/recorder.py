@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Any, final
+from typing import Any, Protocol, final
 
 from cellctl.clock import Clock
 from cellctl.engine.waiting import timed
-from cellctl.engine.watcher import NobodyWatching, Watcher
 from cellctl.journal import (
     Journal,
     JournalError,
@@ -20,6 +19,26 @@ from cellctl.journal import (
     StepFailure,
     StepStarted,
 )
+
+
+class Watcher(Protocol):
+    """Receives every event of the journal, and what a progress display needs besides."""
+
+    def event(self, event: KnownEvent) -> None:
+        """An event was committed."""
+
+    def loop(self, path: str, index: int, count: int) -> None:
+        """The loop at `path` begins its pass `index` (from 0) of `count`; `index` = `count`: it is done."""
+
+
+class NobodyWatching:
+    """A watcher that does nothing."""
+
+    def event(self, event: KnownEvent) -> None:
+        """Nothing."""
+
+    def loop(self, path: str, index: int, count: int) -> None:
+        """Nothing."""
 
 
 @final

@@ -9,20 +9,14 @@ from typing import final
 
 from cellctl.clock import Clock, calendar_time
 from cellctl.devices import Device, DeviceError, DeviceUncertain, DeviceUnreachable, Identity, MovingRobot
-from cellctl.engine.cleaning import CLEANUP_SECONDS, stop_and_close
-from cellctl.engine.context import AfterConnect, Surround
-from cellctl.engine.control import Control, Reset
-from cellctl.engine.device_reports import DeviceReports
-from cellctl.engine.interlocks import Interlocks
-from cellctl.engine.mailbox import Mailbox
-from cellctl.engine.mailbox_folder import MailboxFolder
-from cellctl.engine.outcome import Aborted, Outcome
-from cellctl.engine.plan import Plan
-from cellctl.engine.recorder import Recorder
-from cellctl.engine.states import State, checked
+from cellctl.engine.context import AfterConnect, Plan, Surround
+from cellctl.engine.control import Control, Interlocks, Reset
+from cellctl.engine.mailbox import Mailbox, MailboxFolder
+from cellctl.engine.recorder import NobodyWatching, Recorder, Watcher
+from cellctl.engine.run_devices import CLEANUP_SECONDS, DeviceReports, stop_and_close
+from cellctl.engine.states import Aborted, Outcome, State, checked
 from cellctl.engine.step_execution import StepExecution
 from cellctl.engine.waiting import beside, ended, error_of
-from cellctl.engine.watcher import NobodyWatching, Watcher
 from cellctl.journal import DevicesConnected, Journal, RunEnded, RunState, StateChanged
 from cellctl.procedure import Step, inputs_of, step_path
 from cellctl.records import VerdictRow

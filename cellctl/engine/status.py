@@ -1,17 +1,17 @@
-"""Status of a run that another process executes, from its journal alone."""
+"""Status of a run that another process executes, from its journal alone: procedure, progress and time left."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import final
+from typing import Self, final
 
 from cellctl.clock import calendar_time
-from cellctl.engine.known_procedure import KnownProcedure
-from cellctl.engine.step_tree import StepTree
-from cellctl.engine.tree_node import Node
+from cellctl.engine.step_tree import Node, StepTree
+from cellctl.files import InputError, parse_yaml
 from cellctl.journal import (
     Entry,
     InterlockChanged,
@@ -26,7 +26,115 @@ from cellctl.journal import (
     read_journal,
     writer_of,
 )
-from cellctl.procedure import StepRegistry
+from cellctl.procedure import (
+    BrokenSteps,
+    Confirm,
+    Loop,
+    Procedure,
+    Step,
+    StepRegistry,
+    UnknownStep,
+    expected_passes,
+    phase_titles,
+    read_procedure,
+)
+
+
+@final
+class Passes:
+    """Passes through all loops of a run: done, total, and the time left at the present rate.
+
+    expected: the steps' estimate before the run; raised if the loops have more passes. clock: seconds.
+    """
+
+    def __init__(self, expected: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._expected, self._clock = expected, clock
+        self._index: dict[str, int] = {}
+        self._count: dict[str, int] = {}
+        self._began: tuple[float, int] | None = None
+
+    def loop(self, path: str, index: int, count: int) -> None:
+        """As `Watcher.loop`; a loop that contains loops is not counted once those have begun."""
+        around = path.rpartition("[")[0]
+        self._index.pop(around, None)
+        self._count.pop(around, None)
+        if not any(inner.startswith(f"{path}[") for inner in self._index):
+            self._index[path], self._count[path] = index, count
+
+    def step_begins(self) -> None:
+        """A step is executed, not skipped as already finished: time counts from the first one."""
+        self._began = self._began or (self._clock(), self.done)
+
+    @property
+    def done(self) -> int:
+        """Finished passes."""
+        return sum(self._index.values())
+
+    @property
+    def total(self) -> int:
+        """All passes known so far."""
+        return max(self._expected, sum(self._count.values()))
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds for the remaining passes; None if not known yet."""
+        if self._began is None or not self._began[1] < self.done < self.total:
+            return None
+        began, before = self._began
+        return (self._clock() - began) / (self.done - before) * (self.total - self.done)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class KnownProcedure:
+    """`titles`: action id → its own title; `phases`: step id → title of its phase; `expected`: see `Passes`."""
+
+    procedure: Procedure
+    titles: Mapping[str, str]
+    phases: Mapping[str, str]
+    expected: int
+
+    @classmethod
+    def of(cls, started: RunStarted, registry: StepRegistry) -> Self | None:
+        """The procedure of a started run; None if it was written by a version with other rules.
+
+        Of steps whose package is not installed here only the ids are known.
+        """
+        try:
+            procedure = read_procedure(parse_yaml(started.procedure.text, started.procedure.path))
+        except InputError:
+            return None
+        titles = _titles(procedure, registry)
+        try:
+            expected = expected_passes(procedure, started.parameters, registry)
+            return cls(procedure, titles, phase_titles(procedure, registry), expected)
+        except (UnknownStep, BrokenSteps):
+            return cls(procedure, titles, {}, 0)
+        except InputError:
+            return None
+
+
+def _title_of_kind(do: str, registry: StepRegistry) -> str:
+    try:
+        return registry.find(do).title
+    except (UnknownStep, BrokenSteps):
+        return ""
+
+
+def _titles(procedure: Procedure, registry: StepRegistry) -> dict[str, str]:
+    titles = {}
+    for action in procedure.actions():
+        match action:
+            case Confirm(text=text):
+                title = text
+            case Loop(title=title):
+                pass
+            case Step(do=do):
+                title = _title_of_kind(do, registry)
+            case _:
+                title = ""
+        titles[action.id] = title or action.id.replace("_", " ")
+    return titles
 
 
 @final

@@ -11,15 +11,11 @@ from typing import Any, final
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceError, DeviceLost, DeviceUncertain, StoppedUntilCleared
-from cellctl.engine.cleaning import stopped_safely
-from cellctl.engine.context import Context, Surround
-from cellctl.engine.control import BY_OPERATOR, Control
-from cellctl.engine.device_reports import DeviceReports
-from cellctl.engine.interlocks import NOTICED_AFTER_S, Interlocks, StoppedByInterlock
-from cellctl.engine.plan import Plan
-from cellctl.engine.recorder import Recorder
+from cellctl.engine.context import Context, Plan, Surround
+from cellctl.engine.control import BY_OPERATOR, NOTICED_AFTER_S, Control, Interlocks, StoppedByInterlock
+from cellctl.engine.recorder import Recorder, Watcher
+from cellctl.engine.run_devices import DeviceReports, stopped_safely
 from cellctl.engine.states import State
-from cellctl.engine.watcher import Watcher
 from cellctl.files import InputError
 from cellctl.journal import Outcome as StepOutcome
 from cellctl.journal import StepEnded, StepStarted

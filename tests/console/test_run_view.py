@@ -15,7 +15,7 @@ from cellctl.console.pages.run_controls import can_retry
 from cellctl.console.pages.run_log import text_of as line_text
 from cellctl.console.pages.run_tree import rows_of
 from cellctl.console.run_sentence import is_pausing, progress_of, sentence_of
-from cellctl.engine.tree_node import NodeState
+from cellctl.engine.step_tree import NodeState
 from cellctl.journal import (
     OperatorAction,
     Outcome,

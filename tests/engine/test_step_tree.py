@@ -10,7 +10,7 @@ from engine_runs import engine_for, known_procedure, started
 
 from cellctl.engine import Operator
 from cellctl.engine.status import RunProgress
-from cellctl.engine.tree_node import Node
+from cellctl.engine.step_tree import Node
 from cellctl.journal import (
     Entry,
     Outcome,

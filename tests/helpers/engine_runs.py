@@ -10,7 +10,7 @@ from typing import Any
 from cellctl.clock import WallClock
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable, Health, Identity, MovingRobot, NoContact
 from cellctl.engine import Engine, Mailbox, Plan, Surround
-from cellctl.engine.known_procedure import KnownProcedure
+from cellctl.engine.status import KnownProcedure
 from cellctl.files import parse_yaml
 from cellctl.journal import Journal, RunStarted, SourceFile, read_journal
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step

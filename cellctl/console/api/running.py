@@ -14,7 +14,7 @@ from cellctl.console import commands
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
 from cellctl.console.live import LogLine, Snapshot, whole_log
 from cellctl.console.shared import console
-from cellctl.engine.tree_node import Node
+from cellctl.engine.step_tree import Node
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction
 from cellctl.operations.detached import question_of

@@ -12,7 +12,7 @@ from cellctl.console.live.log import LogLine, log_line
 from cellctl.console.live.tail import Found, JournalTail
 from cellctl.console.live.unexpected import unexpected
 from cellctl.engine.status import RunProgress, Status
-from cellctl.engine.tree_node import Node
+from cellctl.engine.step_tree import Node
 from cellctl.files import Problem
 from cellctl.journal import Entry, Recorded, RecordedRow, RunState
 from cellctl.procedure import StepRegistry

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import final
 
 from cellctl.console.live.unexpected import unexpected
-from cellctl.engine.known_procedure import KnownProcedure
+from cellctl.engine.status import KnownProcedure
 from cellctl.files import Problem
 from cellctl.journal import Entry, JournalError, RunStarted, Writer, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME, LOCK_NAME

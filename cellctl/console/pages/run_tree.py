@@ -10,7 +10,7 @@ from nicegui import ui
 
 from cellctl.console.look import COLOURS, ICONS, State
 from cellctl.console.page_commands import set_text
-from cellctl.engine.tree_node import Node, NodeKind, NodeState
+from cellctl.engine.step_tree import Node, NodeKind, NodeState
 
 _LOOKS: dict[NodeState, State] = {
     NodeState.WAITING: "off",

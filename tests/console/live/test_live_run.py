@@ -20,7 +20,7 @@ from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot, tail, whole_log
 from cellctl.engine.status import status_of
-from cellctl.engine.tree_node import Node
+from cellctl.engine.step_tree import Node
 from cellctl.journal import InterlockChanged, Outcome, RunResumed, StepEnded, StepFailure, StepStarted, read_journal
 
 PATIENCE = 200
