@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.console.command_jobs import command_job, result_of
+from cellctl.console.commands import command_job, result_of
 from cellctl.console.jobs import Adopted, Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator

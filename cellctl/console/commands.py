@@ -1,14 +1,17 @@
-"""Commands of operators on cells and runs, the same for pages and API; each has its lines in the audit log."""
+"""Commands of operators on cells, runs and tables, for pages and API alike; each has its lines in the audit log."""
 
 from __future__ import annotations
 
 import asyncio
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from cellctl.console.command_jobs import command_job
 from cellctl.console.jobs import Job
-from cellctl.console.live.subscribers import Subscribers
+from cellctl.console.live.runs import Subscribers
 from cellctl.console.shared import console
 from cellctl.devices import DeviceBusy
 from cellctl.devices.cell import Cell
@@ -19,7 +22,60 @@ from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.acting import act
 from cellctl.operations.cell_state import examine_cell
 from cellctl.operations.detached import RunOrder, resume_detached, start_detached
+from cellctl.operations.export import Form
+from cellctl.operations.failure import Failure
+from cellctl.operations.results import SIMULATOR_MEMORY
 from cellctl.operations.run_files import run_named
+from cellctl.operations.run_list import RunRow, run_rows
+from cellctl.operations.shipped import shipped_file
+from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
+
+_tasks: set[asyncio.Task[None]] = set()
+
+
+async def command_job(operator: Operator, name: str, target: str, start: Callable[[], Job], **details: Any) -> Job:
+    """Give the command `name` for `target`: `start` starts its job, which is returned as soon as it runs.
+
+    Raises what `start` raises. The command ends in the audit log when the job ends.
+    """
+    started: asyncio.Future[Job] = asyncio.get_running_loop().create_future()
+
+    async def work() -> None:
+        job = start()
+        started.set_result(job)
+        await result_of(job)
+
+    task = asyncio.create_task(console().command(operator, name, target, work, **details))
+    _tasks.add(task)
+    task.add_done_callback(_forget)
+    await asyncio.wait((task, started), return_when=asyncio.FIRST_COMPLETED)
+    if not started.done():
+        await task
+    return started.result()
+
+
+async def result_of(job: Job) -> Any:
+    """The result of `job`, at its end. Raises InputError if it failed, with its problems, or was cancelled."""
+    await job.ended()
+    if job.state == "done":
+        return job.result
+    if job.state == "cancelled":
+        raise InputError(Problem(job.title, 0, 0, "was cancelled", "try again"))
+    failure = job.failure or Failure.internal(job.state)
+    raise InputError(failure.problems, failure.note)
+
+
+async def all_audited() -> None:
+    """Wait until every command given so far has ended, and the audit log has its outcome."""
+    await asyncio.gather(*_tasks, return_exceptions=True)
+
+
+def _forget(task: asyncio.Task[None]) -> None:
+    """Drop an ended task; its error is in the audit log, and in the job."""
+    _tasks.discard(task)
+    if not task.cancelled():
+        task.exception()
+
 
 examinations = Subscribers()
 """Who is called when the examination of a cell (path of its file) begins or has ended."""
@@ -121,3 +177,121 @@ async def _refuse_second(order: RunOrder) -> None:
     if any(job.operation in TABLE_JOBS and not job.ended_already for job in console().jobs.all()):
         raise DeviceBusy(str(file), "a controller's table is being looked at or changed", "start when that has ended")
     await asyncio.to_thread(order.refuse_in_use)
+
+
+LOOK, ACT = TABLE_JOBS
+
+
+def request_for(
+    action: Action, cell: str = "", table: str = "", memory: str = "", seen: str = "", confirmed: str = ""
+) -> TableRequest:
+    """A request about a cell (file, shipped name; empty: that of the console). memory: of a simulated cell, the run
+    whose simulated controller it continues. Raises InputError.
+    """
+    console_cell = console().settings.cell
+    if not cell and console_cell is None:
+        raise InputError(Problem("cell", 0, 0, "is not known", "choose a cell, or start the console with --cell CELL"))
+    file = _cell_file(cell) if cell else console_cell
+    assert file is not None
+    state = run_named(console().runs, memory) / SIMULATOR_MEMORY if memory else None
+    return TableRequest(action, file, console().runs, table, state=state, seen=seen, confirmed=confirmed)
+
+
+def _cell_file(cell: str) -> Path:
+    try:
+        return shipped_file("cell", Path(cell))
+    except (OSError, ValueError) as error:  # no file can have this name
+        raise InputError(Problem(cell[:80], 0, 0, f"is no cell file: {error}", "choose a cell of the list")) from error
+
+
+async def start_look(operator: Operator, request: TableRequest) -> Job:
+    """Start looking what the request would change. Raises InputError while another table job runs."""
+    return await _start(operator, LOOK, f"look at the table of {request.cell.stem}", request)
+
+
+async def start_action(operator: Operator, request: TableRequest) -> Job:
+    """Start the action. Raises InputError while another table job runs, and for a change that is not confirmed as the
+    latest look at the controller asked for it.
+    """
+    return await _start(operator, ACT, f"table {request.action} on {request.cell.stem}", request)
+
+
+async def _start(operator: Operator, operation: str, title: str, request: TableRequest) -> Job:
+    own = replace(request, who=f"{operator.name}@{operator.host}")
+
+    def start() -> Job:
+        if operation == ACT and request.action != "verify":
+            _refuse_unconfirmed(request)
+        if busy := why_busy(request.cell):
+            raise InputError(busy)
+        change, jobs = _change(request), console().jobs
+        return jobs.start(title, operation, own.to_json(), operator.name, target=change, computes=False)
+
+    name = "table look" if operation == LOOK else f"table {request.action}"
+    return await command_job(operator, name, request.table[:12] or request.cell.stem, start, **_details(request))
+
+
+def why_busy(cell: Path) -> Problem | None:
+    """Why the controller of `cell` can be given nothing about its tables now; None: it can."""
+    if being_examined(cell):
+        return Problem(str(cell), 0, 0, "its devices are being examined", "wait for the result")
+    for job in console().jobs.all():
+        if job.operation in TABLE_JOBS and not job.ended_already:
+            what = f"is busy: {job.title}, begun by {job.operator}"
+            return Problem("controller", 0, 0, what, "wait until that has ended")
+    return None
+
+
+def _refuse_unconfirmed(request: TableRequest) -> None:
+    looks = [job for job in console().jobs.all() if (job.operation, job.state) == (LOOK, "done")]
+    shown = next((job.result for job in reversed(looks) if job.target == _change(request)), None)
+    if shown is None:
+        raise InputError(Problem("controller", 0, 0, "was not looked at for this change", "look at it first"))
+    refuse_confirmation(request.confirmed, shown["serial"], shown["target"] or "")
+
+
+def _change(request: TableRequest) -> str:
+    """The change that a look shows and an action makes."""
+    return f"{request.action} of table {request.table or 'before'} on {request.cell}, memory {request.state}"
+
+
+def _details(request: TableRequest) -> dict[str, str]:
+    return {"cell": str(request.cell), "table": request.table, "seen": request.seen}
+
+
+REPORT_CONTENT = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'; sandbox"
+)
+"""Content-Security-Policy of a report: a page without scripts, which loads nothing."""
+
+
+def live_rows() -> list[RunRow]:
+    """The runs that are known by now, newest first."""
+    rows = console().live.rows
+    return [{**row.summary, **({"sentence": str(row.problem.what)} if row.problem else {})} for row in rows]
+
+
+async def known_rows() -> list[RunRow]:
+    """All runs, newest first; read from their journals while the console has not followed all of them yet."""
+    if console().live.reading:
+        return await asyncio.to_thread(run_rows, console().runs)
+    return live_rows()
+
+
+async def exported(place: Path, form: Form) -> tuple[Path, str]:
+    """A new file with the export of the run in `place`, made by a process of its own, and the name to save it by.
+
+    The caller removes the file's folder. Raises InputError if the run cannot be exported.
+    """
+    folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix="cellctl-export-"))
+    target = folder / f"{place.name}-{form.file_name}"
+    request = {"place": str(place), "form": form.value, "target": str(target)}
+    job = console().jobs.start(f"export of {place.name}", "export", request, "")
+    try:
+        await result_of(job)
+    except BaseException:
+        job.cancel()
+        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+        raise
+    return target, target.name

@@ -1,18 +1,24 @@
-"""The frame of every page: head with navigation and operator, notice of a lost connection, foot."""
+"""The frame of every page; how a page follows the runs, shows a job, and gives commands with their refusals."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import final
+from typing import Any, final
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
-from cellctl.console.guarding import session_of
-from cellctl.console.look import command_button, escaped
-from cellctl.console.sessions import Session
+from cellctl.console.guarding import Session, session_of
+from cellctl.console.jobs import Job
+from cellctl.console.look import command_button, escaped, problem_list, state_word
 from cellctl.console.shared import console
+from cellctl.devices import DeviceError
 from cellctl.engine import Operator
+from cellctl.files import InputError, Problem
+from cellctl.journal import JournalError
+from cellctl.operations.failure import Failure
 
 NAVIGATION = (
     ("Analyse", "/analyse"),
@@ -131,3 +137,150 @@ async def with_operator(work: Callable[[Operator], Awaitable[None] | None]) -> N
     waiting = work(known)
     if waiting is not None:
         await waiting
+
+
+Subscribe = Callable[[Callable[[], None]], Callable[[], None]]
+"""Registers a callback for an event; returns the function that ends that."""
+
+
+def follow(show: Callable[[], object], run: str = "") -> None:
+    """Call `show` in this page now, and after each change of `run` (empty: of any run), until the page is closed.
+
+    Changes that come while `show` works are shown together by its next call. Let it change only what changed.
+    """
+    follow_event(show, lambda changed: console().live.subscribe(changed, run), run or "all runs")
+
+
+def follow_event(show: Callable[[], object], subscribe: Subscribe, name: str) -> None:
+    """As `follow`, for the event that `subscribe` is for. `show`: a function or a coroutine function."""
+    changed, client = asyncio.Event(), ui.context.client
+    changed.set()
+
+    async def shown() -> None:
+        while True:
+            await changed.wait()
+            changed.clear()
+            try:
+                with client:
+                    work = show()
+                    if isinstance(work, Awaitable):
+                        await work
+            except Exception:  # shown again with the next change
+                logging.getLogger(__name__).exception("a page cannot show the live state")
+
+    unsubscribe = subscribe(changed.set)
+    task = background_tasks.create(shown(), name=f"page follows {name}")
+
+    def end() -> None:
+        unsubscribe()
+        task.cancel()
+
+    client.on_delete(end)
+
+
+@final
+class Commands:
+    """Carries out commands from a page. A refused one is shown at this place until the next command."""
+
+    def __init__(self) -> None:
+        self._place = ui.element("div").classes("refusals").props("aria-live=assertive")
+        self._at_work = False
+
+    async def give(self, work: Callable[[Operator], Awaitable[object]]) -> None:
+        """Carry out `work`, once the browser has given the token; a second one at the same time is ignored."""
+
+        async def done(operator: Operator) -> None:
+            if self._at_work:
+                return
+            self._at_work = True
+            self._place.clear()
+            try:
+                await work(operator)
+            except (InputError, DeviceError, JournalError, OSError) as error:
+                self.refuse(error)
+            finally:
+                self._at_work = False
+
+        await with_operator(done)
+
+    def refuse(self, error: Exception) -> None:
+        """Show why a command was refused."""
+        show_problems(self._place, Failure.of(error).problems)
+
+
+def show_problems(place: ui.element, problems: Iterable[Problem]) -> None:
+    """Show `problems` at `place`, in place of what was there, and scroll the page to them."""
+    place.clear()
+    with place:
+        listed = problem_list(problems)
+    scroll = f"getHtmlElement({listed.id})?.scrollIntoView({{block: 'center'}})"
+    listed.client.run_javascript(f"setTimeout(() => {scroll}, 100)")  # once the browser has drawn them
+
+
+async def answer_of(dialog: ui.dialog) -> bool:
+    """Show a dialog until it is answered by `submit`; closing it means no. The dialog is removed afterwards."""
+    answer = await dialog
+    dialog.delete()
+    return bool(answer)
+
+
+def set_text(label: ui.label, text: str) -> None:
+    """Change the text of a label; an unchanged one sends nothing."""
+    if label.text != text:
+        label.set_text(text)
+
+
+def enable(button: ui.button, value: bool) -> None:
+    """Enable or disable a button; an unchanged one sends nothing."""
+    if button.enabled is not value:
+        button.set_enabled(value)
+
+
+@final
+class JobView:
+    """Shows one job after another in its place. show: draws the result of a job that is done."""
+
+    def __init__(self, show: Callable[[Any], None]) -> None:
+        self._show = show
+        self._area = ui.element("div").classes("section").props("aria-live=polite")
+        self._end: Callable[[], None] | None = None
+        ui.context.client.on_delete(self._leave)
+
+    def clear(self) -> None:
+        """Show nothing."""
+        self._leave()
+        self._area.clear()
+
+    def follow(self, job: Job, then: Callable[[], Any] = lambda: None) -> None:
+        """Show `job` from now on; `then` is called when it has ended."""
+        self.clear()
+        with self._area:
+            word = state_word("working", job.title)
+            lines = ui.label().classes("note")
+
+        def changed() -> None:
+            if not job.ended_already:
+                word.show("waiting" if job.state == "waiting" else "working", f"{job.title}: {job.doing or job.state}")
+                lines.set_text(job.lines[-1] if job.lines else "")
+                return
+            self.clear()
+            with self._area:
+                self._outcome(job)
+                then()
+
+        self._end = job.subscribe(changed)
+        if job.ended_already:
+            changed()
+
+    def _outcome(self, job: Job) -> None:
+        if job.state == "done":
+            self._show(job.result)
+            return
+        state_word("bad" if job.state == "failed" else "off", f"{job.title}: {job.state}")
+        if job.failure:
+            problem_list(job.failure.problems)
+
+    def _leave(self) -> None:
+        if self._end:
+            self._end()
+            self._end = None

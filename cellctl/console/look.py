@@ -1,4 +1,4 @@
-"""How the console looks: colours, state words, and the parts that pages share."""
+"""How the console looks: colours, words for states, verdicts and times, and the parts that pages share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import Any, Literal, TypeAlias, final
 
 from nicegui import ui
 
+from cellctl.console.live import Snapshot
 from cellctl.files import Problem
+from cellctl.operations.run_end import RunEnd
+from cellctl.operations.run_list import RunRow
 
 State = Literal["good", "working", "waiting", "warning", "bad", "off", "unknown"]
 
@@ -164,3 +167,107 @@ def link_button(text: str, target: str, *, icon: str = "", download: bool = Fals
 def escaped(text: str) -> str:
     """A text as HTML."""
     return text.replace("&", "&amp;").replace("<", "&lt;")
+
+
+_STATES: dict[str, State] = {
+    "finished": "good",
+    "aborted": "off",
+    "failed": "bad",
+    "uncertain": "bad",
+    "unreadable": "bad",
+    "paused": "waiting",
+}
+_VERDICTS: dict[str, State] = {
+    "better": "good",
+    "in control": "good",
+    "measured": "good",
+    "baseline": "off",
+    "no better": "warning",
+    "measure again": "warning",
+    "worse": "bad",
+    "recalibrate": "bad",
+}
+
+
+def look_of_state(row: RunRow) -> State:
+    """How the state of a run looks."""
+    word = str(row["state"])
+    return _STATES.get(word) or ("bad" if word.startswith("cut off") else "working")
+
+
+def look_of_verdict(word: object, other: State = "unknown") -> State:
+    """How a verdict looks; other: a word that is none."""
+    return _VERDICTS.get(str(word), other)
+
+
+def shown_time(began: object) -> str:
+    """`2026-11-21 19:24`, UTC; a dash without it."""
+    return str(began)[:16].replace("T", " ") if began else "–"
+
+
+_ENDS: dict[str, State] = {"aborted": "warning"}
+_NOW: dict[str, tuple[State, str]] = {
+    "idle": ("working", "Beginning"),
+    "checking": ("working", "Checking"),
+    "connecting": ("working", "Connecting to the devices"),
+    "running": ("working", "Running"),
+    "paused": ("waiting", "Paused"),
+    "cleaning": ("working", "Cleaning up"),
+}
+
+
+def sentence_of(now: Snapshot) -> tuple[State, str]:
+    """State and sentence of a run: its verdict once there is one, else what it does or how it ended."""
+    if now.problem and not now.events:
+        return "bad", now.problem.what
+    if now.active:
+        return _active(now)
+    if end := RunEnd.of(now.folder, now.state, running=False):
+        return _ENDS.get(end.state, "bad"), end.sentence
+    if now.sentence:
+        return look_of_verdict(now.verdict, "good"), now.sentence
+    return "good", "Finished."
+
+
+def _active(now: Snapshot) -> tuple[State, str]:
+    status = now.status
+    state, word = _NOW.get(status.state, ("unknown", status.state))
+    if status.state == "paused":
+        return state, f"{word}: {status.held_by}" if status.held_by else f"{word}."
+    if status.confirm:
+        return "waiting", "Waits for a confirmation."
+    if is_pausing(now):
+        return "waiting", f"Pauses before the next step. Now: {status.phase or status.step}."
+    if now.sentence:
+        return look_of_verdict(now.verdict, "working"), f"{word}. So far: {now.sentence}"
+    return state, f"{word}: {status.phase}." if status.phase else f"{word} …"
+
+
+def is_pausing(now: Snapshot) -> bool:
+    """Whether an operator has asked for a pause that has not begun: the step in progress ends first."""
+    if not now.active or now.status.state != "running":
+        return False
+    for line in reversed(now.log):
+        if line.kind == "state":
+            return False
+        if line.kind == "operator" and ", refused: " not in line.text and line.text.startswith(("pause", "resume")):
+            return line.text.startswith("pause")
+    return False
+
+
+def progress_of(now: Snapshot) -> tuple[float, str]:
+    """Share of the finished steps, from 0 to 1, and the progress in words."""
+    status = now.status
+    if not status.total:
+        return 0.0, "The number of steps is not known yet." if now.active else ""
+    share = min(1.0, status.done / status.total)
+    left = f" · {_duration(status.left_s)} left" if status.left_s is not None and now.active else ""
+    return share, f"{status.done} of {status.total} steps · {100 * status.done // status.total} %{left}"
+
+
+def _duration(seconds: float) -> str:
+    hours, rest = divmod(round(seconds), 3600)
+    minutes, rest = divmod(rest, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -16,13 +16,10 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from cellctl import __version__
-from cellctl.console.api.answers import INVALID, answer_errors, answer_unknown
-from cellctl.console.api.document import TAGS, summarise, unique_id
-from cellctl.console.audit import Audit
-from cellctl.console.guarding import LARGEST_BODY, Guard, names_of
+from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
+from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
-from cellctl.console.sessions import Sessions
-from cellctl.console.shared import Console, Settings, use
+from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.files import InputError, Problem
 
 ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")

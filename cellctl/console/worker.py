@@ -22,14 +22,14 @@ Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 """Takes the request and what reports a line; its result is JSON."""
 
 OPERATIONS: dict[str, str] = {
-    "act_on_table": "cellctl.console.run_jobs:act_on_table",
-    "compensate": "cellctl.console.analysing:compensate",
-    "export": "cellctl.console.run_jobs:export",
-    "fit": "cellctl.console.analysing:fit",
-    "look_at_table": "cellctl.console.run_jobs:look_at_table",
-    "replay": "cellctl.console.run_jobs:replay",
-    "report": "cellctl.console.run_jobs:report",
-    "understand": "cellctl.console.analysing:understand",
+    "act_on_table": "cellctl.console.worker_operations:act_on_table",
+    "compensate": "cellctl.console.worker_operations:compensate",
+    "export": "cellctl.console.worker_operations:export",
+    "fit": "cellctl.console.worker_operations:fit",
+    "look_at_table": "cellctl.console.worker_operations:look_at_table",
+    "replay": "cellctl.console.worker_operations:replay",
+    "report": "cellctl.console.worker_operations:report",
+    "understand": "cellctl.console.worker_operations:understand",
 }
 """Operation → `module:function`."""
 

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
-from cellctl.console.command_jobs import all_audited
+from cellctl.console.commands import all_audited
 from cellctl.console.server import api_app, guarded, new_console
 from cellctl.console.shared import Settings
 from cellctl.journal.journal_file import WriterLock

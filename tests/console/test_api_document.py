@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cellctl.console.api.document import SUBJECTS, operations
+from cellctl.console.api.answers import SUBJECTS, operations
 from cellctl.console.server import api_app, new_console
 from cellctl.console.shared import Settings
 

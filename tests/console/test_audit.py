@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.console.audit import FILE_NAME
+from cellctl.console.guarding import operator_named
 from cellctl.console.server import new_console
-from cellctl.console.sessions import operator_named
-from cellctl.console.shared import Settings
+from cellctl.console.shared import FILE_NAME, Settings
 
 
 def test_a_command_is_recorded_with_who_when_and_outcome(tmp_path: Path) -> None:

@@ -8,8 +8,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
-from cellctl.console.guarding import Guard, names_of, session_of
-from cellctl.console.sessions import Sessions, operator_named
+from cellctl.console.guarding import Guard, Sessions, names_of, operator_named, session_of
 
 HERE = "http://127.0.0.1:8090"
 

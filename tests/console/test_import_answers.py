@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cellctl.console.pages.import_answers import names_fields
+from cellctl.console.pages.analyse import names_fields
 from cellctl.files import Problem
 
 

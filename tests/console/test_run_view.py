@@ -9,12 +9,11 @@ import pytest
 from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot
-from cellctl.console.live.log import LogLine
-from cellctl.console.pages.parameter_fields import limits_of, text_of
-from cellctl.console.pages.run_controls import can_retry
-from cellctl.console.pages.run_log import text_of as line_text
-from cellctl.console.pages.run_tree import rows_of
-from cellctl.console.run_sentence import is_pausing, progress_of, sentence_of
+from cellctl.console.live.run import LogLine
+from cellctl.console.look import is_pausing, progress_of, sentence_of
+from cellctl.console.pages.run_parts import can_retry, rows_of
+from cellctl.console.pages.run_parts import text_of as line_text
+from cellctl.console.pages.start import limits_of, text_of
 from cellctl.engine.step_tree import NodeState
 from cellctl.journal import (
     OperatorAction,

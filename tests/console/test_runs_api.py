@@ -12,7 +12,7 @@ from api_client import TOKEN, ApiClient, api_client
 from finished_runs import run_in
 from kr5_model import ERRORS, kr5_model
 
-from cellctl.console.command_jobs import all_audited
+from cellctl.console.commands import all_audited
 
 COMMAND = {"Authorization": f"Bearer {TOKEN}", "X-Operator": "Kim"}
 

@@ -12,7 +12,7 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
-from cellctl.console.command_jobs import all_audited
+from cellctl.console.commands import all_audited
 from cellctl.console.shared import console
 from cellctl.formats import TableFile
 from cellctl.operations.table_history import TableHistory

@@ -8,8 +8,7 @@ from pathlib import Path
 from nicegui import ui
 
 from cellctl.console import server
-from cellctl.console.following import follow
-from cellctl.console.frame import frame
+from cellctl.console.frame import follow, frame
 from cellctl.console.shared import Settings, console
 
 

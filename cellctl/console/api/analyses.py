@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 
 from cellctl.console import analysis_commands as commands
 from cellctl.console.api.answers import COMMANDS, READS, AnalysisName, Commander, Refused
-from cellctl.console.known_runs import REPORT_CONTENT
+from cellctl.console.commands import REPORT_CONTENT
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations import analyses

@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.background import BackgroundTask
 
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
-from cellctl.console.commands import recompute
-from cellctl.console.known_runs import REPORT_CONTENT, exported, known_rows
+from cellctl.console.commands import REPORT_CONTENT, exported, known_rows, recompute
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations.export import Form

@@ -10,8 +10,8 @@ from pydantic import BaseModel, Field
 
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
 from cellctl.console.api.runs import JobOut
+from cellctl.console.commands import start_action, start_look
 from cellctl.console.shared import console
-from cellctl.console.table_commands import start_action, start_look
 from cellctl.operations.table_actions import TableRequest, known_table
 from cellctl.operations.table_diff import ComparedTable, table_difference
 from cellctl.operations.table_history import histories
@@ -79,6 +79,6 @@ async def act(operator: Commander, asked: TableConfirmed) -> JobOut:
 
 
 def _request(asked: TableAsked, **more: str) -> TableRequest:
-    from cellctl.console.table_commands import request_for
+    from cellctl.console.commands import request_for
 
     return request_for(asked.action, asked.cell, asked.table, asked.state, **more)

@@ -1,23 +1,155 @@
-"""All runs of a folder, followed for all pages by two tasks of the event loop."""
+"""All runs of a folder, followed for all pages by two tasks of the event loop; who is called when one changes."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Set
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import final
+from typing import Any, Self, final
 
-from cellctl.console.live.folder import RunsFolder, is_written
-from cellctl.console.live.row import RunRow
-from cellctl.console.live.run import LiveRun, Snapshot
-from cellctl.console.live.subscribers import Subscribers
-from cellctl.console.live.tail import Found
+from cellctl.console.live.run import UNREADABLE, Found, LiveRun, Snapshot, Stamp, stamp, stamps, unexpected
 from cellctl.files import InputError, Problem
+from cellctl.journal import JournalError, RunState, fold, read_journal, writer_of
+from cellctl.journal.journal_file import LOCK_NAME
+from cellctl.operations.run_summary import run_summary
 from cellctl.procedure import StepRegistry
+
+
+@final
+class Subscribers:
+    """Callbacks, each for one run or for all. One that raises is not called again."""
+
+    def __init__(self) -> None:
+        self._found: dict[int, tuple[Callable[[], object], str]] = {}
+        self._last = 0
+
+    def add(self, callback: Callable[[], object], run: str = "") -> Callable[[], None]:
+        """Call `callback` when `run` changes, or any run if it is empty; returns what ends that."""
+        self._last += 1
+        number = self._last
+        self._found[number] = (callback, run)
+
+        def end() -> None:
+            self._found.pop(number, None)
+
+        return end
+
+    def wait_for(self, run: str) -> bool:
+        """Whether a callback is for `run` alone."""
+        return any(each == run for _, each in self._found.values())
+
+    def call(self, runs: Set[str]) -> None:
+        """Call once each that waits for one of `runs`."""
+        for number, (callback, run) in list(self._found.items()):
+            if runs and (not run or run in runs) and number in self._found:
+                try:
+                    callback()
+                except Exception:  # a page that is gone must not stop the others
+                    logging.getLogger(__name__).exception("a subscriber failed; it is not called again")
+                    self._found.pop(number, None)
+
+
+RunStamp = tuple[Stamp, Stamp, Stamp]
+"""Stamps of journal, write-ahead log and lock of a run."""
+
+
+@final
+class RunsFolder:
+    """The runs in `path`, by name. An unchanged run costs three file stamps for each look."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stamps: dict[str, RunStamp] = {}
+
+    def look(self) -> tuple[list[str], list[str]]:
+        """The runs that are new or have changed since the last look, the latest change first, and those that are gone.
+
+        A folder that is missing or cannot be read has no runs.
+        """
+        now = dict(self._found())
+        changed = [name for name, found in now.items() if found != self._stamps.get(name)]
+        gone = [name for name in self._stamps if name not in now]
+        self._stamps = now
+        return sorted(changed, key=lambda name: _changed_ns(now[name]), reverse=True), gone
+
+    def _found(self) -> list[tuple[str, RunStamp]]:
+        try:
+            folders = list(self._path.iterdir())
+        except OSError:
+            return []
+        each = ((folder.name, (*stamps(folder), stamp(folder / LOCK_NAME))) for folder in folders)
+        return [(name, found) for name, found in each if found[0]]
+
+
+def is_written(run_folder: Path) -> bool:
+    """Whether a process writes the run; call it only after the run has changed (see `JournalTail`)."""
+    lock = stamp(run_folder / LOCK_NAME)
+    return bool(lock and lock[1]) and writer_of(run_folder) is not None
+
+
+def _changed_ns(found: RunStamp) -> int:
+    return max(each[2] for each in found if each)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RunRow:
+    """A run in the list of runs.
+
+    `summary`: as `cellctl show --json`; of an unreadable run only `run` and `state`. `active`: it is in progress.
+    `problem`: why it cannot be read. `events`: number of the last event that it contains.
+    """
+
+    run: str
+    folder: Path
+    summary: Mapping[str, Any]
+    active: bool = False
+    problem: Problem | None = None
+    events: int = 0
+
+    @property
+    def began(self) -> str:
+        """When it began, UTC, ISO 8601; empty if unknown."""
+        return str(self.summary.get("began") or "")
+
+    @property
+    def state(self) -> str:
+        """Its state."""
+        return str(self.summary["state"])
+
+    @classmethod
+    def of_folder(cls, folder: Path) -> Self:
+        """By reading the whole journal, in any thread."""
+        try:
+            return cls._of(folder, fold(read_journal(folder)))
+        except JournalError as error:
+            return cls._unreadable(folder, Problem(str(error.path), 0, 0, error.what, error.cure))
+
+    @classmethod
+    def of_snapshot(cls, snapshot: Snapshot) -> Self:
+        """By the state of a run that is followed, in the event loop."""
+        if snapshot.problem and not snapshot.events:
+            return cls._unreadable(snapshot.folder, snapshot.problem)
+        return cls._of(snapshot.folder, snapshot.state, active=snapshot.active, problem=snapshot.problem)
+
+    @classmethod
+    def _of(cls, folder: Path, state: RunState, *, active: bool = False, problem: Problem | None = None) -> Self:
+        try:
+            return cls(folder.name, folder, run_summary(folder, state), active, problem, state.last_seq)
+        except InputError as error:  # rows of another version
+            return cls._unreadable(folder, error.problems[0])
+        except Exception as error:
+            return cls._unreadable(folder, unexpected(folder, error))
+
+    @classmethod
+    def _unreadable(cls, folder: Path, problem: Problem) -> Self:
+        return cls(folder.name, folder, {"run": folder.name, "state": UNREADABLE}, problem=problem)
+
 
 _LONGEST = 255
 """Number of bytes of a file name at most."""

@@ -1,27 +1,131 @@
-"""`/analyse`: drop a data file; the analyses of this folder."""
+"""`/analyse`: drop a data file, answer what it leaves open; the analyses of this folder."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, final
 
 from nicegui import events, ui
 from nicegui.elements.upload_files import FileUpload
 
 from cellctl.console import analysis_commands as commands
-from cellctl.console.following import follow_event
-from cellctl.console.frame import TokenDialog, frame, operator
+from cellctl.console.analysis_commands import Upload
+from cellctl.console.frame import Commands, TokenDialog, follow_event, frame, operator, show_problems
 from cellctl.console.guarding import LARGEST_BODY
-from cellctl.console.look import Cell, State, command_button, figures, section, state_word, words
-from cellctl.console.page_commands import Commands, show_problems
-from cellctl.console.pages.import_answers import ImportAnswers, names_fields
-from cellctl.console.pages.uploading import drop_zone, upload_of
-from cellctl.console.run_words import shown_time
+from cellctl.console.look import Cell, State, command_button, figures, section, shown_time, state_word, words
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.operations import analyses
 from cellctl.operations.uploaded_files import roles
+from cellctl.robots import library
+
+Handler = Callable[..., Any]
+
+
+def drop_zone(title: str, note: str, on_files: Handler, on_rejected: Handler) -> ui.upload:
+    """A zone to drop files; its button opens the file dialog. All files dropped together arrive in one call."""
+    zone = _uploader(on_files, on_rejected).classes("drop")
+    with zone.add_slot("header"), ui.element("div").classes("inner"):
+        ui.icon("upload_file", size="2.2rem").props("aria-hidden=true")
+        ui.label(title).classes("title")
+        ui.label(note).classes("note").style("max-width: 46rem")
+        _choose(zone, "Choose files")
+    return zone
+
+
+def upload_button(text: str, on_files: Handler, on_rejected: Handler) -> ui.upload:
+    """A button that opens the file dialog."""
+    zone = _uploader(on_files, on_rejected).classes("quiet-upload")
+    with zone.add_slot("header"):
+        _choose(zone, text)
+    return zone
+
+
+def upload_of(file: FileUpload) -> Upload:
+    """A file of the browser for the commands."""
+    return Upload(file.name, file.save)
+
+
+def _uploader(on_files: Handler, on_rejected: Handler) -> ui.upload:
+    return ui.upload(
+        multiple=True,
+        auto_upload=True,
+        max_total_size=LARGEST_BODY,
+        on_multi_upload=on_files,
+        on_rejected=on_rejected,
+    )
+
+
+def _choose(zone: ui.upload, text: str) -> None:
+    ui.element("q-uploader-add-trigger").style("display: none")  # the file field that `pickFiles` opens
+    button = command_button(text, lambda: None, icon="folder_open")
+    button.on("click", js_handler=f"() => getElement({zone.id}).$refs.qRef.pickFiles()")
+
+
+_CHOICES = {
+    "unit": ("Unit of X, Y, Z", ["", "mm", "m", "cm", "um", "inch"]),
+    "angles": ("Unit of the joints", ["", "deg", "rad"]),
+    "decimal": ("Decimal sign", ["", "point", "comma"]),
+    "pair": ("Pair two files by", ["", "name", "order"]),
+    "orientation": ("Orientations are", ["", "abc", "quaternion", "fixed-xyz", "euler-xyz", "rotation-vector"]),
+    "j3": ("Third joint counts from (FANUC)", ["", "horizontal", "arm"]),
+}
+_ROBOT = "Robot of the library"
+_COLUMNS = "Columns of the file"
+REPEATABILITY = "Repeatability of a URDF's robot, mm"
+_LABELS = {name: label for name, (label, _) in _CHOICES.items()}
+_LABELS |= {"robot": _ROBOT, "columns": _COLUMNS, "repeatability": REPEATABILITY}
+_OPTION = re.compile(rf"--({'|'.join(_LABELS)})\b(?: MM\b)? *")
+
+
+@final
+class ImportAnswers:
+    """The fields. `again`: reads the files again with these answers; its button appears once a file was refused."""
+
+    def __init__(self, again: Callable[[], Any]) -> None:
+        self._fields: dict[str, Any] = {}
+        title = "Answers to questions of an import"
+        self._all = ui.expansion(title).props("dense").classes("unfolding").style("width: 100%")
+        with self._all:
+            ui.label("Only for what the file leaves open.").classes("note")
+            with ui.element("div").classes("answers"):
+                for name, (label, options) in _CHOICES.items():
+                    self._fields[name] = ui.select(options, value="", label=label).props("outlined dense")
+                robots = ui.select(["", *library()], value="", label=_ROBOT, with_input=True)
+                self._robot = robots.props("outlined dense")
+                columns = ui.input(_COLUMNS, placeholder="A1=shoulder,A2=upper_arm,X=north").classes("wide")
+                self._fields["columns"] = columns.props("outlined dense")
+                self._fields["repeatability"] = ui.input(REPEATABILITY).props("outlined dense")
+            self._again = command_button("Read the file again", again, icon="replay")
+        self._again.set_visibility(False)
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot in the library; empty: not stated."""
+        return str(self._robot.value or "")
+
+    def texts(self) -> dict[str, str]:
+        """The answers by option; those that are not stated are absent."""
+        return {name: str(field.value).strip() for name, field in self._fields.items() if field.value}
+
+    def ask(self) -> None:
+        """Show the fields, and the button that reads the files again."""
+        self._all.set_value(True)
+        self._again.set_visibility(True)
+
+
+def names_fields(problem: Problem) -> Problem:
+    """The problem with the labels of the fields in place of options of the command line."""
+    file, what, cure = (
+        _OPTION.sub(lambda found: f"‘{_LABELS[found[1]]}’ ", text).strip()
+        for text in (problem.file, problem.what, problem.cure)
+    )
+    return replace(problem, file=file, what=what, cure=cure)
+
 
 STATES: dict[str, tuple[State, str]] = {
     "better": ("good", "better than nominal"),

@@ -10,10 +10,8 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
-from cellctl.console.following import follow
-from cellctl.console.frame import frame
-from cellctl.console.look import Cell, facts, figures, numbers, section, state_word, words
-from cellctl.console.run_words import look_of_verdict, shown_time
+from cellctl.console.frame import follow, frame
+from cellctl.console.look import Cell, facts, figures, look_of_verdict, numbers, section, shown_time, state_word, words
 from cellctl.console.shared import console
 from cellctl.report.numbers import fixed
 

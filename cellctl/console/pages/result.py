@@ -10,21 +10,22 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console.commands import recompute
-from cellctl.console.frame import frame, with_operator
-from cellctl.console.job_view import JobView
+from cellctl.console.frame import JobView, frame, with_operator
 from cellctl.console.look import (
     Cell,
     command_button,
     facts,
     figures,
     link_button,
+    look_of_state,
+    look_of_verdict,
     numbers,
     problem_list,
     section,
+    shown_time,
     state_word,
     words,
 )
-from cellctl.console.run_words import look_of_state, look_of_verdict, shown_time
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError

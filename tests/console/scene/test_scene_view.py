@@ -13,8 +13,7 @@ from scene_journals import touch_run
 
 from cellctl.console.scene import SceneContent, scene_of
 from cellctl.console.scene.points import Points, Role
-from cellctl.console.scene.table import HEADINGS, PAGE, body_rows, point_rows
-from cellctl.console.scene.view import SceneView, scene_view
+from cellctl.console.scene.view import HEADINGS, PAGE, SceneView, body_rows, point_rows, scene_view
 
 
 class Sent:

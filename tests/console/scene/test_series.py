@@ -7,9 +7,7 @@ import pytest
 from report_rows import SEARCH
 from scene_journals import MadeJournal, residuals_row, touch_run
 
-from cellctl.console.scene.chart_options import residual_options, sigma_options
-from cellctl.console.scene.charts import changes
-from cellctl.console.scene.series import IDENTIFIED, NOMINAL, series_of
+from cellctl.console.scene.charts import IDENTIFIED, NOMINAL, changes, residual_options, series_of, sigma_options
 
 
 def identified(run: MadeJournal) -> MadeJournal:

@@ -1,4 +1,4 @@
-"""What the console does with finished runs and tables in processes of their own: `cellctl.console.worker` calls these.
+"""Operations in a job's process, called by `cellctl.console.worker`: requests in JSON to calls.
 
 Each takes a JSON object and what reports a line, and returns JSON.
 """
@@ -6,10 +6,37 @@ Each takes a JSON object and what reports a line, and returns JSON.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from cellctl.console.worker import Tell
+from cellctl.calibration.estimation.progress import Progress
+from cellctl.console.worker import Tell
+
+
+def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """`folder` → what its data are understood as."""
+    from cellctl.operations.analyses import understand_analysis
+
+    return understand_analysis(Path(request["folder"]), _progress(tell))
+
+
+def fit(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """`folder`, `settings` → how the fit ended."""
+    from cellctl.operations.analyses import FitSettings, fit_analysis
+
+    return fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)).to_json()
+
+
+def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """`folder`, `number`, `program` → the compensated program."""
+    from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis
+
+    given = request["program"]
+    program = ProgramRequest(**{**given, "files": tuple(given["files"])})
+    return compensate_analysis(Path(request["folder"]), request["number"], program, _progress(tell))
+
+
+def _progress(tell: Tell) -> Progress:
+    return lambda doing, share: tell({"doing": doing, "share": share})
 
 
 def replay(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
